@@ -1,0 +1,1 @@
+"""Robotic palpation: a node graph, the mechanics of a soft probe, and the perception of depth."""

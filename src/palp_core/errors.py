@@ -1,0 +1,80 @@
+"""Every error palp raises on purpose.
+
+::
+
+    PalpError
+    ├── GraphError            a launch file, an edge or an argument is wrong; a node failed to start
+    ├── SchemaMismatch        two ends of an edge disagree about a message type; bytes are not the type they claim
+    ├── LifecycleError        a transition that the node's state does not allow
+    ├── NodeError             a node's handler raised, or its process ended
+    ├── MethodError           no declared method meets a tolerance in a scene
+    ├── MechanicsError        the mechanics have no valid answer here
+    │   └── OutOfRange        an input outside a model's stated range
+    ├── PerceptionError       a signal, prior or matrix that the computation cannot use
+    └── DeviceError           a device refused, vanished or answered nonsense
+        └── DeviceTimeout     it did not answer in time (also a TimeoutError)
+
+A message says what is wrong, where, and what to do. Data rides as attributes.
+"""
+
+from __future__ import annotations
+
+
+class PalpError(Exception):
+    """Base of all of palp's own errors."""
+
+
+class GraphError(PalpError):
+    """A graph description or its start is wrong: unknown key, missing port, dangling input."""
+
+
+class SchemaMismatch(PalpError):
+    """Bytes or an edge do not fit a message type: other fields, other units, a value out of bounds."""
+
+
+class LifecycleError(PalpError):
+    """A lifecycle transition that is not allowed from the present state."""
+
+
+class NodeError(PalpError):
+    """A node failed: an exception in a handler, a process that ended.
+
+    Attributes:
+        node: Running name of the node.
+    """
+
+    def __init__(self, node: str, message: str) -> None:
+        super().__init__(f"{node}: {message}")
+        self.node = node
+
+
+class MethodError(PalpError):
+    """No declared method meets the tolerance in this scene, or a method's name is unknown."""
+
+
+class MechanicsError(PalpError):
+    """The mechanics have no valid answer: no equilibrium, no contact law."""
+
+
+class OutOfRange(MechanicsError):
+    """An input lies outside the range a model is stated for.
+
+    Attributes:
+        quantity: Name of the quantity with its unit, as in ``indentation_m``.
+    """
+
+    def __init__(self, quantity: str, message: str) -> None:
+        super().__init__(f"{quantity}: {message}")
+        self.quantity = quantity
+
+
+class PerceptionError(PalpError):
+    """A signal, prior or matrix cannot be used: too short, all zero, not stochastic."""
+
+
+class DeviceError(PalpError):
+    """A device refused a command, vanished or sent what its protocol does not allow."""
+
+
+class DeviceTimeout(DeviceError, TimeoutError):
+    """A device did not answer in time."""

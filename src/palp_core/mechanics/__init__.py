@@ -1,0 +1,1 @@
+"""palp_core.mechanics"""

@@ -1,0 +1,70 @@
+"""Quantities: a number with its unit and its bounds, as an annotation.
+
+A message or parameter field names its unit and uses one of these aliases. Decoding checks the bounds, and a
+bound also refuses NaN and infinity, which a bare ``float`` lets through. On the wire everything is SI; millimetres
+appear only where a person types or reads, as :data:`Millimetres`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+__all__ = [
+    "Count",
+    "Float64Array",
+    "Hertz",
+    "HertzPositive",
+    "Metres",
+    "MetresArray",
+    "MetresPerSecond",
+    "Millimetres",
+    "Nanoseconds",
+    "Newtons",
+    "NewtonMetres",
+    "NewtonMetresArray",
+    "Pascals",
+    "Probability",
+    "ProbabilityArray",
+    "Radians",
+    "Ratio",
+    "RatioArray",
+    "Seconds",
+    "VoltsArray",
+]
+
+Float64Array = NDArray[np.float64]
+
+
+def _quantity(unit: str, low: float, high: float) -> Meta:
+    return Meta(ge=low, le=high, extra_json_schema={"x-unit": unit})
+
+
+def _array(unit: str, low: float, high: float) -> Meta:
+    """Bounds of every element; checked at decode by :mod:`palp_core.runtime.message`."""
+    return Meta(extra_json_schema={"x-unit": unit, "x-dtype": "<f8"}, extra={"bounds": (low, high)})
+
+
+Nanoseconds = Annotated[int, Meta(ge=0, extra_json_schema={"x-unit": "ns"})]
+Count = Annotated[int, Meta(ge=0)]
+Seconds = Annotated[float, _quantity("s", 0.0, 1e9)]
+Hertz = Annotated[float, _quantity("Hz", 0.0, 1e6)]
+HertzPositive = Annotated[float, _quantity("Hz", 1e-3, 1e6)]
+Metres = Annotated[float, _quantity("m", -1e3, 1e3)]
+Millimetres = Annotated[float, _quantity("mm", -1e6, 1e6)]
+MetresPerSecond = Annotated[float, _quantity("m/s", -1e3, 1e3)]
+Radians = Annotated[float, _quantity("rad", -1e3, 1e3)]
+Newtons = Annotated[float, _quantity("N", -1e4, 1e4)]
+NewtonMetres = Annotated[float, _quantity("N m", -1e3, 1e3)]
+Pascals = Annotated[float, _quantity("Pa", 0.0, 1e12)]
+Probability = Annotated[float, _quantity("1", 0.0, 1.0)]
+Ratio = Annotated[float, _quantity("1", -1e12, 1e12)]
+
+MetresArray = Annotated[Float64Array, _array("m", -1e3, 1e3)]
+NewtonMetresArray = Annotated[Float64Array, _array("N m", -1e3, 1e3)]
+VoltsArray = Annotated[Float64Array, _array("V", -1e3, 1e3)]
+ProbabilityArray = Annotated[Float64Array, _array("1", 0.0, 1.0)]
+RatioArray = Annotated[Float64Array, _array("1", -1e12, 1e12)]
