@@ -18,6 +18,8 @@ A contact rung, a root finder, a feature, a likelihood, a stop rule or a policy 
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -82,6 +84,16 @@ class Choice:
 
 _REGISTER: dict[tuple[str, str], Method] = {}
 
+_HOMES = {
+    "contact": "palp_core.mechanics.contact",
+    "denoise": "palp_core.perception.wavelet",
+    "feature": "palp_core.perception.features",
+    "likelihood": "palp_core.perception.likelihoods",
+    "policy": "palp_core.perception.policies",
+    "stop": "palp_core.perception.stopping",
+}
+"""Where the methods of a task are declared; imported when somebody asks for one."""
+
 
 def method(
     *,
@@ -121,8 +133,15 @@ def method(
     return declare
 
 
+def _load(task: str) -> None:
+    home = _HOMES.get(task)
+    if home is not None and home not in sys.modules:
+        importlib.import_module(home)
+
+
 def methods(task: str) -> list[Method]:
     """Return the methods of a task, cheapest first."""
+    _load(task)
     return sorted((m for m in _REGISTER.values() if m.task == task), key=lambda m: (m.cost_s, m.name))
 
 
@@ -132,6 +151,7 @@ def find(task: str, name: str) -> Method:
     Raises:
         MethodError: There is none of that name; the message lists those there are.
     """
+    _load(task)
     found = _REGISTER.get((task, name))
     if found is None:
         known = ", ".join(m.name for m in methods(task)) or "none"
@@ -160,7 +180,8 @@ def choose(task: str, output: str, tolerance: float, scene: Mapping[str, float])
         elif bound > tolerance:
             refused.append(f"{candidate.name} is within {bound:.1%} only")
         else:
-            why = f"{candidate.name}: '{output}' within {bound:.1%} (asked: {tolerance:.1%}), evidence {candidate.evidence}"
+            why = f"{candidate.name}: '{output}' within {bound:.1%} (asked: {tolerance:.1%})"
+            why += f", evidence {candidate.evidence}"
             if refused:
                 why += f"; cheaper but refused: {'; '.join(refused)}"
             return Choice(candidate, bound, why)

@@ -1,8 +1,8 @@
 """Quantities: a number with its unit and its bounds, as an annotation.
 
 A message or parameter field names its unit and uses one of these aliases. Decoding checks the bounds, and a
-bound also refuses NaN and infinity, which a bare ``float`` lets through. On the wire everything is SI; millimetres
-appear only where a person types or reads, as :data:`Millimetres`.
+bound also refuses NaN and infinity, which a bare ``float`` lets through. On the wire everything is SI;
+millimetres appear only where a person types or reads, as :data:`Millimetres`.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ __all__ = [
     "MetresPerSecond",
     "Millimetres",
     "Nanoseconds",
-    "Newtons",
     "NewtonMetres",
     "NewtonMetresArray",
+    "Newtons",
     "Pascals",
     "Probability",
     "ProbabilityArray",

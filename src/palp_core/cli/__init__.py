@@ -1,1 +1,1 @@
-"""palp_core.cli"""
+"""The command line; one file per verb group."""

@@ -1,1 +1,28 @@
-"""palp_core.devices"""
+"""Devices of the palpation rig: what they can do, and what stands behind each name."""
+
+from palp_core.devices.protocols import (
+    EmgBlock,
+    EmgSource,
+    RingDevice,
+    RingReading,
+    StageDevice,
+    StageReading,
+    SweepTimes,
+    TorqueBlock,
+    TorqueSensor,
+)
+from palp_core.devices.registry import known_devices, open_device
+
+__all__ = [
+    "EmgBlock",
+    "EmgSource",
+    "RingDevice",
+    "RingReading",
+    "StageDevice",
+    "StageReading",
+    "SweepTimes",
+    "TorqueBlock",
+    "TorqueSensor",
+    "known_devices",
+    "open_device",
+]

@@ -1,1 +1,1 @@
-"""palp_core.launch"""
+"""From a launch file to running processes: check, supervise, conduct, end."""

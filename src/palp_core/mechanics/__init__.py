@@ -1,1 +1,33 @@
-"""palp_core.mechanics"""
+"""The mechanics of a yielding probe on a soft phantom: pure functions, usable in a notebook.
+
+>>> from palp_core.mechanics import Bead, Path, Phantom, Probe, contact_model, solve
+>>> probe, path = Probe(), Path()
+>>> model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), probe.tip_radius_m)
+>>> choice.method.name
+'l2'
+>>> table = solve(model, probe, 0.008, path.indentation_m, path.from_m, path.to_m)
+>>> torque_n_m = table.torque_n_m(path.stage_m())
+>>> bool(torque_n_m.max() > torque_n_m[0] > 0.0)
+True
+"""
+
+from palp_core.mechanics.contact import ContactModel, LayeredHertz
+from palp_core.mechanics.equilibrium import Sweep, sweep
+from palp_core.mechanics.phantom import Bead, Phantom
+from palp_core.mechanics.probe import Probe
+from palp_core.mechanics.scene import Path, contact_model
+from palp_core.mechanics.sweep_table import SweepTable, solve
+
+__all__ = [
+    "Bead",
+    "ContactModel",
+    "LayeredHertz",
+    "Path",
+    "Phantom",
+    "Probe",
+    "Sweep",
+    "SweepTable",
+    "contact_model",
+    "solve",
+    "sweep",
+]

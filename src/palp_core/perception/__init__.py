@@ -1,1 +1,7 @@
-"""palp_core.perception"""
+"""From torque and EMG to a nodule's depth: pure functions and frozen values, usable in a notebook.
+
+Torque: :mod:`wavelet`, :mod:`features`, :mod:`primitives` with :mod:`likelihoods`, :mod:`bayes`,
+:mod:`information`, :mod:`stopping`. EMG: :mod:`emg`, :mod:`levels`, :mod:`markov`, :mod:`policies`, with the
+published strategy in :mod:`figure5`, found by :mod:`isospectral`. The experiment: :mod:`plan` is its order,
+:mod:`summary` runs it dry, :mod:`statistics` reads its results.
+"""

@@ -1,1 +1,1 @@
-"""palp_core.runtime"""
+"""The node graph's runtime: messages, ports, nodes, clocks, executors and buses."""

@@ -1,1 +1,1 @@
-"""palp_core.studies"""
+"""What is made of the rig's records: results, reports, comparisons."""

@@ -1,0 +1,1 @@
+"""Messages of the palpation rig, by subject; every quantity names its unit."""

@@ -1,0 +1,38 @@
+"""Forearm EMG and the co-contraction made of it."""
+
+from __future__ import annotations
+
+from palp_core import Message
+from palp_core.units import Count, HertzPositive, Nanoseconds, Ratio, RatioArray, VoltsArray
+
+__all__ = ["CoContraction", "EmgBlock"]
+
+
+class EmgBlock(Message):
+    """Raw EMG of flexor (FDS) and extensor (EDC) at ``start_ns`` + i / rate.
+
+    ``phase`` is ``rest``, ``mvc`` (maximum voluntary contraction) or ``palpation``.
+    """
+
+    stamp_ns: Nanoseconds
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    phase: str
+    fds_v: VoltsArray
+    edc_v: VoltsArray
+
+
+class CoContraction(Message):
+    """Normalised co-contraction s_CC^N, eq. (3), and the level of the latest burst.
+
+    ``level`` is an index into 0.1 .. 0.5 and counts only where ``level_defined``.
+    """
+
+    stamp_ns: Nanoseconds
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    reference_v: Ratio
+    value: RatioArray
+    burst_count: Count
+    level: Count
+    level_defined: bool

@@ -1,0 +1,51 @@
+"""The experiment: which phantom is mounted, which trial runs, what came of it."""
+
+from __future__ import annotations
+
+from palp_core import Message
+from palp_core.units import Count, Metres, Nanoseconds, Probability
+
+__all__ = ["Mount", "PhantomTruth", "Trial", "TrialResult"]
+
+
+class Mount(Message):
+    """A phantom is put on the rig, anew even if it is the same one; ``remount`` counts from 0."""
+
+    stamp_ns: Nanoseconds
+    code: str
+    remount: Count
+
+
+class Trial(Message):
+    """A trial begins: forget the belief. ``depth_m`` is the label and counts only where ``label_known``."""
+
+    stamp_ns: Nanoseconds
+    trial: Count
+    phase: str
+    code: str
+    label_known: bool
+    depth_m: Metres
+
+
+class PhantomTruth(Message):
+    """What the mounted phantom is in truth, and which contact rung stands for it; simulation only."""
+
+    stamp_ns: Nanoseconds
+    code: str
+    remount: Count
+    depth_m: Metres
+    height_offset_m: Metres
+    rung: str
+    bound: Probability
+
+
+class TrialResult(Message):
+    """What a trial of estimation came to."""
+
+    stamp_ns: Nanoseconds
+    trial: Count
+    depth_m: Metres
+    estimate_m: Metres
+    confidence: Probability
+    probe_count: Count
+    verdict: str

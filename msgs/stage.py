@@ -1,0 +1,42 @@
+"""The stage: where it is asked to sweep, where it is, how far a sweep has come."""
+
+from __future__ import annotations
+
+from palp_core import Message
+from palp_core.units import Count, HertzPositive, Metres, MetresArray, Nanoseconds
+
+__all__ = ["StagePose", "SweepGoal", "SweepStatus"]
+
+
+class SweepGoal(Message):
+    """Sweep once over an interval at the scanning speed, or stop where you are (``cancel``)."""
+
+    stamp_ns: Nanoseconds
+    goal_id: Count
+    from_m: Metres
+    to_m: Metres
+    cancel: bool = False
+
+
+class StagePose(Message):
+    """Positions along the sweep at ``start_ns`` + i / rate, while the stage is over the phantom."""
+
+    stamp_ns: Nanoseconds
+    goal_id: Count
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    position_m: MetresArray
+
+
+class SweepStatus(Message):
+    """Where a goal stands: ``ready``, ``returning``, ``sweeping``, ``swept`` or ``cancelled``.
+
+    Times and number of samples of the sweep over the phantom count from ``swept`` on.
+    """
+
+    stamp_ns: Nanoseconds
+    goal_id: Count
+    status: str
+    enter_ns: Nanoseconds = 0
+    leave_ns: Nanoseconds = 0
+    sample_count: Count = 0

@@ -1,0 +1,1 @@
+"""The palpation rig: one file, one class, one process."""

@@ -1,0 +1,225 @@
+"""Infer the depth of the nodule from the torque of each sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs.actuator import RingState
+from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.experiment import Trial
+from msgs.stage import SweepStatus
+from msgs.torque import TorqueBlock
+from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.methods import find
+from palp_core.perception import bayes
+from palp_core.perception.information import gain_vector
+from palp_core.perception.primitives import Primitives, fit, quantisation_sd
+from palp_core.perception.stopping import StopRule, decide, stop_rule
+from palp_core.perception.wavelet import denoise, edge_cone
+from palp_core.units import Ratio
+
+
+class EstimatorParams(Params):
+    """Set in the launch file; the names are those of the methods register."""
+
+    wavelet: str = "db10"
+    level: int = 5
+    denoise: str = "soft_universal"
+    feature: str = "peak"
+    likelihood: str = "normal"
+    stop: str = "paper_guarded"
+    max_probes: int = 15
+    resolution_n_mm: Ratio = 1.0 / 64.0
+
+
+class EstimatorState(State):
+    """What a replacement inherits: the sweep under way, what was learnt, and the belief of this trial."""
+
+    trial: int = 0
+    phase: str = ""
+    depth_m: float = 0.0
+    ring_m: float = 0.0
+    ring_trial: int = 0
+    ring_iteration: int = 0
+    start_ns: int = 0
+    rate_hz: float = 0.0
+    blocks: list[bytes] = []
+    received_count: int = 0
+    expected_count: int = 0
+    training: list[tuple[float, float, float]] = []
+    primitives: dict[str, list[float]] = {}
+    log_belief: list[float] = []
+    posteriors: list[list[float]] = []
+    gains: list[list[float]] = []
+
+
+class Estimator(Node):
+    """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
+
+    params: EstimatorParams
+    state: EstimatorState
+    trial = Sub(Trial)
+    ring = Sub(RingState)
+    sweep = Sub(SweepStatus)
+    torque = Sub(TorqueBlock)
+    belief = Pub(Belief)
+    palpation = Pub(Palpation)
+    primitives = Pub(PrimitivesLearnt)
+
+    def on_configure(self) -> None:
+        find("denoise", self.params.denoise)
+        find("feature", self.params.feature)
+        find("likelihood", self.params.likelihood)
+        self.rule: StopRule = stop_rule(self.params.stop)
+        self.learnt: Primitives | None = None
+
+    @on(trial)
+    def begin(self, trial: Trial) -> None:
+        state = self.state
+        if state.phase == "training" and trial.phase == "estimation":
+            self._learn()
+        state.trial, state.phase, state.depth_m = trial.trial, trial.phase, trial.depth_m
+        state.log_belief, state.posteriors, state.gains = [], [], []
+
+    @on(ring)
+    def note_ring(self, ring: RingState) -> None:
+        if not ring.rehome:
+            self.state.ring_m = ring.target_m
+            self.state.ring_trial, self.state.ring_iteration = ring.trial, ring.iteration
+
+    @on(sweep)
+    def note_sweep(self, status: SweepStatus) -> None:
+        state = self.state
+        if status.status == "sweeping":
+            state.blocks, state.received_count, state.expected_count = [], 0, 0
+        elif status.status == "swept":
+            state.expected_count = status.sample_count
+            self._conclude()
+
+    @on(torque)
+    def collect(self, block: TorqueBlock) -> None:
+        if not block.over_phantom:
+            return
+        state = self.state
+        if not state.blocks:
+            state.start_ns, state.rate_hz = block.start_ns, block.rate_hz
+        state.blocks.append(block.torque_n_m.tobytes())
+        state.received_count += len(block.torque_n_m)
+        self._conclude()
+
+    def _conclude(self) -> None:
+        """Once the sweep is over and all its samples are here, make a palpation of it."""
+        state = self.state
+        if not state.expected_count or state.received_count < state.expected_count:
+            return
+        torque_n_m = np.frombuffer(b"".join(state.blocks), dtype=np.float64)
+        state.blocks, state.expected_count = [], 0
+        params = self.params
+        clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=params.denoise)
+        peak = find("feature", params.feature).target(clean, edge=edge_cone(params.level, params.wavelet))
+        if state.phase == "training":
+            state.training.append((state.depth_m, state.ring_m, peak.value_n_m))
+        elif state.phase == "estimation":
+            self._update(peak.value_n_m)
+        self.palpation.publish(
+            Palpation(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                iteration=state.ring_iteration,
+                ring_m=state.ring_m,
+                start_ns=state.start_ns,
+                end_ns=state.start_ns + round((len(torque_n_m) - 1) * 1e9 / state.rate_hz),
+                rate_hz=state.rate_hz,
+                peak_n_m=peak.value_n_m,
+                peak_index=peak.index,
+                torque_n_m=torque_n_m,
+            )
+        )
+
+    def _learn(self) -> None:
+        """Fit the memory primitives to the training palpations."""
+        readings = self.state.training
+        depths_m = sorted({depth_m for depth_m, _, _ in readings})
+        rings_m = sorted({ring_m for _, ring_m, _ in readings})
+        learnt = fit(
+            np.array([peak for _, _, peak in readings]),
+            [depths_m.index(depth_m) for depth_m, _, _ in readings],
+            [rings_m.index(ring_m) for _, ring_m, _ in readings],
+            depths_m=depths_m,
+            rings_m=rings_m,
+            floor=quantisation_sd(self.params.resolution_n_mm * 1e-3),
+        )
+        self.learnt = learnt
+        self.state.primitives = {
+            name: np.ravel(value).tolist() for name, value in learnt.to_json_dict().items()
+        }
+        self.primitives.publish(
+            PrimitivesLearnt(
+                stamp_ns=self.now_ns(),
+                depths_m=learnt.depths_m,
+                rings_m=learnt.rings_m,
+                mean_n_m=learnt.mean.ravel(),
+                sd_n_m=learnt.sd.ravel(),
+                count=learnt.count.ravel(),
+                floor_n_m=learnt.floor,
+            )
+        )
+
+    def _memory(self) -> Primitives:
+        """Return the primitives; from the state if this node has inherited them."""
+        if self.learnt is None:
+            kept = self.state.primitives
+            if not kept:
+                raise ValueError(
+                    "a trial of estimation began before any training; there is nothing to compare with"
+                )
+            shape = (len(kept["depths_m"]), len(kept["rings_m"]))
+            self.learnt = Primitives(
+                depths_m=np.array(kept["depths_m"]),
+                rings_m=np.array(kept["rings_m"]),
+                mean=np.reshape(kept["mean"], shape),
+                sd=np.reshape(kept["sd"], shape),
+                count=np.reshape(kept["count"], shape),
+                floor=kept["floor"][0],
+            )
+        return self.learnt
+
+    def _update(self, peak_n_m: float) -> None:
+        """Bayes' rule, eq. (7), the gain of eq. (8), and the stop rule's verdict."""
+        state, memory = self.state, self._memory()
+        where = np.flatnonzero(np.isclose(memory.rings_m, state.ring_m, atol=1e-9))
+        if not len(where):
+            raise ValueError(f"ring position {state.ring_m * 1e3:g} mm was not trained")
+        setting = int(where[0])
+        prior = bayes.flat_prior(len(memory.depths_m))
+        log_belief = bayes.update(
+            np.array(state.log_belief) if state.log_belief else prior,
+            memory.log_likelihood(peak_n_m, setting, model=self.params.likelihood),
+        )
+        posterior = bayes.posterior(log_belief)
+        gain = gain_vector(posterior, np.exp(prior))
+        state.log_belief = log_belief.tolist()
+        state.posteriors.append(posterior.tolist())
+        state.gains.append(gain.tolist())
+        verdict = decide(
+            self.rule,
+            [np.array(p) for p in state.posteriors],
+            [np.array(g) for g in state.gains],
+            max_probes=self.params.max_probes,
+        )
+        self.belief.publish(
+            Belief(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                iteration=state.ring_iteration,
+                depths_m=memory.depths_m,
+                posterior=posterior,
+                gain=gain,
+                gamma=verdict.state.gamma,
+                gamma_defined=verdict.state.gamma_defined,
+                verdict=verdict.word,
+                estimate_m=float(memory.depths_m[verdict.class_index]),
+                confidence=float(posterior[verdict.class_index]),
+                outlier=memory.is_outlier(peak_n_m, setting),
+            )
+        )

@@ -1,0 +1,343 @@
+"""Run the palpation experiment: training, then estimation, and keep its record."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from msgs.actuator import RingCommand, RingState, RingTruth
+from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
+from msgs.stage import SweepGoal, SweepStatus
+from palp_core import Node, Params, Progress, Pub, State, Sub, on
+from palp_core.mechanics.phantom_file import load_phantoms
+from palp_core.perception import plan
+from palp_core.perception.figure5 import RINGS_M
+from palp_core.studies.record import Record, Row
+from palp_core.units import Metres
+
+
+class ExperimentParams(Params):
+    """Set in the launch file.
+
+    ``training`` is the number of palpations per phantom and ring position, ``trials`` the number of
+    estimation
+    trials per phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring
+    positions of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what
+    the ring's actuator is driven to its stop and back.
+    """
+
+    out: str = "results"
+    phantoms: str = ""
+    policy: str = ""
+    seed: int = 0
+    trials: int = 100
+    training: int = 25
+    training_order: Literal["randomised", "blocked"] = "randomised"
+    rehome: Literal["palpation", "trial", "condition"] = "trial"
+    training_mounts: int = 1
+    estimation_mounts: int = 1
+    from_m: Metres = -0.03
+    to_m: Metres = 0.05
+
+
+class ExperimentState(State):
+    """What a replacement inherits: the plan's replies so far, and the facts of the present step."""
+
+    plan_seed: int = -1
+    replies: list[str] = []
+    phase: str = ""
+    code: str = ""
+    remount: int = -1
+    depth_m: float = 0.0
+    trial: int = 0
+    trial_announced: bool = True
+    label_m: float = 0.0
+    iteration: int = 0
+    commanded: bool = False
+    swept: bool = False
+    goal_id: int = 0
+    stage_ready: bool = True
+    ring_trial: int = -1
+    ring_iteration: int = -1
+    ring_rehome: bool = False
+    ring_settled: bool = False
+    ring_m: float = 0.0
+    true_ring_m: float = 0.0
+    palpation: list[Palpation] = []
+    belief: list[Belief] = []
+    row: int = 0
+    palpations_done: int = 0
+    right_count: int = 0
+    trials_done: int = 0
+    sweep_s: float = 0.0
+
+
+class Experiment(Node):
+    """Ask the plan for the next step, do it, and tell the plan what came of it."""
+
+    records = True
+    params: ExperimentParams
+    state: ExperimentState
+    belief = Sub(Belief)
+    palpation = Sub(Palpation)
+    primitives = Sub(PrimitivesLearnt)
+    ring_state = Sub(RingState)
+    sweep = Sub(SweepStatus)
+    ring_truth = Sub(RingTruth)
+    phantom_truth = Sub(PhantomTruth)
+    trial = Pub(Trial)
+    goal = Pub(SweepGoal)
+    ring = Pub(RingCommand)
+    mount = Pub(Mount)
+    result = Pub(TrialResult)
+    progress = Pub(Progress)
+
+    def on_configure(self) -> None:
+        params = self.params
+        phantoms = load_phantoms(params.phantoms)
+        with_bead = {code: p.bead.depth_m for code, p in phantoms.items() if p.bead is not None}
+        self.design = plan.Design(
+            phantoms=tuple(plan.Phantom(code, depth_m) for code, depth_m in with_bead.items()),
+            rings_m=RINGS_M,
+            repeats=params.training,
+            trials_per_phantom=params.trials,
+            order=params.training_order,
+            rehome=params.rehome,
+            training_mounts=params.training_mounts,
+            estimation_mounts=params.estimation_mounts,
+        )
+        self.record = Record(params.out, sorted({*with_bead.values()}))
+
+    def on_activate(self) -> None:
+        state = self.state
+        if state.plan_seed < 0:
+            state.plan_seed = int(self.rng.integers(2**31))
+            self.record.start()
+        self.plan = plan.experiment(self.design, np.random.default_rng(state.plan_seed))
+        replies = (plan.Reply(word) for word in state.replies)  # type: ignore[arg-type]
+        self.step = plan.resume(self.plan, replies)
+        self._advance()
+
+    # What the plan asks for
+
+    def _advance(self) -> None:
+        """Do steps as long as they are done at once; return when one has to be waited for."""
+        while self.step is not None:
+            word = self._do(self.step)
+            if word is None:
+                return
+            self.state.replies.append(word)
+            try:
+                self.step = self.plan.send(plan.Reply(word))
+            except StopIteration:
+                self.step = None
+        self._report("done")
+        self.finish(0)
+
+    def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
+        match step:
+            case plan.Mount():
+                return self._put_on(step)
+            case plan.Rehome():
+                return self._rehome()
+            case plan.Trial():
+                state = self.state
+                state.phase, state.trial, state.label_m = step.phase, step.index, step.label_m
+                state.trial_announced = False
+                return "done"
+            case plan.Palpate():
+                return self._palpate(step)
+
+    def _put_on(self, step: plan.Mount) -> Literal["done"] | None:
+        state = self.state
+        if not state.commanded:
+            state.commanded, state.code = True, ""
+            state.remount += 1
+            self.mount.publish(Mount(stamp_ns=self.now_ns(), code=step.phantom, remount=state.remount))
+        if state.code != step.phantom:
+            return None
+        state.commanded = False
+        return "done"
+
+    def _rehome(self) -> Literal["done"] | None:
+        state = self.state
+        if not state.commanded:
+            state.commanded, state.ring_settled = True, False
+            self.ring.publish(
+                RingCommand(stamp_ns=self.now_ns(), trial=state.trial, iteration=0, ring_m=0.0, rehome=True)
+            )
+        if state.ring_settled and state.ring_rehome and state.ring_trial == state.trial:
+            state.commanded = False
+            return "done"
+        return None
+
+    def _palpate(self, step: plan.Palpate) -> Literal["done", "continue", "decided", "undecided"] | None:
+        state = self.state
+        state.iteration = step.iteration
+        if not state.trial_announced:
+            self._announce_trial()
+        if step.ring_given and not state.commanded:
+            state.commanded = True
+            self.ring.publish(
+                RingCommand(
+                    stamp_ns=self.now_ns(), trial=step.trial, iteration=step.iteration, ring_m=step.ring_m
+                )
+            )
+        if not state.swept:
+            ring_there = (state.ring_trial, state.ring_iteration) == (step.trial, step.iteration)
+            if ring_there and state.ring_settled and not state.ring_rehome and state.stage_ready:
+                state.swept, state.stage_ready = True, False
+                state.goal_id += 1
+                self.goal.publish(
+                    SweepGoal(
+                        stamp_ns=self.now_ns(),
+                        goal_id=state.goal_id,
+                        from_m=self.params.from_m,
+                        to_m=self.params.to_m,
+                    )
+                )
+            return None
+        if not state.palpation or not (state.belief or state.phase == "training"):
+            return None
+        palpation, belief = state.palpation[-1], state.belief[-1] if state.belief else None
+        state.palpation, state.belief = [], []
+        state.commanded = state.swept = False
+        self._keep(palpation, belief)
+        return belief.verdict if belief else "done"  # type: ignore[return-value]
+
+    def _announce_trial(self) -> None:
+        state = self.state
+        state.trial_announced = True
+        training = state.phase == "training"
+        self.trial.publish(
+            Trial(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                phase=state.phase,
+                code=state.code,
+                label_known=training,
+                depth_m=state.label_m if training else 0.0,
+            )
+        )
+
+    # What the rig answers
+
+    @on(phantom_truth)
+    def note_phantom(self, truth: PhantomTruth) -> None:
+        self.state.code, self.state.depth_m = truth.code, truth.depth_m
+        self._advance()
+
+    @on(ring_state)
+    def note_ring(self, ring: RingState) -> None:
+        state = self.state
+        state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
+        state.ring_settled, state.ring_rehome, state.ring_m = ring.settled, ring.rehome, ring.target_m
+        self._advance()
+
+    @on(ring_truth)
+    def note_true_ring(self, truth: RingTruth) -> None:
+        self.state.true_ring_m = truth.ring_m
+
+    @on(sweep)
+    def note_sweep(self, status: SweepStatus) -> None:
+        if status.status == "ready" and status.goal_id == self.state.goal_id:
+            self.state.stage_ready = True
+            self._advance()
+
+    @on(palpation)
+    def note_palpation(self, palpation: Palpation) -> None:
+        self.state.palpation = [palpation]
+        self._advance()
+
+    @on(belief)
+    def note_belief(self, belief: Belief) -> None:
+        self.state.belief = [belief]
+        self._advance()
+
+    @on(primitives)
+    def note_primitives(self, learnt: PrimitivesLearnt) -> None:
+        shape = (len(learnt.depths_m), len(learnt.rings_m))
+        self.record.primitives(
+            {
+                "depths_m": learnt.depths_m.tolist(),
+                "rings_m": learnt.rings_m.tolist(),
+                "mean": learnt.mean_n_m.reshape(shape).tolist(),
+                "sd": learnt.sd_n_m.reshape(shape).tolist(),
+                "count": learnt.count.reshape(shape).tolist(),
+                "floor": learnt.floor_n_m,
+            }
+        )
+
+    # The record
+
+    def _keep(self, palpation: Palpation, belief: Belief | None) -> None:
+        state, params = self.state, self.params
+        self.record.append(
+            Row(
+                row=state.row,
+                session=f"{params.policy}-{params.seed}",
+                phase=state.phase,
+                phantom=state.code,
+                remount=state.remount,
+                trial=state.trial,
+                depth_m=state.depth_m,
+                iteration=state.iteration,
+                ring_m=palpation.ring_m,
+                true_ring_m=state.true_ring_m,
+                peak_n_m=palpation.peak_n_m,
+                posterior=belief.posterior.tolist() if belief else [],
+                gain=belief.gain.tolist() if belief else [],
+                gamma=belief.gamma if belief and belief.gamma_defined else None,
+                verdict=belief.verdict if belief else "",
+                estimate_m=belief.estimate_m if belief else None,
+                outlier=belief.outlier if belief else False,
+                policy=params.policy,
+                seed=params.seed,
+                start_ns=palpation.start_ns,
+                end_ns=palpation.end_ns,
+            ),
+            palpation.torque_n_m,
+            palpation.rate_hz,
+        )
+        state.row += 1
+        state.palpations_done += 1
+        state.sweep_s += len(palpation.torque_n_m) / palpation.rate_hz
+        if belief is not None and belief.verdict != "continue":
+            self._close_trial(belief)
+        self._report(state.phase)
+
+    def _close_trial(self, belief: Belief) -> None:
+        state = self.state
+        state.trials_done += 1
+        state.right_count += abs(belief.estimate_m - state.depth_m) < 1e-9
+        self.result.publish(
+            TrialResult(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                depth_m=state.depth_m,
+                estimate_m=belief.estimate_m,
+                confidence=belief.confidence,
+                probe_count=belief.iteration,
+                verdict=belief.verdict,
+            )
+        )
+
+    def _report(self, phase: str) -> None:
+        state, design = self.state, self.design
+        phantoms = len(design.phantoms)
+        trained = design.repeats * phantoms * len(design.rings_m)
+        training = phase == "training"
+        self.progress.publish(
+            Progress(
+                stamp_ns=self.now_ns(),
+                phase=phase,
+                done_count=state.palpations_done if training else state.trials_done,
+                total_count=trained if training else design.trials_per_phantom * phantoms,
+                text="palpations" if training else "trials",
+                score=state.right_count / state.trials_done if state.trials_done else 0.0,
+                score_defined=state.trials_done > 0,
+                busy_s=state.sweep_s,
+            )
+        )

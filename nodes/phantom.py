@@ -1,0 +1,132 @@
+"""Simulate the phantom under the probe: the true torque of each stage position."""
+
+from __future__ import annotations
+
+from msgs.actuator import RingTruth
+from msgs.experiment import Mount, PhantomTruth
+from msgs.stage import StagePose
+from msgs.torque import Contact
+from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.devices.sim.mount import MountVariation
+from palp_core.mechanics.contact.model import ContactModel
+from palp_core.mechanics.phantom_file import load_phantoms
+from palp_core.mechanics.probe import Probe
+from palp_core.mechanics.scene import contact_model
+from palp_core.mechanics.sweep_table import SweepTable, solve
+from palp_core.methods import Choice
+from palp_core.units import Metres, Millimetres, Probability, Ratio
+
+MARGIN_M = 0.002
+
+
+class PhantomParams(Params):
+    """Set in the launch file.
+
+    ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``output`` and
+    ``tolerance``
+    choose the contact rung. ``height_sd_mm`` is the spread of the surface's height over remounts (assumed:
+    set down by hand against a stop). Friction, tip mass and indentation are assumed, as the paper gives none.
+    """
+
+    phantoms: str = ""
+    output: str = "peak"
+    tolerance: Probability = 0.02
+    from_m: Metres = -0.03
+    to_m: Metres = 0.05
+    indentation_mm: Millimetres = 4.0
+    height_sd_mm: Millimetres = 0.1
+    friction: Ratio = 0.3
+    tip_mass_kg: Ratio = 0.008
+
+
+class PhantomState(State):
+    """What a replacement inherits."""
+
+    code: str = ""
+    remount: int = 0
+    height_offset_m: float = 0.0
+    ring_m: float = 0.0
+
+
+class Phantom(Node):
+    """Answer poses with the torque of the equilibrium, solved once per ring position and mount."""
+
+    simulates = True
+    params: PhantomParams
+    state: PhantomState
+    mount = Sub(Mount)
+    ring = Sub(RingTruth)
+    pose = Sub(StagePose)
+    contact = Pub(Contact)
+    truth = Pub(PhantomTruth)
+
+    def on_configure(self) -> None:
+        params = self.params
+        self.phantoms = load_phantoms(params.phantoms)
+        self.probe = Probe(friction=params.friction, tip_mass_kg=params.tip_mass_kg)
+        self.models: dict[str, tuple[ContactModel, Choice]] = {
+            code: contact_model(
+                phantom,
+                self.probe.tip_radius_m,
+                params.output,
+                params.tolerance,
+                indentation_m=params.indentation_mm * 1e-3,
+            )
+            for code, phantom in self.phantoms.items()
+        }
+        self.table: SweepTable | None = None
+
+    @on(mount)
+    def put_on(self, mount: Mount) -> None:
+        if mount.code not in self.phantoms:
+            raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(self.phantoms))}")
+        variation = MountVariation(height_sd_m=self.params.height_sd_mm * 1e-3)
+        state = self.state
+        state.code, state.remount = mount.code, mount.remount
+        state.height_offset_m = variation.draw(self.rng).height_m
+        self.table = None
+        bead, choice = self.phantoms[mount.code].bead, self.models[mount.code][1]
+        self.truth.publish(
+            PhantomTruth(
+                stamp_ns=self.now_ns(),
+                code=mount.code,
+                remount=mount.remount,
+                depth_m=bead.depth_m if bead is not None else 0.0,
+                height_offset_m=state.height_offset_m,
+                rung=choice.method.name,
+                bound=choice.bound,
+            )
+        )
+
+    @on(ring)
+    def stiffen(self, ring: RingTruth) -> None:
+        if ring.ring_m != self.state.ring_m:
+            self.state.ring_m = ring.ring_m
+            self.table = None
+
+    @on(pose)
+    def touch(self, pose: StagePose) -> None:
+        if self.table is None:
+            self.table = self._solve()
+        self.contact.publish(
+            Contact(
+                stamp_ns=self.now_ns(),
+                goal_id=pose.goal_id,
+                start_ns=pose.start_ns,
+                rate_hz=pose.rate_hz,
+                torque_n_m=self.table.torque_n_m(pose.position_m),
+            )
+        )
+
+    def _solve(self) -> SweepTable:
+        state, params = self.state, self.params
+        if not state.code:
+            raise ValueError("the probe sweeps but no phantom is mounted")
+        return solve(
+            self.models[state.code][0],
+            self.probe,
+            state.ring_m,
+            params.indentation_mm * 1e-3 + state.height_offset_m,
+            params.from_m - MARGIN_M,
+            params.to_m + MARGIN_M,
+        )

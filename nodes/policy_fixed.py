@@ -1,0 +1,23 @@
+"""Keep one ring position for the whole trial: the paper's Algorithm 1."""
+
+from __future__ import annotations
+
+from nodes.policy import Policy
+from palp_core import Params
+from palp_core.perception import policies
+from palp_core.units import Millimetres
+
+
+class FixedParams(Params):
+    """Set in the launch file."""
+
+    ring_mm: Millimetres = 16.0
+
+
+class Fixed(Policy):
+    """Always the same stiffness."""
+
+    params: FixedParams
+
+    def choose(self) -> policies.Policy:
+        return policies.Fixed(round(self.params.ring_mm * 1e-3, 9))

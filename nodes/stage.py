@@ -1,0 +1,158 @@
+"""Sweep the probe over the phantom at constant speed, and return by another path."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from msgs.stage import StagePose, SweepGoal, SweepStatus
+from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
+from palp_core.devices.registry import open_device
+from palp_core.devices.sim.stage import StageState as DeviceState
+from palp_core.units import HertzPositive, MetresPerSecond
+
+
+class StageParams(Params):
+    """Set in the launch file."""
+
+    device: str = "sim"
+    rate_hz: HertzPositive = 1000.0
+    block_samples: int = 50
+    sweep_speed_m_s: MetresPerSecond = 0.020
+
+    @property
+    def block_hz(self) -> float:
+        """Rate of pose blocks."""
+        return self.rate_hz / self.block_samples
+
+
+class StageState(State):
+    """What a replacement inherits."""
+
+    device: DeviceState = msgspec.field(default_factory=DeviceState)
+    activity: str = "ready"
+    goal_id: int = 0
+    from_m: float = 0.0
+    to_m: float = 0.0
+    enter_ns: int = 0
+    leave_ns: int = 0
+    end_ns: int = 0
+    next_sample: int = 0
+    sample_count: int = 0
+
+
+class Stage(Node):
+    """Follow sweep goals one at a time; publish positions only while over the phantom."""
+
+    moves = True
+    params: StageParams
+    state: StageState
+    goal = Sub(SweepGoal)
+    pose = Pub(StagePose)
+    status = Pub(SweepStatus)
+    block = Timer(hz="block_hz")
+    arrival = Alarm()
+
+    def on_configure(self) -> None:
+        self.device = open_device(
+            "stage", self.params.device, sweep_speed_m_per_s=self.params.sweep_speed_m_s
+        )
+
+    def on_activate(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
+    def on_deactivate(self) -> None:
+        self.device.stop(self.now_ns(), self.state.device)
+        self.device.close()
+
+    @on(goal)
+    def accept(self, goal: SweepGoal) -> None:
+        state = self.state
+        if goal.cancel:
+            self._cancel()
+            return
+        if state.activity != "ready":
+            raise ValueError(
+                f"goal {goal.goal_id} came while goal {state.goal_id} is {state.activity}; wait for 'ready'"
+            )
+        state.goal_id, state.from_m, state.to_m = goal.goal_id, goal.from_m, goal.to_m
+        self._return()
+
+    def _cancel(self) -> None:
+        self.block.stop()
+        self.state.activity = "cancelled"
+        self.arrival.set(self.device.stop(self.now_ns(), self.state.device))
+        self._say("cancelled")
+
+    def _return(self) -> None:
+        """Go by the other path to where the sweep starts; no way if the stage is there already."""
+        start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
+        self.state.activity = "returning"
+        self.arrival.set(self.device.return_to(start_m, self.now_ns(), self.state.device))
+
+    def _sweep(self) -> None:
+        state = self.state
+        times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), state.device)
+        state.activity = "sweeping"
+        state.enter_ns, state.leave_ns, state.end_ns = times.enter_ns, times.leave_ns, times.end_ns
+        state.next_sample = math.ceil(times.enter_ns * self.params.rate_hz / 1e9)
+        state.sample_count = 0
+        self.block.start()
+        self._say("sweeping")
+
+    @on(arrival)
+    def arrive(self) -> None:
+        activity = self.state.activity
+        if activity == "returning":
+            self._sweep()
+        elif activity == "swept":
+            self.state.activity = "resting"
+            self.arrival.set(
+                self.device.return_to(
+                    self.device.sweep_start(self.state.from_m, self.state.to_m),
+                    self.now_ns(),
+                    self.state.device,
+                )
+            )
+        else:
+            self.state.activity = "ready"
+            self._say("ready")
+
+    @on(block)
+    def sample(self) -> None:
+        state, rate_hz = self.state, self.params.rate_hz
+        last = math.floor(min(self.now_ns(), state.leave_ns) * rate_hz / 1e9)
+        if last >= state.next_sample:
+            times_ns = np.rint(np.arange(state.next_sample, last + 1) * (1e9 / rate_hz)).astype(np.int64)
+            reading = self.device.read(times_ns, state.device)
+            state.next_sample = last + 1
+            state.sample_count += len(times_ns)
+            self.pose.publish(
+                StagePose(
+                    stamp_ns=self.now_ns(),
+                    goal_id=state.goal_id,
+                    start_ns=int(times_ns[0]),
+                    rate_hz=rate_hz,
+                    position_m=reading.y_m,
+                )
+            )
+        if self.now_ns() >= state.leave_ns:
+            self.block.stop()
+            state.activity = "swept"
+            self.arrival.set(state.end_ns)
+            self._say("swept")
+
+    def _say(self, status: str) -> None:
+        state = self.state
+        self.status.publish(
+            SweepStatus(
+                stamp_ns=self.now_ns(),
+                goal_id=state.goal_id,
+                status=status,
+                enter_ns=state.enter_ns,
+                leave_ns=state.leave_ns,
+                sample_count=state.sample_count,
+            )
+        )

@@ -1,0 +1,74 @@
+"""Measure the torque at the base of the probe."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from msgs.torque import Contact, TorqueBlock
+from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.devices.registry import open_device
+from palp_core.devices.sim.torque import TorqueState as DeviceState
+from palp_core.units import Ratio
+
+
+class TorqueParams(Params):
+    """Set in the launch file. The defaults are a Nano17 SI-12-0.12.
+
+    ``noise_sd_n_mm`` is assumed: one step of the resolution (1/64 N mm, the maker's figure). Bias and gain
+    drift are random walks, per square root of a second; not known, so 0.
+    """
+
+    device: str = "sim"
+    noise_sd_n_mm: Ratio = 1.0 / 64.0
+    resolution_n_mm: Ratio = 1.0 / 64.0
+    bias_drift_n_mm_per_sqrt_s: Ratio = 0.0
+    gain_drift_per_sqrt_s: Ratio = 0.0
+
+
+class TorqueNodeState(State):
+    """What a replacement inherits."""
+
+    device: DeviceState = msgspec.field(default_factory=DeviceState)
+
+
+class Torque(Node):
+    """Publish a block of measured torque for each block of contact; silent while nothing is swept."""
+
+    simulates = True
+    params: TorqueParams
+    state: TorqueNodeState
+    contact = Sub(Contact)
+    block = Pub(TorqueBlock)
+
+    def on_configure(self) -> None:
+        params = self.params
+        self.device = open_device(
+            "torque",
+            params.device,
+            noise_sd_n_m=params.noise_sd_n_mm * 1e-3,
+            resolution_n_m=params.resolution_n_mm * 1e-3,
+            bias_drift_n_m_per_sqrt_s=params.bias_drift_n_mm_per_sqrt_s * 1e-3,
+            gain_drift_per_sqrt_s=params.gain_drift_per_sqrt_s,
+        )
+
+    def on_activate(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
+    def on_deactivate(self) -> None:
+        self.device.close()
+
+    @on(contact)
+    def measure(self, contact: Contact) -> None:
+        times_ns = contact.start_ns + np.rint(np.arange(len(contact.torque_n_m)) * (1e9 / contact.rate_hz))
+        block = self.device.read(contact.torque_n_m, times_ns.astype(np.int64), self.state.device, self.rng)
+        self.block.publish(
+            TorqueBlock(
+                stamp_ns=self.now_ns(),
+                start_ns=contact.start_ns,
+                rate_hz=contact.rate_hz,
+                over_phantom=True,
+                saturated_count=block.saturated_count,
+                torque_n_m=block.torque_n_m,
+            )
+        )

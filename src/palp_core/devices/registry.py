@@ -1,0 +1,77 @@
+"""Names of device back ends: kind and name stand for a class that is imported on use."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, Literal, overload
+
+from palp_core.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
+from palp_core.errors import DeviceError
+
+__all__ = ["known_devices", "open_device"]
+
+_BACK_ENDS: Mapping[str, Mapping[str, str]] = {
+    "stage": {"sim": "palp_core.devices.sim.stage:SimStage"},
+    "ring": {"sim": "palp_core.devices.sim.ring:SimRing"},
+    "torque": {"sim": "palp_core.devices.sim.torque:SimTorque"},
+    "emg": {"sim": "palp_core.devices.sim.emg:SimEmg"},
+}
+
+
+def known_devices(kind: str) -> list[str]:
+    """Return the names of the back ends of a kind.
+
+    Raises:
+        DeviceError: There is no such kind.
+    """
+    if kind not in _BACK_ENDS:
+        raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(_BACK_ENDS))}")
+    return sorted(_BACK_ENDS[kind])
+
+
+@overload
+def open_device(kind: Literal["stage"], name: str, **options: Any) -> StageDevice[Any]: ...
+@overload
+def open_device(kind: Literal["ring"], name: str, **options: Any) -> RingDevice[Any]: ...
+@overload
+def open_device(kind: Literal["torque"], name: str, **options: Any) -> TorqueSensor[Any]: ...
+@overload
+def open_device(kind: Literal["emg"], name: str, **options: Any) -> EmgSource[Any]: ...
+def open_device(kind: str, name: str, **options: Any) -> Any:
+    """Build a device back end; its link opens with the device's own ``open``.
+
+    Args:
+        kind: ``stage``, ``ring``, ``torque`` or ``emg``.
+        name: A known name, or ``package.module:Class`` for a back end from elsewhere.
+        options: Parameters of that class.
+
+    Raises:
+        DeviceError: The kind, the name or an option is unknown; the message lists those there are.
+    """
+    known = known_devices(kind)
+    where = _BACK_ENDS[kind].get(name, name)
+    if ":" not in where:
+        raise DeviceError(
+            f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
+        )
+    back_end = _load(kind, where)
+    signature = inspect.signature(back_end)
+    try:
+        signature.bind(**options)
+    except TypeError as error:
+        raise DeviceError(
+            f"{kind} device '{name}': {error}; its options are {', '.join(signature.parameters)}"
+        ) from error
+    return back_end(**options)
+
+
+def _load(kind: str, where: str) -> Any:
+    module_name, _, class_name = where.partition(":")
+    try:
+        return getattr(import_module(module_name), class_name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise DeviceError(
+            f"{kind} device: cannot import '{where}': {error}; check the module and class"
+        ) from error

@@ -1,0 +1,1 @@
+"""Simulated devices: parameters are frozen, what changes is in a small state that the caller holds."""

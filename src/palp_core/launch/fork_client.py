@@ -1,0 +1,118 @@
+"""The supervisor's end of the fork server."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.launch.describe import DescribeRequest, NodeDescription
+from palp_core.launch.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
+from palp_core.runtime.birth import NodeProcess
+from palp_core.runtime.message import decode_any
+
+__all__ = ["ForkServer"]
+
+_LENGTH = struct.Struct("<I")
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+class ForkServer:
+    """A running fork server; closing it ends every process it has started."""
+
+    def __init__(self) -> None:
+        self.line, theirs = socket.socketpair()
+        environment = {**os.environ, **ONE_THREAD, "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "palp_core.launch.fork_server", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        theirs.close()
+        self._buffer = bytearray()
+        self._decoder = msgspec.msgpack.Decoder(News)
+
+    @property
+    def pid(self) -> int:
+        """Process id of the fork server."""
+        return self._process.pid
+
+    def send(self, request: Request) -> None:
+        """Send a request.
+
+        Raises:
+            GraphError: The fork server is gone.
+        """
+        payload = msgspec.msgpack.encode(request)
+        try:
+            self.line.sendall(_LENGTH.pack(len(payload)) + payload)
+        except OSError as error:
+            raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
+
+    def spawn(self, birth: NodeProcess, log: str) -> None:
+        """Start a node's process; news of it follow."""
+        self.send(Spawn(birth, log))
+
+    def signal(self, pid: int, number: signal.Signals) -> None:
+        """Send a signal to a child."""
+        self.send(Signal(pid, int(number)))
+
+    def news(self) -> list[News]:
+        """Wait for news and return what there is.
+
+        Raises:
+            GraphError: The fork server is gone.
+        """
+        try:
+            data = self.line.recv(1 << 16)
+        except OSError as error:
+            raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
+        if not data:
+            raise GraphError(f"the fork server (process {self.pid}) has ended; its nodes ended with it")
+        self._buffer += data
+        found = []
+        while len(self._buffer) >= 4 and len(self._buffer) >= (
+            end := 4 + _LENGTH.unpack_from(self._buffer)[0]
+        ):
+            found.append(self._decoder.decode(bytes(self._buffer[4:end])))
+            del self._buffer[:end]
+        return found
+
+    def describe(
+        self, requests: Sequence[DescribeRequest], workspace: Path, folder: Path
+    ) -> list[NodeDescription]:
+        """Let a forked child import node classes and say what they are.
+
+        Raises:
+            GraphError: The child died before it could answer.
+        """
+        answer = folder / "descriptions"
+        self.send(Describe(list(requests), str(workspace), str(answer)))
+        while True:
+            for item in self.news():
+                if isinstance(item, Started):
+                    continue
+                assert isinstance(item, Exited)
+                if not answer.exists():
+                    said = Path(f"{answer}.log").read_text(errors="replace").strip().splitlines()[-3:]
+                    raise GraphError(
+                        f"looking at the node classes ended with status {item.status}: " + " | ".join(said)
+                    )
+                described = decode_any(list[NodeDescription], answer.read_bytes())
+                answer.unlink()
+                return described
+
+    def close(self) -> None:
+        """End every child and the server; returns when they are gone."""
+        self.line.close()
+        self._process.wait()

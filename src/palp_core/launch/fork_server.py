@@ -1,0 +1,230 @@
+"""The parent of every node's process: warm, single-threaded, and the guarantee that no orphan remains.
+
+It is started by the supervisor, imports the heavy libraries once (no zmq, nothing of the workspace), and
+forks on
+request from its main thread only. When the supervisor's line closes, it brings all children down (SIGTERM,
+then SIGKILL after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children.
+
+Run as ``python -m palp_core.launch.fork_server <descriptor of the line>``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import traceback
+from pathlib import Path
+from typing import NoReturn
+
+import msgspec
+
+from palp_core.launch.describe import DescribeRequest, describe
+from palp_core.runtime.birth import NodeProcess
+from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.message import encode_any
+
+__all__ = ["Describe", "Exited", "Signal", "Spawn", "Started", "main", "preload"]
+
+GRACE_NS = 600_000_000
+PR_SET_PDEATHSIG = 1
+HEAVY = ("numpy", "scipy.interpolate", "scipy.signal", "pywt", "msgspec", "msgpack", "yaml")
+_LENGTH = struct.Struct("<I")
+
+
+class _Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """Base of what travels between supervisor and fork server."""
+
+
+class Spawn(_Line, frozen=True):
+    """Fork a node; its output goes to ``log``."""
+
+    birth: NodeProcess
+    log: str
+
+
+class Describe(_Line, frozen=True):
+    """Fork a child that describes node classes and writes the answer to a file."""
+
+    requests: list[DescribeRequest]
+    workspace: str
+    answer: str
+
+
+class Signal(_Line, frozen=True):
+    """Send a signal to a child."""
+
+    pid: int
+    number: int
+
+
+class Started(_Line, frozen=True):
+    """A child lives; ``name`` is empty for a describing child."""
+
+    name: str
+    pid: int
+
+
+class Exited(_Line, frozen=True):
+    """A child is gone and reaped; ``status`` is as :func:`os.waitstatus_to_exitcode` gives it."""
+
+    name: str
+    pid: int
+    status: int
+
+
+Request = Spawn | Describe | Signal
+News = Started | Exited
+
+
+def preload() -> None:
+    """Import what every node needs, once, before the first fork."""
+    for name in HEAVY:
+        importlib.import_module(name)
+
+
+def main(line: socket.socket) -> None:
+    """Serve until the supervisor's line closes, then end every child."""
+    wake_read, wake_write = os.pipe()
+    os.set_blocking(wake_write, False)
+    os.set_blocking(wake_read, False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    server = os.getpid()
+    libc = ctypes.CDLL(None, use_errno=True)
+    decoder = msgspec.msgpack.Decoder(Request)
+    children: dict[int, str] = {}
+    buffer = bytearray()
+    preload()
+    while True:
+        ready, _, _ = select.select([line.fileno(), wake_read], [], [])
+        if wake_read in ready:
+            os.read(wake_read, 4096)
+            for pid, status in _reap():
+                _tell(line, Exited(children.pop(pid, ""), pid, status))
+        if line.fileno() not in ready:
+            continue
+        data = _read(line)
+        if not data:
+            break
+        buffer += data
+        while len(buffer) >= 4 and len(buffer) >= (end := 4 + _LENGTH.unpack_from(buffer)[0]):
+            request = decoder.decode(bytes(buffer[4:end]))
+            del buffer[:end]
+            if isinstance(request, Signal):
+                if request.pid in children:
+                    os.kill(request.pid, request.number)
+                continue
+            pid = os.fork()
+            if pid == 0:
+                _become(request, libc, server, line, (wake_read, wake_write))
+            name = request.birth.spec.name if isinstance(request, Spawn) else ""
+            children[pid] = name
+            _tell(line, Started(name, pid))
+    _end_all(set(children), wake_read)
+
+
+def _read(line: socket.socket) -> bytes:
+    try:
+        return line.recv(1 << 16)
+    except OSError:
+        return b""
+
+
+def _tell(line: socket.socket, news: News) -> None:
+    payload = msgspec.msgpack.encode(news)
+    try:
+        line.sendall(_LENGTH.pack(len(payload)) + payload)
+    except OSError:
+        return  # the supervisor is gone; the loop sees the end of the line next
+
+
+def _reap() -> list[tuple[int, int]]:
+    gone: list[tuple[int, int]] = []
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return gone
+        if pid == 0:
+            return gone
+        gone.append((pid, os.waitstatus_to_exitcode(status)))
+
+
+def _end_all(children: set[int], wake_read: int) -> None:
+    deadline_ns = monotonic_ns() + GRACE_NS
+    for pid in children:
+        os.kill(pid, signal.SIGTERM)
+    while children:
+        children -= {pid for pid, _ in _reap()}
+        left_s = (deadline_ns - monotonic_ns()) / 1e9
+        if not children:
+            return
+        if left_s <= 0.0:
+            break
+        if select.select((wake_read,), (), (), left_s)[0]:
+            os.read(wake_read, 4096)
+    for pid in children:
+        os.kill(pid, signal.SIGKILL)
+    for pid in children:
+        os.waitpid(pid, 0)
+
+
+def _become(
+    request: Spawn | Describe, libc: ctypes.CDLL, server: int, line: socket.socket, wake: tuple[int, int]
+) -> NoReturn:
+    """Turn a freshly forked process into a node or a describing child; never returns."""
+    status = 1
+    try:
+        os.setsid()
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != server:
+            os._exit(1)
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        line.close()
+        for descriptor in wake:
+            os.close(descriptor)
+        if isinstance(request, Spawn):
+            _redirect(request.log)
+            from palp_core.runtime.node_main import run_node
+
+            status = run_node(request.birth)
+        else:
+            _redirect(request.answer + ".log")
+            answer = describe(request.requests, Path(request.workspace))
+            temporary = Path(request.answer + ".part")
+            temporary.write_bytes(encode_any(answer))
+            temporary.rename(request.answer)
+            status = 0
+    except BaseException:  # noqa: BLE001 - nothing may escape into the fork server's loop
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _redirect(log: str) -> None:
+    """Send output to a file, line by line, so that the last words of a crash are there."""
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    os.close(descriptor)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+
+
+if __name__ == "__main__":
+    main(socket.socket(fileno=int(sys.argv[1])))

@@ -1,0 +1,235 @@
+"""Read one node of a launch file: what runs, its parameters, its wires, what happens when it ends."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, TypeVar
+
+from palp_core.launch.arguments import Argument, unknown_keys
+from palp_core.launch.description import GraphNode, InputEntry, Located, Restart, Variant
+from palp_core.launch.problems import Problems, nearest
+from palp_core.launch.selection import Selection, assignments, read_selection
+from palp_core.launch.substitution import UNKNOWN, Scope, evaluate
+from palp_core.launch.yaml_tree import Entry, Mapping, Scalar, Tree
+
+__all__ = ["NAME", "NodeReader"]
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
+_KEYS = ("run", "params", "inputs", "restart", "on_exit")
+_CHOICES = {
+    "reliability": ("best_effort", "reliable"),
+    "durability": ("volatile", "transient_local"),
+}
+_NUMBERS = {"depth": int, "deadline_ms": float, "lifespan_ms": float}
+_RESTART = ("never", "on_failure")
+T = TypeVar("T", int, float)
+
+
+class NodeReader:
+    """Reads the nodes of one launch file.
+
+    Args:
+        scope: What its substitutions see.
+        arguments: Its declared arguments.
+        workspace: Folder in which a path in ``run`` becomes a module name.
+        problems: Receives the mistakes.
+    """
+
+    def __init__(
+        self, scope: Scope, arguments: dict[str, Argument], workspace: Path, problems: Problems
+    ) -> None:
+        self._scope = scope
+        self._arguments = arguments
+        self._workspace = workspace
+        self._problems = problems
+
+    def read(self, name: str, entry: Entry) -> GraphNode:
+        """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
+        before = len(self._problems)
+        if NAME.fullmatch(name) is None:
+            self._problems.add(entry.mark, f"'{name}' cannot be a node's name; use letters, digits and _")
+        if not isinstance(entry.value, Mapping):
+            self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
+            return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)
+        what = f"node '{name}'"
+        fields = unknown_keys(entry.value, _KEYS, what, self._problems)
+        if "run" not in fields and nearest("run", set(entry.value.items) - set(fields)) is None:
+            self._problems.add(entry.mark, f"{what} does not say what to run; add run: module:Class")
+        variants, present = self._variants(what, fields)
+        restart = self._restart(what, fields["restart"].value) if "restart" in fields else Restart()
+        shutdown = "on_exit" in fields and self._word(
+            fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
+        )
+        complete = len(self._problems) == before
+        return GraphNode(name, entry.mark, variants, present, restart, bool(shutdown), complete)
+
+    def _variants(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[Variant, ...], Variant | None]:
+        run = self._select(f"run of {what}", fields.get("run"))
+        params = self._select(f"params of {what}", fields.get("params"))
+        inputs = self._select(f"inputs of {what}", fields.get("inputs"))
+        runs = {b: self._run(f"run of {what}", t) for b, t in run.branches.items()}
+        values = {b: self._params(what, t) for b, t in params.branches.items()}
+        wires = {b: self._inputs(what, t) for b, t in inputs.branches.items()}
+        variants, present = [], None
+        for assignment, is_present in assignments([run, params, inputs]):
+            target = Selection(run.choice, runs).under(assignment)
+            if target is None:
+                continue
+            variant = Variant(
+                assignment,
+                target,
+                Selection(params.choice, values).under(assignment) or {},
+                Selection(inputs.choice, wires).under(assignment) or {},
+            )
+            variants.append(variant)
+            present = variant if is_present else present
+        return tuple(variants), present
+
+    def _select(self, what: str, entry: Entry | None) -> Selection[Tree]:
+        if entry is None:
+            return Selection(None, {})
+        read = read_selection(entry.value, what, self._scope, self._arguments, self._problems)
+        return read if read is not None else Selection(None, {})
+
+    def _run(self, what: str, tree: Tree) -> Located | None:
+        if isinstance(tree, Mapping):
+            message = (
+                f"{what} is a mapping; write module:Class, or {{select: $(var name), branch: module:Class}}"
+            )
+            wrong = nearest("select", tree.items)
+            self._problems.add(
+                tree.items[wrong].mark if wrong else tree.mark,
+                f"{what} has no key '{wrong}'; did you mean 'select'?" if wrong else message,
+            )
+            return None
+        text = evaluate(tree, self._scope, self._problems)
+        if text is UNKNOWN:
+            return None
+        found = _RUN.fullmatch(text) if isinstance(text, str) else None
+        if found is None:
+            self._problems.add(tree.mark, f"{what} is '{text}'; write module:Class or path.py:Class")
+            return None
+        return Located(self._target(found["module"], found["name"]), tree.mark)
+
+    def _target(self, module: str, name: str) -> str:
+        """Return a path in the workspace as a module, another path as an absolute one."""
+        if not module.endswith(".py"):
+            return f"{module}:{name}"
+        path = (self._scope.file.parent / module).resolve()
+        if path.is_relative_to(self._workspace):
+            parts = path.relative_to(self._workspace).with_suffix("").parts
+            if all(part.isidentifier() for part in parts):
+                return f"{'.'.join(parts)}:{name}"
+        return f"{path}:{name}"
+
+    def _params(self, what: str, tree: Tree) -> dict[str, Located]:
+        if not isinstance(tree, Mapping):
+            if not _is_empty(tree):
+                self._problems.add(tree.mark, f"params of {what} must map each parameter to its value")
+            return {}
+        found = {}
+        for name, entry in tree.items.items():
+            value = evaluate(entry.value, self._scope, self._problems)
+            if value is not UNKNOWN:
+                found[name] = Located(value, entry.mark)
+        return found
+
+    def _inputs(self, what: str, tree: Tree) -> dict[str, InputEntry]:
+        if not isinstance(tree, Mapping):
+            if not _is_empty(tree):
+                self._problems.add(tree.mark, f"inputs of {what} must map each port to node/port")
+            return {}
+        read = {port: self._input(f"input '{port}' of {what}", entry) for port, entry in tree.items.items()}
+        return {port: wire for port, wire in read.items() if wire is not None}
+
+    def _input(self, what: str, entry: Entry) -> InputEntry | None:
+        source, stated = entry.value, {}
+        if isinstance(source, Mapping):
+            known = ("from", *_CHOICES, *_NUMBERS)
+            fields = unknown_keys(source, known, what, self._problems)
+            stated = self._qos(what, {name: item for name, item in fields.items() if name != "from"})
+            if "from" not in fields:
+                if nearest("from", set(source.items) - set(fields)) is None:
+                    self._problems.add(
+                        entry.mark, f"{what} does not say where it comes from; add from: node/port"
+                    )
+                return None
+            source = fields["from"].value
+        text = evaluate(source, self._scope, self._problems)
+        if text is UNKNOWN:
+            return None
+        parts = text.split("/") if isinstance(text, str) else []
+        if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
+            self._problems.add(source.mark, f"{what} comes from '{_flat(text)}'; write node/port")
+            return None
+        return InputEntry(entry.mark, source.mark, parts[0], parts[1], stated)
+
+    def _qos(self, what: str, fields: dict[str, Entry]) -> dict[str, Any]:
+        stated: dict[str, Any] = {}
+        for name, entry in fields.items():
+            if name in _CHOICES:
+                stated[name] = self._word(entry.value, f"{name} of {what}", _CHOICES[name])
+            else:
+                low = 1 if name == "depth" else 0
+                stated[name] = self._number(entry.value, f"{name} of {what}", _NUMBERS[name], low)
+        return {name: value for name, value in stated.items() if value is not None}
+
+    def _restart(self, what: str, tree: Tree) -> Restart:
+        what = f"restart of {what}"
+        if not isinstance(tree, Mapping):
+            return Restart(self._word(tree, what, _RESTART) or "never")
+        fields = unknown_keys(tree, ("when", "max_restarts", "backoff_s"), what, self._problems)
+        rule = Restart()
+        when: str | None = "on_failure"
+        if "when" in fields:
+            when = self._word(fields["when"].value, f"when in {what}", _RESTART)
+        limit, backoff = rule.max_restarts, rule.backoff_s
+        if "max_restarts" in fields:
+            limit = self._number(fields["max_restarts"].value, f"max_restarts in {what}", int, 0) or 0
+        if "backoff_s" in fields:
+            backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0) or 0.0
+        return Restart(when or "never", limit, backoff)
+
+    def _word(self, tree: Tree, what: str, words: tuple[str, ...]) -> str | None:
+        return read_word(tree, what, words, self._scope, self._problems)
+
+    def _number(self, tree: Tree, what: str, kind: type[T], low: int) -> T | None:
+        return read_number(tree, what, kind, low, self._scope, self._problems)
+
+
+def read_word(tree: Tree, what: str, words: tuple[str, ...], scope: Scope, problems: Problems) -> str | None:
+    """Return a value that must be one of some words, or None after reporting it."""
+    value = evaluate(tree, scope, problems)
+    if value is UNKNOWN or (isinstance(value, str) and value in words):
+        return None if value is UNKNOWN else str(value)
+    text = _flat(value)
+    match = nearest(text, words)
+    suggestion = f"; did you mean '{match}'?" if match else ""
+    problems.add(tree.mark, f"{what} is '{text}'; it must be {' or '.join(words)}{suggestion}")
+    return None
+
+
+def read_number(tree: Tree, what: str, kind: type[T], low: int, scope: Scope, problems: Problems) -> T | None:
+    """Return a value that must be a number of a kind and at least ``low``, or None after reporting it."""
+    value = evaluate(tree, scope, problems)
+    if value is UNKNOWN:
+        return None
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is kind and value >= low:
+        return value
+    noun = "a whole number" if kind is int else "a number"
+    problems.add(
+        tree.mark, f"{what} is '{_flat(value)}'; it must be {noun} of at least {low}, without quotes"
+    )
+    return None
+
+
+def _is_empty(tree: Tree) -> bool:
+    return isinstance(tree, Scalar) and tree.value is None
+
+
+def _flat(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,352 @@
+"""Start every node as its own process, watch it, restart it by rule, and end all of them for certain."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import signal
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from palp_core.errors import GraphError, NodeError
+from palp_core.launch.fork_client import ForkServer
+from palp_core.launch.fork_server import Exited, Started
+from palp_core.launch.interrupt import Interrupt
+from palp_core.runtime.birth import NodeProcess
+from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.link import (
+    Activate,
+    Configured,
+    Done,
+    Failed,
+    FromNode,
+    Hello,
+    Link,
+    LinkClosed,
+    Matched,
+    Relay,
+    Round,
+    Shutdown,
+    ToNode,
+    supervisor_end,
+)
+from palp_core.runtime.spec import NodeSpec
+
+__all__ = ["Member", "Supervisor"]
+
+START_TIMEOUT_NS = 60_000_000_000
+LADDER_STEP_NS = 5_000_000_000
+LOG_LINES = 12
+
+
+class Member:
+    """One node as the supervisor sees it."""
+
+    def __init__(self, spec: NodeSpec, log: Path) -> None:
+        self.spec = spec
+        self.log = log
+        self.restart_count = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the process, before a start or a restart."""
+        self.pid = 0
+        self.link: Link[FromNode] | None = None
+        self.configured = self.matched = self.active = self.ended = False
+        self.respawn_at_ns: int | None = None
+
+
+class Supervisor:
+    """A crew of processes.
+
+    Args:
+        specs: The nodes in graph order.
+        clock: ``sim`` or ``wall``.
+        workspace: Folder that holds ``nodes/``.
+        folder: The run directory.
+        server: Parent of the processes.
+        interrupt: Raises when the user wants the end.
+        observe: Wall clock: is shown every message for the launch view.
+    """
+
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        clock: str,
+        workspace: str,
+        folder: Path,
+        server: ForkServer,
+        interrupt: Interrupt,
+        observe: Callable[[int, bytes], None],
+    ) -> None:
+        self.names = [spec.name for spec in specs]
+        self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
+        self.exit_code: int | None = None
+        self._clock = clock
+        self._workspace = workspace
+        self._folder = folder
+        self._server = server
+        self._interrupt = interrupt
+        self._observe = observe
+        self._ending = False
+        self._start_ns = 0
+        self._replies: dict[int, Done] = {}
+        self._strangers: dict[int, Link[FromNode]] = {}
+        self._by_descriptor: dict[int, int] = {}
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(folder / "supervisor.sock"))
+        self._listener.listen(len(specs) + 8)
+        self._poll = select.poll()
+        for descriptor in (self._listener.fileno(), server.line.fileno(), interrupt.descriptor):
+            self._poll.register(descriptor, select.POLLIN)
+
+    # Start
+
+    def start(self) -> None:
+        """Start every node; return when all are configured and all edges matched.
+
+        Raises:
+            NodeError: A node failed or did not get ready in time.
+        """
+        for member in self.members:
+            self._spawn(member)
+        self._await(lambda: all(m.configured for m in self.members), "configured")
+        self._await(lambda: all(m.matched for m in self.members), "matched with its publishers")
+
+    def _spawn(self, member: Member) -> None:
+        birth = NodeProcess(
+            spec=member.spec,
+            clock=self._clock,
+            run_dir=str(self._folder),
+            workspace=self._workspace,
+        )
+        self._server.spawn(birth, str(member.log))
+
+    def _await(self, ready: Callable[[], bool], what: str) -> None:
+        deadline_ns = monotonic_ns() + START_TIMEOUT_NS
+        while not ready():
+            if monotonic_ns() > deadline_ns:
+                late = next(
+                    m for m in self.members if not (m.configured if what == "configured" else m.matched)
+                )
+                raise NodeError(late.spec.name, f"was not {what} within {START_TIMEOUT_NS // 10**9} s")
+            self._pump(1.0)
+
+    # Lockstep crew
+
+    def activate(self, index: int) -> Done:
+        """Activate one node."""
+        return self._ask(index, Activate(self._start_ns))
+
+    def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
+        """Let several nodes do their part of a round, in parallel."""
+        for index, message in rounds.items():
+            self._send(index, message)
+        while len(self._replies) < len(rounds):
+            self._pump(None)
+        replies, self._replies = self._replies, {}
+        return replies
+
+    def shutdown(self, index: int, now_ns: int) -> Done:
+        """Bring one node to its safe state and end it; one that does not answer is left to :meth:`close`."""
+        member = self.members[index]
+        self._ending = True
+        if member.link is None or member.ended:
+            return Done([], -1, None)
+        self._replies.clear()
+        with contextlib.suppress(NodeError, LinkClosed):
+            self._send(index, Shutdown(now_ns))
+            deadline_ns = monotonic_ns() + LADDER_STEP_NS
+            while not member.ended and monotonic_ns() < deadline_ns:
+                self._pump(0.5)
+        return self._replies.pop(index, Done([], -1, None))
+
+    def _ask(self, index: int, message: ToNode) -> Done:
+        self._send(index, message)
+        while index not in self._replies:
+            self._pump(None)
+        return self._replies.pop(index)
+
+    def _send(self, index: int, message: ToNode) -> None:
+        link = self.members[index].link
+        try:
+            if link is None:
+                raise LinkClosed("no line")
+            link.send(message)
+        except LinkClosed:
+            self._mourn(index)
+
+    # Wall clock
+
+    def run_wall(self, until_ns: int | None = None) -> int:
+        """Activate in graph order, then watch until the run ends; return the exit code.
+
+        Raises:
+            NodeError: A node failed and its rule does not restart it.
+        """
+        self._start_ns = monotonic_ns()
+        for index, member in enumerate(self.members):
+            self._send(index, Activate(self._start_ns))
+            member.active = True
+        while self.exit_code is None:
+            now_ns = monotonic_ns()
+            if until_ns is not None and now_ns - self._start_ns >= until_ns:
+                return 0
+            for index, member in enumerate(self.members):
+                if member.respawn_at_ns is not None and now_ns >= member.respawn_at_ns:
+                    member.begin()
+                    self._spawn(member)
+                if member.matched and not member.active:
+                    self._send(index, Activate(self._start_ns))
+                    member.active = True
+            self._pump(0.1)
+        return self.exit_code
+
+    # Events
+
+    def _pump(self, timeout_s: float | None) -> None:
+        """Handle what has happened; wait for something if nothing has."""
+        for descriptor, _ in self._poll.poll(None if timeout_s is None else timeout_s * 1e3):
+            if descriptor in self._by_descriptor:
+                self._listen_to(self._by_descriptor[descriptor])
+            elif descriptor == self._server.line.fileno():
+                for news in self._server.news():
+                    if isinstance(news, Started):
+                        self.members[self.names.index(news.name)].pid = news.pid
+                    else:
+                        self._on_exit(news)
+            elif descriptor == self._listener.fileno():
+                connection, _ = self._listener.accept()
+                self._strangers[connection.fileno()] = supervisor_end(connection)
+                self._poll.register(connection.fileno(), select.POLLIN)
+            elif descriptor == self._interrupt.descriptor:
+                if not self._ending:
+                    self._interrupt.check()
+                self._interrupt.drain()
+            elif descriptor in self._strangers:
+                self._welcome(descriptor)
+
+    def _welcome(self, descriptor: int) -> None:
+        link = self._strangers.pop(descriptor)
+        self._poll.unregister(descriptor)
+        try:
+            hello = link.receive()
+        except LinkClosed:
+            return
+        if not isinstance(hello, Hello) or hello.name not in self.names:
+            link.close()
+            return
+        index = self.names.index(hello.name)
+        self.members[index].link = link
+        self._by_descriptor[descriptor] = index
+        self._poll.register(descriptor, select.POLLIN)
+        while link.buffered():
+            self._on_message(index, link.receive())
+
+    def _listen_to(self, index: int) -> None:
+        link = self.members[index].link
+        assert link is not None
+        try:
+            self._on_message(index, link.receive())
+            while link.buffered():
+                self._on_message(index, link.receive())
+        except LinkClosed:
+            self._hang_up(index)  # the fork server will say how it ended
+
+    def _on_message(self, index: int, message: FromNode) -> None:
+        member = self.members[index]
+        if isinstance(message, Done):
+            self._replies[index] = message
+        elif isinstance(message, Configured):
+            member.configured = True
+        elif isinstance(message, Matched):
+            member.matched = True
+        elif isinstance(message, Relay):
+            if message.frame:
+                self._observe(monotonic_ns() - self._start_ns, message.frame)
+            if message.exit_code is not None and member.spec.shutdown_on_exit:
+                self.exit_code = message.exit_code
+        elif isinstance(message, Failed) and not self._ending and not self._restart(index, message.text):
+            prefix = f"{member.spec.name}: "
+            raise NodeError(member.spec.name, message.text.removeprefix(prefix) + f" (log: {member.log})")
+
+    def _hang_up(self, index: int) -> None:
+        link = self.members[index].link
+        if link is not None:
+            self._by_descriptor.pop(link.socket.fileno(), None)
+            self._poll.unregister(link.socket.fileno())
+            link.close()
+            self.members[index].link = None
+
+    def _on_exit(self, news: Exited) -> None:
+        index = self.names.index(news.name)
+        member = self.members[index]
+        if news.pid != member.pid:
+            return
+        while member.link is not None:  # its last words may still be in the line
+            self._listen_to(index)
+        already_ending = self._ending or member.ended or member.respawn_at_ns is not None
+        member.ended = True
+        if already_ending:
+            return
+        cause = how_it_ended(news.status)
+        if not self._restart(index, cause):
+            raise NodeError(member.spec.name, f"its process {cause}{self._last_words(member)}")
+
+    def _mourn(self, index: int) -> None:
+        """A line is broken: wait for the news of how the process ended, which raises."""
+        while not self.members[index].ended:
+            self._pump(1.0)
+
+    def _restart(self, index: int, cause: str) -> bool:
+        member = self.members[index]
+        may = self._clock == "wall" and member.active and member.spec.restart == "on_failure"
+        if not may or member.restart_count >= member.spec.max_restarts:
+            return False
+        member.restart_count += 1
+        spec = member.spec
+        member.spec = NodeSpec(
+            **{f: getattr(spec, f) for f in spec.__struct_fields__} | {"epoch": spec.epoch + 1}
+        )
+        backoff_s = spec.backoff_s * 2 ** (member.restart_count - 1)
+        member.respawn_at_ns = monotonic_ns() + round(backoff_s * 1e9)
+        with member.log.open("a") as log:
+            log.write(
+                f"[WARNING] [supervisor]: {spec.name} {cause}; restart {member.restart_count} of "
+                f"{spec.max_restarts} in {backoff_s:g} s\n"
+            )
+        return True
+
+    def _last_words(self, member: Member) -> str:
+        try:
+            lines = member.log.read_text(errors="replace").strip().splitlines()[-LOG_LINES:]
+        except OSError:
+            lines = []
+        return f" (log: {member.log})" + "".join(f"\n    {line}" for line in lines)
+
+    # End
+
+    def close(self) -> None:
+        """End every process that is left: SIGTERM, 5 s later SIGKILL; return when all are gone."""
+        self._ending = True
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            left = [m for m in self.members if m.pid and not m.ended]
+            if not left:
+                break
+            with contextlib.suppress(GraphError):
+                for member in left:
+                    self._server.signal(member.pid, number)
+                deadline_ns = monotonic_ns() + LADDER_STEP_NS
+                while any(not m.ended for m in left) and monotonic_ns() < deadline_ns:
+                    self._pump(0.2)
+        for index in range(len(self.members)):
+            self._hang_up(index)
+        self._listener.close()
+
+
+def how_it_ended(status: int) -> str:
+    """Say in words how a process ended."""
+    if status < 0:
+        return f"was killed by {signal.Signals(-status).name}"
+    return f"ended with status {status}"

@@ -1,0 +1,81 @@
+"""Information about the class: what was gained, eq. (8), and what a setting is expected to give.
+
+Eq. (8) is the integrand of the divergence KL(posterior | prior), a vector over classes; the stop rule of the
+experiment compares two of them. Its sum is the information gained; the expectation of that sum over readings
+is the expected information gain, the mutual information of class and reading. The source calls its use
+"transfer entropy"; no transfer entropy in Schreiber's sense is computed.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import rel_entr
+
+from palp_core.errors import PerceptionError
+from palp_core.units import Float64Array
+
+__all__ = ["expected_gain_bits", "gain_bits", "gain_vector"]
+
+_TINY = 1e-300  # a class of probability 0 whose reading no other class explains; it is weighted by 0 after
+
+
+def gain_vector(posterior: Float64Array, prior: Float64Array) -> Float64Array:
+    """Return G = P log(P / P_0), eq. (8), in nats per class, with 0 log 0 = 0.
+
+    Args:
+        posterior: P_t, shape (m,).
+        prior: P_0, shape (m,); not P_{t-1}.
+
+    Raises:
+        PerceptionError: Shapes differ, a probability is negative or NaN, or a class has P > 0 where P_0 = 0.
+    """
+    if posterior.shape != prior.shape:
+        raise PerceptionError(f"posterior has shape {posterior.shape}, prior {prior.shape}")
+    gain = np.asarray(rel_entr(posterior, prior))
+    if not np.isfinite(gain).all():
+        raise PerceptionError(
+            "information gain is not finite: a probability is not one, or the prior excluded a class"
+        )
+    return gain
+
+
+def gain_bits(posterior: Float64Array, prior: Float64Array) -> float:
+    """Return the information gained, KL(posterior | prior), in bits; log2 m at most from a flat prior."""
+    return float(gain_vector(posterior, prior).sum() / np.log(2.0))
+
+
+def expected_gain_bits(
+    probabilities: Float64Array, mean: Float64Array, sd: Float64Array, *, node_count: int = 257
+) -> float:
+    """Return the mutual information of class and next reading, in bits, under normal cells.
+
+    I = sum_d P(d) integral N(y; mean_d, sd_d) log(N(y; mean_d, sd_d) / sum_n P(n) N(y; mean_n, sd_n)) dy, by
+    the trapezoidal rule over 7 deviations either way in each class. With 257 nodes it is within 1e-6 bit
+    while the classes' deviations differ by a factor of 2, within 0.01 bit at a factor of 20. (The nodes of
+    Gauss-Hermite are too far apart then: 64 of them are 0.2 bit off.)
+
+    Args:
+        probabilities: Present belief, shape (m,).
+        mean: Mean reading per class at the setting asked about, shape (m,).
+        sd: Standard deviation per class, shape (m,), positive.
+        node_count: Quadrature nodes per class.
+    """
+    nodes, weights = _normal_nodes(node_count)
+    readings = mean[:, None] + sd[:, None] * nodes  # (m, q)
+    z = (readings[:, :, None] - mean) / sd  # (m, q, m)
+    log_density = -0.5 * z * z - np.log(sd)
+    top = log_density.max(axis=2)
+    mixture = top + np.log(np.exp(log_density - top[:, :, None]) @ probabilities + _TINY)
+    own = -0.5 * nodes**2 - np.log(sd)[:, None]
+    per_class = (own - mixture) @ weights
+    return float(max(probabilities @ per_class, 0.0) / np.log(2.0))
+
+
+@lru_cache(maxsize=4)
+def _normal_nodes(node_count: int) -> tuple[Float64Array, Float64Array]:
+    """Return nodes and weights of the standard normal's expectation."""
+    nodes = np.linspace(-7.0, 7.0, node_count)
+    weights = np.exp(-0.5 * nodes**2)
+    return nodes, weights / weights.sum()

@@ -1,0 +1,158 @@
+"""Accuracy with an interval, and whether stated confidence was deserved.
+
+An interval from the trials of one training and one set of phantoms speaks for that session only: such trials
+are not independent of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from palp_core.errors import PerceptionError
+from palp_core.units import Float64Array
+
+__all__ = [
+    "Calibration",
+    "Proportion",
+    "ReliabilityBin",
+    "accuracy_by_class",
+    "calibration",
+    "confusion",
+    "wilson",
+]
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A share with its interval.
+
+    Attributes:
+        value: Successes over trials.
+        low: Lower bound.
+        high: Upper bound.
+        success_count: Successes.
+        trial_count: Trials.
+    """
+
+    value: float
+    low: float
+    high: float
+    success_count: int
+    trial_count: int
+
+
+def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) -> Proportion:
+    """Return a share with Wilson's score interval (Wilson, 1927).
+
+    It stays within 0 to 1 and is not empty at 0 or n of n.
+
+    Raises:
+        PerceptionError: No trial, or more successes than trials.
+    """
+    if trial_count < 1 or not 0 <= success_count <= trial_count:
+        raise PerceptionError(f"{success_count} of {trial_count} is no proportion")
+    z = float(ndtri(0.5 + confidence / 2.0))
+    share = success_count / trial_count
+    shrink = 1.0 + z * z / trial_count
+    centre = (share + z * z / (2.0 * trial_count)) / shrink
+    half = z / shrink * np.sqrt(share * (1.0 - share) / trial_count + (z / (2.0 * trial_count)) ** 2)
+    low = 0.0 if success_count == 0 else float(centre - half)
+    high = 1.0 if success_count == trial_count else float(centre + half)
+    return Proportion(share, low, high, success_count, trial_count)
+
+
+def confusion(actual: Sequence[int], estimated: Sequence[int], class_count: int) -> NDArray[np.int64]:
+    """Return counts [actual, estimated], shape (m, m).
+
+    Raises:
+        PerceptionError: The lengths differ, or an index is out of range.
+    """
+    truth, guess = np.asarray(actual, dtype=np.int64), np.asarray(estimated, dtype=np.int64)
+    if truth.shape != guess.shape:
+        raise PerceptionError(f"{truth.size} actual classes, {guess.size} estimates")
+    both = np.concatenate([truth, guess])
+    if both.size and not 0 <= both.min() <= both.max() < class_count:
+        raise PerceptionError(f"a class lies outside 0 to {class_count - 1}")
+    table = np.zeros((class_count, class_count), dtype=np.int64)
+    np.add.at(table, (truth, guess), 1)
+    return table
+
+
+def accuracy_by_class(
+    actual: Sequence[int], estimated: Sequence[int], class_count: int, *, confidence: float = 0.95
+) -> list[Proportion]:
+    """Return the share of right estimates of each actual class with Wilson's interval, length m.
+
+    Raises:
+        PerceptionError: A class has no trial.
+    """
+    table = confusion(actual, estimated, class_count)
+    return [wilson(int(table[c, c]), int(table[c].sum()), confidence=confidence) for c in range(class_count)]
+
+
+@dataclass(frozen=True)
+class ReliabilityBin:
+    """Estimates of similar confidence.
+
+    Attributes:
+        low: Lower edge of the bin.
+        high: Upper edge.
+        mean_confidence: Mean stated probability.
+        accuracy: Share that was right, with its interval.
+    """
+
+    low: float
+    high: float
+    mean_confidence: float
+    accuracy: Proportion
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Stated confidence against actual accuracy.
+
+    Attributes:
+        expected_error: Expected calibration error: |accuracy - confidence| averaged over trials, 0 to 1.
+        overconfidence: Mean confidence minus accuracy; positive is over-confident.
+        bins: The bins that hold a trial.
+    """
+
+    expected_error: float
+    overconfidence: float
+    bins: tuple[ReliabilityBin, ...]
+
+
+def calibration(confidence: Float64Array, correct: Sequence[bool], *, bin_count: int = 10) -> Calibration:
+    """Compare the probability of the chosen class with how often it was right.
+
+    Args:
+        confidence: Posterior of the estimate, one per trial, 0 to 1, shape (n,).
+        correct: Whether the estimate was right, length n.
+        bin_count: Equal bins over 0 to 1, upper edges inclusive.
+
+    Raises:
+        PerceptionError: No trial, lengths differ, or a confidence is not a probability.
+    """
+    stated, right = np.asarray(confidence, dtype=np.float64), np.asarray(correct, dtype=bool)
+    if stated.size == 0 or stated.shape != right.shape or not ((stated >= 0.0) & (stated <= 1.0)).all():
+        raise PerceptionError(
+            "calibration needs one probability and one outcome per trial, and at least one trial"
+        )
+    edges = np.linspace(0.0, 1.0, bin_count + 1)
+    which = np.clip(np.searchsorted(edges, stated, side="left") - 1, 0, bin_count - 1)
+    bins = tuple(
+        ReliabilityBin(
+            float(edges[b]),
+            float(edges[b + 1]),
+            float(stated[which == b].mean()),
+            wilson(int(right[which == b].sum()), int((which == b).sum())),
+        )
+        for b in np.unique(which)
+    )
+    gaps = [abs(b.accuracy.value - b.mean_confidence) * b.accuracy.trial_count for b in bins]
+    return Calibration(float(sum(gaps) / stated.size), float(stated.mean() - right.mean()), bins)

@@ -1,0 +1,51 @@
+"""The graph's clock: the machine's monotonic one, or one that the conductor sets."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+__all__ = ["Clock", "SimClock", "WallClock", "monotonic_ns", "unix_ns"]
+
+
+def monotonic_ns() -> int:
+    """Return the machine's monotonic time, in ns; common to all processes of a host."""
+    return time.monotonic_ns()
+
+
+def unix_ns() -> int:
+    """Return the time since 1970, in ns; for names and records, never for intervals."""
+    return time.time_ns()
+
+
+class Clock(Protocol):
+    """Time on a graph's clock."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds since the graph's start."""
+
+
+class SimClock:
+    """Lockstep time: it is what the conductor says."""
+
+    def __init__(self, now_ns: int = 0) -> None:
+        self._now_ns = now_ns
+
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def set(self, now_ns: int) -> None:
+        """Move time; it never goes back."""
+        if now_ns < self._now_ns:
+            raise ValueError(f"time would go back from {self._now_ns} ns to {now_ns} ns")
+        self._now_ns = now_ns
+
+
+class WallClock:
+    """The machine's monotonic clock, counted from the graph's start."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._start_ns = start_ns
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() - self._start_ns

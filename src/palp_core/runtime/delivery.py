@@ -1,0 +1,43 @@
+"""What a reader knows of an edge: nothing arrives twice, nothing goes missing without being counted."""
+
+from __future__ import annotations
+
+import msgspec
+
+__all__ = ["EdgeCounter"]
+
+
+class EdgeCounter(msgspec.Struct):
+    """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner)."""
+
+    epoch: int = -1
+    sequence: int = 0
+    received: int = 0
+    lost: int = 0
+    repeated: int = 0
+
+    def accept(self, epoch: int, sequence: int) -> bool:
+        """Account for a message; return False for a repeat or one of an epoch that is over."""
+        if epoch == self.epoch:
+            if sequence <= self.sequence:
+                self.repeated += 1
+                return False
+            self.lost += sequence - self.sequence - 1
+        elif epoch < self.epoch:
+            self.repeated += 1
+            return False
+        elif self.epoch >= 0:
+            self.lost += sequence - 1  # what a restarted publisher sent before this reader was back
+        self.epoch, self.sequence = epoch, sequence
+        self.received += 1
+        return True
+
+    def heartbeat(self, epoch: int, sequence: int) -> None:
+        """Take a publisher's word for its last sequence: it starts the account and reveals a lost tail."""
+        if epoch > self.epoch:
+            if self.epoch >= 0:
+                self.lost += sequence
+            self.epoch, self.sequence = epoch, sequence
+        elif epoch == self.epoch and sequence > self.sequence:
+            self.lost += sequence - self.sequence
+            self.sequence = sequence

@@ -1,0 +1,95 @@
+"""Everything one executor must tell another so that it continues as if nothing had happened.
+
+The same bytes serve a hot swap (one node, now), a checkpoint (all nodes at one instant) and a replay that
+starts in the middle.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import SchemaMismatch
+from palp_core.runtime.delivery import EdgeCounter
+from palp_core.runtime.message import decode_any, encode_any
+from palp_core.runtime.node import State
+
+__all__ = ["VERSION", "HandOver", "Predecessor", "adopt_state", "rng_from_text", "rng_to_text"]
+
+VERSION = 1
+
+
+class HandOver(msgspec.Struct, frozen=True, kw_only=True):
+    """A node at a handler boundary.
+
+    Attributes:
+        inbox: Frames received and not yet consumed, as they came.
+        consumed: Account of every input topic.
+        published: Last sequence of every output topic.
+        history: Last frames of every output topic, as many as its depth.
+        timers: Next tick number per running periodic timer.
+        alarms: Due time per set alarm, in ns.
+        rng: State of the random generator.
+    """
+
+    version: int = VERSION
+    node_class: str
+    state_version: int
+    state: bytes
+    epoch: int
+    now_ns: int
+    inbox: list[bytes]
+    consumed: dict[str, EdgeCounter]
+    published: dict[str, int]
+    history: dict[str, list[bytes]]
+    timers: dict[str, int]
+    alarms: dict[str, int]
+    rng: str
+
+
+class Predecessor(msgspec.Struct, frozen=True):
+    """What ``migrate`` or ``adopt`` of a state is given: who had it, its version, its plain values."""
+
+    node_class: str
+    version: int
+    values: dict[str, Any]
+
+
+def rng_to_text(rng: np.random.Generator) -> str:
+    """Return a generator's state as JSON text (its integers are longer than msgpack's)."""
+    return json.dumps(rng.bit_generator.state, default=lambda value: value.tolist())
+
+
+def rng_from_text(text: str) -> np.random.Generator:
+    """Return a generator in a given state."""
+    generator = np.random.Generator(np.random.PCG64())
+    generator.bit_generator.state = json.loads(text)
+    return generator
+
+
+def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) -> State:
+    """Decode a predecessor's state into ``state_class``.
+
+    The same node class and version decode as they are; an older version goes through ``migrate``, another
+    class through ``adopt``.
+
+    Raises:
+        SchemaMismatch: The state does not fit, or the class defines no way to take it.
+    """
+    same_class = hand_over.node_class == node_class
+    if same_class and hand_over.state_version == state_class.version:
+        return decode_any(state_class, hand_over.state)
+    hook = getattr(state_class, "migrate" if same_class else "adopt", None)
+    if hook is None:
+        needed = f"migrate (from version {hand_over.state_version})" if same_class else "adopt"
+        raise SchemaMismatch(
+            f"{state_class.__name__} cannot take the state of {hand_over.node_class}: define {needed} on it"
+        )
+    values: dict[str, Any] = msgspec.msgpack.decode(hand_over.state)
+    state = hook(Predecessor(hand_over.node_class, hand_over.state_version, values))
+    if not isinstance(state, state_class):
+        raise SchemaMismatch(f"{state_class.__name__}.{hook.__name__} returned {type(state).__name__}")
+    return decode_any(state_class, encode_any(state))

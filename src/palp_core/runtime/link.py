@@ -1,0 +1,166 @@
+"""The private line between a node's process and the supervisor: typed messages on a Unix stream socket.
+
+Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+from typing import Generic, TypeVar
+
+import msgspec
+
+__all__ = [
+    "Activate",
+    "Configured",
+    "Done",
+    "Failed",
+    "FromNode",
+    "Hello",
+    "Link",
+    "LinkClosed",
+    "Matched",
+    "Relay",
+    "Round",
+    "Shutdown",
+    "ToNode",
+]
+
+_LENGTH = struct.Struct("<I")
+_CHUNK = 1 << 16
+
+
+class _Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """Base of what travels on the line."""
+
+
+class Activate(_Line, frozen=True):
+    """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
+
+    start_ns: int
+
+
+class Round(_Line, frozen=True):
+    """Lockstep: it is ``now_ns``; run what is due, then consume ``frames``."""
+
+    now_ns: int
+    frames: list[bytes]
+
+
+class Shutdown(_Line, frozen=True):
+    """Reach the safe state and end; in lockstep it is ``now_ns``."""
+
+    now_ns: int
+
+
+class Hello(_Line, frozen=True):
+    """First words of a node's process."""
+
+    name: str
+    pid: int
+
+
+class Configured(_Line, frozen=True):
+    """The node is inactive and its endpoints are bound."""
+
+
+class Matched(_Line, frozen=True):
+    """Every input has heard its publisher."""
+
+
+class Done(_Line, frozen=True):
+    """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
+
+    frames: list[bytes]
+    next_due_ns: int
+    exit_code: int | None
+
+
+class Failed(_Line, frozen=True):
+    """The node cannot go on."""
+
+    text: str
+
+
+class Relay(_Line, frozen=True):
+    """Wall clock: a message that the launch view shows, or news of the node's end."""
+
+    frame: bytes
+    exit_code: int | None
+
+
+ToNode = Activate | Round | Shutdown
+FromNode = Hello | Configured | Matched | Done | Failed | Relay
+
+Received = TypeVar("Received")
+
+
+class LinkClosed(ConnectionError):
+    """The other end is gone."""
+
+
+class Link(Generic[Received]):
+    """One end of the line.
+
+    Args:
+        connection: A connected stream socket.
+        decoder: Of what this end receives.
+    """
+
+    def __init__(self, connection: socket.socket, decoder: msgspec.msgpack.Decoder[Received]) -> None:
+        self.socket = connection
+        self._decoder = decoder
+        self._encoder = msgspec.msgpack.Encoder()
+        self._buffer = bytearray()
+
+    def send(self, message: ToNode | FromNode) -> None:
+        """Send one message, whole.
+
+        Raises:
+            LinkClosed: The other end is gone.
+        """
+        payload = self._encoder.encode(message)
+        try:
+            self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
+        except OSError as error:
+            raise LinkClosed(str(error)) from error
+
+    def buffered(self) -> bool:
+        """Tell whether a whole message has been read from the socket already."""
+        return len(self._buffer) >= 4 and len(self._buffer) >= 4 + _LENGTH.unpack_from(self._buffer)[0]
+
+    def receive(self) -> Received:
+        """Wait for one message.
+
+        Raises:
+            LinkClosed: The other end is gone.
+        """
+        while not self.buffered():
+            try:
+                data = self.socket.recv(_CHUNK)
+            except OSError as error:
+                raise LinkClosed(str(error)) from error
+            if not data:
+                raise LinkClosed("end of stream")
+            self._buffer += data
+        end = 4 + _LENGTH.unpack_from(self._buffer)[0]
+        payload = bytes(self._buffer[4:end])
+        del self._buffer[:end]
+        return self._decoder.decode(payload)
+
+    def close(self) -> None:
+        """Hang up."""
+        self.socket.close()
+
+
+def node_end(path: str) -> Link[ToNode]:
+    """Connect a node's process to its supervisor."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.connect(path)
+    return Link(connection, msgspec.msgpack.Decoder(ToNode))
+
+
+def supervisor_end(connection: socket.socket) -> Link[FromNode]:
+    """Wrap a connection that a node's process has made."""
+    return Link(connection, msgspec.msgpack.Decoder(FromNode))

@@ -1,0 +1,41 @@
+"""What one node of a checked graph needs to know to run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+__all__ = ["NodeSpec", "topic"]
+
+
+def topic(node: str, port: str) -> str:
+    """Return the name of the topic that a port publishes."""
+    return f"/{node}/{port}"
+
+
+class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of a checked graph.
+
+    Attributes:
+        name: Running name.
+        run: ``module:Class``.
+        params: Parameters as plain values, already validated against the class.
+        inputs: Topic per input port; for a client, the service's topic.
+        requests: Topics of the clients of each service port.
+        seed: Of the graph; with the name it determines the node's random numbers.
+        epoch: How often the node has been restarted.
+    """
+
+    name: str
+    run: str
+    params: dict[str, Any] = {}
+    inputs: dict[str, str] = {}
+    requests: dict[str, list[str]] = {}
+    seed: int = 0
+    epoch: int = 0
+    restart: str = "never"
+    max_restarts: int = 3
+    backoff_s: float = 0.2
+    shutdown_on_exit: bool = False
+    moves: bool = False

@@ -1,0 +1,109 @@
+"""The live ends of periodic timers and alarms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+__all__ = ["AlarmEnd", "TimerEnd"]
+
+
+class _Owner(Protocol):
+    node: Any
+
+    def now_ns(self) -> int: ...
+
+
+class TimerEnd:
+    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter."""
+
+    def __init__(self, name: str, hz: str, running: bool, owner: _Owner, handle: Callable[[], None]) -> None:
+        self.name = name
+        self.handle = handle
+        self.k = 0
+        self.due_ns: int | None = None
+        self._hz = hz
+        self._running = running
+        self._owner = owner
+
+    def _rate_hz(self) -> float:
+        rate = float(getattr(self._owner.node.params, self._hz))
+        if rate <= 0.0:
+            raise ValueError(f"parameter '{self._hz}' is the rate of timer '{self.name}' and must be above 0")
+        return rate
+
+    def _grid_ns(self, k: int) -> int:
+        return round(k * 1e9 / self._rate_hz())
+
+    def begin(self, now_ns: int) -> None:
+        """Start at activation if the declaration says so."""
+        self.due_ns = None
+        if self._running:
+            self._start(now_ns)
+
+    def _start(self, now_ns: int) -> None:
+        self.k = math.floor(now_ns * self._rate_hz() / 1e9)
+        while self._grid_ns(self.k) <= now_ns:
+            self.k += 1
+        self.due_ns = self._grid_ns(self.k)
+
+    def start(self) -> None:
+        """Tick from the next grid instant on; no effect if it already ticks."""
+        if self.due_ns is None:
+            self._start(self._owner.now_ns())
+
+    def stop(self) -> None:
+        """Tick no more."""
+        self.due_ns = None
+
+    def tick(self) -> int:
+        """Move to the next tick and return the number of the one that is due."""
+        k = self.k
+        self.k += 1
+        self.due_ns = self._grid_ns(self.k)
+        return k
+
+    def retime(self, now_ns: int) -> None:
+        """Follow a changed rate."""
+        if self.due_ns is not None:
+            self._start(now_ns)
+
+    def resume(self, k: int | None, due_ns: int | None) -> None:
+        """Continue a predecessor's ticks."""
+        self.k = k or 0
+        self.due_ns = None if k is None else self._grid_ns(k)
+
+
+class AlarmEnd:
+    """A one-shot timer."""
+
+    def __init__(self, name: str, owner: _Owner, handle: Callable[[], None]) -> None:
+        self.name = name
+        self.handle = handle
+        self.due_ns: int | None = None
+        self._owner = owner
+
+    def begin(self, now_ns: int) -> None:
+        """Forget any setting at activation."""
+        self.due_ns = None
+
+    def set(self, due_ns: int) -> None:
+        """Ring once at that time on the node's clock (at once if it is past); replaces an earlier setting."""
+        self.due_ns = max(due_ns, self._owner.now_ns())
+
+    def clear(self) -> None:
+        """Do not ring."""
+        self.due_ns = None
+
+    def tick(self) -> int:
+        """Ring: the alarm is spent."""
+        self.due_ns = None
+        return 0
+
+    def retime(self, now_ns: int) -> None:
+        """Alarms have no rate."""
+
+    def resume(self, k: int | None, due_ns: int | None) -> None:
+        """Continue a predecessor's setting."""
+        self.due_ns = due_ns

@@ -1,0 +1,100 @@
+"""A message on the wire: topic, NUL, a fixed binary header, payload, in one frame.
+
+::
+
+    <topic utf-8> 00 | version u8 | kind u8 | reserved u16 | epoch u32 | sequence u64 | stamp_ns i64 |
+    type_hash u64 <payload>
+
+All little-endian; the header is 32 bytes. The sequence of a topic starts at 1 and grows by 1 with each
+message. The
+epoch counts the restarts of the publishing node (a swap keeps it), so that a restart never reads as repeats.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+from palp_core.errors import SchemaMismatch
+
+__all__ = ["HEADER_BYTES", "VERSION", "Frame", "Kind", "pack", "parse", "topic_of"]
+
+VERSION = 1
+_HEADER = struct.Struct("<BBHIQqQ")
+_SEQUENCE = struct.Struct("<Q")
+HEADER_BYTES = _HEADER.size
+MAX_TOPIC_BYTES = 255
+
+
+class Kind(IntEnum):
+    """What a frame carries."""
+
+    DATA = 0
+    HEARTBEAT = 1  # no payload; sequence is the last one published
+    MOVED = 2  # payload is the new endpoint; sequence is the last one published here
+
+
+class Frame(NamedTuple):
+    """A parsed frame; ``payload`` is a view into the received bytes."""
+
+    topic: str
+    kind: int
+    epoch: int
+    sequence: int
+    stamp_ns: int
+    type_hash: int
+    payload: memoryview
+
+
+def pack(
+    topic: bytes,
+    kind: int,
+    epoch: int,
+    sequence: int,
+    stamp_ns: int,
+    type_hash: int,
+    payload: bytes | memoryview = b"",
+) -> bytes:
+    """Return one frame."""
+    return b"".join(
+        (topic, b"\0", _HEADER.pack(VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash), payload)
+    )
+
+
+def topic_of(frame: bytes) -> bytes:
+    """Return the topic of a frame without parsing the rest."""
+    return frame[: frame.index(0)]
+
+
+def sequence_of(frame: bytes, topic_bytes: int) -> int:
+    """Return the sequence of a frame whose topic has the given length."""
+    sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 9)[0]
+    return sequence
+
+
+def parse(frame: bytes) -> Frame:
+    """Split a frame into its parts.
+
+    Raises:
+        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind.
+    """
+    end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
+    if end < 1:
+        raise SchemaMismatch("not a palp frame: no topic")
+    if len(frame) < end + 1 + HEADER_BYTES:
+        raise SchemaMismatch(f"not a palp frame: {len(frame)} bytes are too few for a header")
+    version, kind, _, epoch, sequence, stamp_ns, type_hash = _HEADER.unpack_from(frame, end + 1)
+    if version != VERSION:
+        raise SchemaMismatch(
+            f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
+        )
+    if kind > Kind.MOVED:
+        raise SchemaMismatch(f"frame of unknown kind {kind}")
+    try:
+        topic = str(frame[:end], "utf-8")
+    except UnicodeDecodeError as error:
+        raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
+    return Frame(
+        topic, kind, epoch, sequence, stamp_ns, type_hash, memoryview(frame)[end + 1 + HEADER_BYTES :]
+    )

@@ -1,0 +1,163 @@
+"""The record of a session on disk, written as it happens: a crash loses one palpation at most.
+
+::
+
+    OUT/trials.csv        one row per palpation of training and estimation
+    OUT/sweeps/000123.npz the torque of row 123 as measured
+    OUT/primitives.json   the memory primitives, once training is over
+
+Rows are appended whole; other files appear under their name only when they are complete.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PalpError
+from palp_core.units import Float64Array
+
+__all__ = ["Record", "Row", "read_rows", "read_sweep"]
+
+OWN_FILES = ("trials.csv", "sweeps", "primitives.json", "result.json", "report.html", "charts")
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One palpation; SI units. ``posterior`` and ``gain`` are empty in training."""
+
+    row: int
+    session: str
+    phase: str
+    phantom: str
+    remount: int
+    trial: int
+    depth_m: float
+    iteration: int
+    ring_m: float
+    true_ring_m: float
+    peak_n_m: float
+    posterior: list[float]
+    gain: list[float]
+    gamma: float | None
+    verdict: str
+    estimate_m: float | None
+    outlier: bool
+    policy: str
+    seed: int
+    start_ns: int
+    end_ns: int
+
+
+class Record:
+    """Writes a session's record.
+
+    Args:
+        out: The folder; made if missing.
+        depths_m: Classes, in the order of posterior and gain.
+    """
+
+    def __init__(self, out: str, depths_m: Sequence[float]) -> None:
+        self.folder = Path(out)
+        labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
+        self._columns = []
+        for name in Row.__struct_fields__:
+            if name in ("posterior", "gain"):
+                self._columns += [f"{name}_{label}" for label in labels]
+            else:
+                self._columns.append(name)
+        self._class_count = len(labels)
+
+    def start(self) -> None:
+        """Make the folder and begin a new table; an earlier record in it is replaced, other files stay.
+
+        Raises:
+            PalpError: The folder cannot be written.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for name in OWN_FILES:
+                path = self.folder / name
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink(missing_ok=True)
+            (self.folder / "sweeps").mkdir()
+            self._append(self._columns)
+        except OSError as error:
+            raise PalpError(
+                f"cannot write the record to '{self.folder}': {error}; choose another out:="
+            ) from error
+
+    def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
+        """Add a palpation: its sweep first, then its row, so that every row has its sweep."""
+        target = self.folder / "sweeps" / f"{row.row:06d}.npz"
+        part = target.with_suffix(".part")
+        with part.open("wb") as file:
+            np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
+        part.rename(target)
+        cells: list[Any] = []
+        for name in Row.__struct_fields__:
+            value = getattr(row, name)
+            if name in ("posterior", "gain"):
+                cells += [*value, *([""] * (self._class_count - len(value)))]
+            elif isinstance(value, bool):
+                cells.append(int(value))
+            else:
+                cells.append("" if value is None else value)
+        self._append(cells)
+
+    def _append(self, cells: Sequence[Any]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        descriptor = os.open(self.folder / "trials.csv", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        try:
+            os.write(descriptor, text.getvalue().encode())  # one write: a row is there whole or not at all
+        finally:
+            os.close(descriptor)
+
+    def primitives(self, content: dict[str, Any]) -> None:
+        """Write the memory primitives."""
+        target = self.folder / "primitives.json"
+        part = target.with_suffix(".part")
+        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        part.rename(target)
+
+
+def read_rows(out: str | Path) -> list[Row]:
+    """Return every whole row of a record; a row cut short by a crash is left out.
+
+    Raises:
+        PalpError: There is no record there.
+    """
+    path = Path(out) / "trials.csv"
+    if not path.exists():
+        raise PalpError(f"no record in '{out}': {path} is missing")
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    if lines and not lines[-1].endswith("\n"):
+        lines.pop()
+    return [_row(cells) for cells in csv.DictReader(lines)]
+
+
+def _row(cells: dict[str, str]) -> Row:
+    plain: dict[str, Any] = {name: text for name, text in cells.items() if name in Row.__struct_fields__}
+    for name in ("posterior", "gain"):
+        plain[name] = [float(text) for key, text in cells.items() if key.startswith(f"{name}_") and text]
+    for name in ("gamma", "estimate_m"):
+        plain[name] = float(plain[name]) if plain[name] else None
+    plain["outlier"] = plain["outlier"] == "1"
+    return msgspec.convert(plain, Row, strict=False)
+
+
+def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
+    """Return torque in N m, shape (n,), and sampling rate in Hz of a row."""
+    with np.load(Path(out) / "sweeps" / f"{row:06d}.npz") as content:
+        return content["torque_n_m"], float(content["rate_hz"])

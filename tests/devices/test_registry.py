@@ -1,0 +1,86 @@
+"""Names of devices, and what the simulated ones promise."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.devices import (
+    EmgSource,
+    RingDevice,
+    StageDevice,
+    TorqueSensor,
+    known_devices,
+    open_device,
+)
+from palp_core.devices.sim.emg import EmgState, SimEmg
+from palp_core.devices.sim.ring import RingState, SimRing
+from palp_core.devices.sim.stage import SimStage, StageState
+from palp_core.devices.sim.torque import SimTorque, TorqueState
+from palp_core.errors import DeviceError
+
+CHAIN = [[0.2] * 5] * 5
+
+
+def test_the_simulated_devices_satisfy_the_protocols() -> None:
+    stage: StageDevice[StageState] = SimStage()
+    ring: RingDevice[RingState] = SimRing()
+    torque: TorqueSensor[TorqueState] = SimTorque()
+    emg: EmgSource[EmgState] = SimEmg(matrix=CHAIN)
+    for device in (stage, ring, torque, emg):
+        device.close()
+    assert emg.rate_hz == 1500.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "expected"),
+    [
+        ("stage", {"sweep_speed_m_per_s": 0.01}, SimStage(sweep_speed_m_per_s=0.01)),
+        ("ring", {"distribution": "normal"}, SimRing(distribution="normal")),
+        ("torque", {}, SimTorque()),
+        ("emg", {"matrix": np.array(CHAIN)}, SimEmg(matrix=CHAIN)),
+    ],
+)
+def test_a_name_stands_for_a_class_and_passes_the_options_on(
+    kind: Any, options: dict[str, Any], expected: object
+) -> None:
+    assert known_devices(kind) == ["sim"]
+    assert open_device(kind, "sim", **options) == expected
+
+
+def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
+    assert open_device("torque", "palp_core.devices.sim.torque:SimTorque") == SimTorque()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "options", "says"),
+    [
+        ("torque", "nano71", {}, "known: sim"),
+        ("gripper", "sim", {}, "known: emg, ring, stage, torque"),
+        ("ring", "sim", {"sped_m_per_s": 1.0}, "its options are speed_m_per_s"),
+        ("emg", "sim", {}, "missing a required argument: 'matrix'"),
+        ("ring", "palp_core.nowhere:Ring", {}, "cannot import"),
+        ("ring", "palp_core.devices.sim.ring:Rong", {}, "cannot import"),
+    ],
+)
+def test_an_unknown_name_or_option_lists_what_there_is(
+    kind: Any, name: str, options: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(DeviceError, match=says):
+        open_device(kind, name, **options)
+
+
+@pytest.mark.parametrize("device", [SimStage(), SimRing(), SimTorque(), SimEmg(matrix=CHAIN)])
+def test_every_parameter_refuses_nan(device: Any) -> None:
+    for field in dataclasses.fields(device):
+        if isinstance(getattr(device, field.name), float):
+            with pytest.raises(DeviceError, match=field.name):
+                dataclasses.replace(device, **{field.name: float("nan")})
+
+
+def test_the_parameters_cannot_change() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SimRing().speed_m_per_s = 0.001  # type: ignore[misc]
