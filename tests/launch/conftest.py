@@ -144,10 +144,15 @@ class Workspace:
 @pytest.fixture
 def workspace(tmp_path: Path) -> Iterator[Workspace]:
     made = Workspace(tmp_path)
+    made.write("msgs/__init__.py", "")
+    made.write("nodes/__init__.py", "")
     made.write("msgs/touch.py", MESSAGES)
     for name, text in NODES.items():
         made.write(f"nodes/{name}.py", text)
-    path, outside = list(sys.path), {n: m for n, m in sys.modules.items() if n.split(".")[0] in ("nodes", "msgs")}
+    path, outside = (
+        list(sys.path),
+        {n: m for n, m in sys.modules.items() if n.split(".")[0] in ("nodes", "msgs")},
+    )
     for name in outside:
         del sys.modules[name]
     yield made

@@ -9,7 +9,7 @@ from pathlib import Path
 from palp_core.launch.checked import CheckedGraph, Reading, TopicInfo, resolved_yaml
 from palp_core.launch.describe import DescribeRequest, NodeDescription, PortDescription
 from palp_core.launch.description import Description, GraphNode, InputEntry, Variant
-from palp_core.launch.problems import GraphProblems, Problems, hint
+from palp_core.launch.problems import GraphProblems, Problems, hint, nearest
 from palp_core.launch.reader import read
 from palp_core.runtime.qos import incompatibility
 from palp_core.runtime.spec import NodeSpec, topic
@@ -88,8 +88,9 @@ def _check_class(reader: _Candidate, candidates: _Candidates, problems: Problems
         problems.add(variant.run.mark, f"node '{entry.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
-        place = variant.params[name].mark if name in variant.params else variant.run.mark
-        problems.add(place, f"{reader}: {error}")
+        if name in variant.params or entry.complete:
+            place = variant.params[name].mark if name in variant.params else variant.run.mark
+            problems.add(place, f"{reader}: {error}")
     readable = reader.ports("sub", "client")
     for name, wire in variant.inputs.items():
         if name in readable:
@@ -99,8 +100,9 @@ def _check_class(reader: _Candidate, candidates: _Candidates, problems: Problems
             problems.add(wire.mark, f"{reader}: '{name}' is its {noun}, not an input; remove it from inputs")
         else:
             problems.add(wire.mark, f"{reader} has no input '{name}'{hint(name, readable)}")
+    meant = {nearest(name, readable) for name in variant.inputs if name not in reader.declared.ports}
     for name, port in readable.items():
-        if name not in variant.inputs and not port.optional and entry.complete:
+        if name not in variant.inputs and name not in meant and not port.optional and entry.complete:
             message = f"{reader}: {_PLACES[port.kind]} '{name}' is not wired"
             problems.add(entry.mark, f"{message}; add {name}: {_source(port, candidates)} under inputs")
 
@@ -122,9 +124,9 @@ def _check_wire(
     reader: _Candidate, port: PortDescription, wire: InputEntry, candidates: _Candidates, problems: Problems
 ) -> None:
     if wire.node not in candidates:
-        problems.add(
-            wire.source_mark, f"{reader}: there is no node '{wire.node}'{hint(wire.node, candidates)}"
-        )
+        what = f"node '{reader.entry.name}': input '{port.name}'"
+        message = f"{what} comes from a node '{wire.node}' that is not there{hint(wire.node, candidates)}"
+        problems.add(wire.source_mark, message)
         return
     kind = "pub" if port.kind == "sub" else "srv"
     for source in candidates[wire.node]:

@@ -132,7 +132,8 @@ class Conductor:
             for index in rounds:
                 published += self._take(index, replies[index])
         names = ", ".join(sorted({self._crew.names[index] for index in active}))
-        topics = ", ".join(sorted({str(topic_of(frame), "utf-8") for frame in published})) or "alarms"
+        read = {topic_of(frame) for frame in published} & self._readers.keys()
+        topics = ", ".join(sorted(str(topic, "utf-8") for topic in read)) or "alarms"
         raise GraphError(
             f"at {now_ns / 1e9:.3f} s the graph did not come to rest within {MAX_ROUNDS} rounds: "
             f"{names} keep answering each other over {topics}; break the cycle with a timer"

@@ -21,6 +21,7 @@ import msgspec
 
 from palp_core.launch.describe_params import ParamDescription, describe_params, param_errors
 from palp_core.launch.problems import hint, nearest
+from palp_core.runtime.birth import enter_workspace, load_module
 from palp_core.runtime.message import Message, json_schema, ros_text, schema_of
 from palp_core.runtime.node import Node, declaration_of
 from palp_core.runtime.ports import Client, Port, Pub, Srv, Sub
@@ -97,10 +98,7 @@ def describe(requests: Sequence[DescribeRequest], workspace: Path) -> list[NodeD
 
     What modules print while they are imported goes to standard error.
     """
-    folder = str(workspace)
-    if sys.path[:1] != [folder]:
-        sys.path[:] = [folder, *(entry for entry in sys.path if entry != folder)]
-        importlib.invalidate_caches()
+    enter_workspace(str(workspace))
     with contextlib.redirect_stdout(sys.stderr):
         return [_describe(request, workspace) for request in requests]
 
@@ -163,31 +161,28 @@ def _type(message: type[Message]) -> TypeDescription:
 
 def _module(name: str, workspace: Path) -> ModuleType:
     if name.endswith(".py"):
-        return _module_at(workspace / name)
+        return _module_at(workspace / name, workspace)
     try:
-        return importlib.import_module(name)
+        module = importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if name != missing and not name.startswith(f"{missing}."):
             raise
         raise _Refusal(f"no module '{name}' in {workspace}{_near_module(name, workspace)}") from error
+    wanted = workspace.joinpath(*name.split(".")).with_suffix(".py")
+    if wanted.is_file() and module.__file__ is not None and not wanted.samefile(module.__file__):
+        package = name.partition(".")[0]
+        message = f"'{name}' was imported from {module.__file__}, not from the workspace"
+        raise _Refusal(f"{message}; add an empty {package}/__init__.py to the workspace")
+    return module
 
 
-def _module_at(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if not path.is_file() or spec is None or spec.loader is None:
+def _module_at(path: Path, workspace: Path) -> ModuleType:
+    if not path.is_file():
         others = [other.name for other in path.parent.glob("*.py")]
         match = nearest(path.name, others)
         raise _Refusal(f"no file {path}" + (f"; did you mean '{match}'?" if match else "; check the path"))
-    module = importlib.util.module_from_spec(spec)
-    before = sys.modules.get(path.stem)
-    sys.modules[path.stem] = module
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        if before is not None:
-            sys.modules[path.stem] = before
-    return module
+    return load_module(str(path), str(workspace))
 
 
 def _near_module(name: str, workspace: Path) -> str:
@@ -212,9 +207,8 @@ def _class(module: ModuleType, module_name: str, name: str) -> type[Node]:
         if isinstance(value, type) and issubclass(value, Node) and value is not Node
     ]
     if found is not None:
-        raise _Refusal(
-            f"'{name}' in {module_name} is not a node; derive it from palp_core.Node{hint(name, classes)}"
-        )
+        nodes = f" (nodes there: {', '.join(classes)})" if classes else ""
+        raise _Refusal(f"'{name}' in {module_name} is not a node; derive it from palp_core.Node{nodes}")
     raise _Refusal(f"no class '{name}' in {module_name}{hint(name, classes)}")
 
 

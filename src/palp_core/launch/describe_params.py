@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.launch.problems import hint
+from palp_core.launch.problems import hint, nearest
 from palp_core.runtime.executor import load_params
 from palp_core.runtime.node import Params
 
@@ -98,8 +98,9 @@ def param_errors(cls: type[Params], given: Mapping[str, Any]) -> dict[str, str]:
             msgspec.convert(value, kinds[name])
         except msgspec.ValidationError as error:
             errors[name] = f"parameter '{name}' does not fit: {error}; {_wanted(declared[name], value)}"
+    meant = {nearest(name, declared) for name in errors if name not in declared}
     for name, param in declared.items():
-        if param.required and name not in given:
+        if param.required and name not in given and name not in meant:
             errors[name] = f"parameter '{name}' has no default; give it under params ({param.type})"
     if not errors:
         try:

@@ -9,8 +9,7 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import sys
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -26,8 +25,9 @@ from palp_core.launch.fork_client import ForkServer
 from palp_core.launch.interrupt import Interrupt
 from palp_core.launch.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
 from palp_core.launch.supervisor import Supervisor
-from palp_core.runtime.birth import endpoints
+from palp_core.runtime.birth import endpoints, load_module
 from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.zmq_bus import Broadcast
 
 __all__ = ["Graph", "RunSummary", "check_file"]
 
@@ -41,6 +41,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep.
+        report: What the launch file's report function says in words; "" if there is none.
     """
 
     graph: str
@@ -54,6 +55,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     clock_s: float
     wall_s: float
     activation_count: int
+    report: str = ""
 
 
 def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
@@ -137,8 +139,12 @@ class Graph:
             self.directory.remove()
 
     def _composed(self, stack: contextlib.ExitStack) -> Composition:
-        from palp_core.runtime.zmq_bus import Broadcast
-
+        handler = logging.FileHandler(self.directory.log("composition"))
+        handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
+        logger = logging.getLogger("palp")
+        logger.addHandler(handler)
+        stack.callback(handler.close)
+        stack.callback(logger.removeHandler, handler)
         broadcast = Broadcast(*endpoints(str(self.directory.path), "composition"))
         stack.callback(broadcast.close)
         return Composition(self.checked.nodes, self.checked.workspace, broadcast)
@@ -201,7 +207,8 @@ class Graph:
             activation_count=activations,
         )
         if exit_code == 0 and checked.report and until_s is None:
-            report_function(checked.report, checked.workspace)(self.summary)
+            said = report_function(checked.report, checked.workspace)(self.summary)
+            self.summary = msgspec.structs.replace(self.summary, report=said)
         return self.summary
 
     def _run_lockstep(self, until_ns: int | None) -> tuple[int, float, int]:
@@ -232,12 +239,10 @@ def _ignore(_now_ns: int, _frame: bytes) -> None:
     """Observe nothing."""
 
 
-def report_function(target: str, workspace: str) -> Callable[[RunSummary], None]:
+def report_function(target: str, workspace: str) -> Callable[[RunSummary], str]:
     """Import the launch file's report function."""
     module_name, _, name = target.partition(":")
-    if workspace not in sys.path:
-        sys.path.insert(0, workspace)
-    function: Callable[[RunSummary], None] = getattr(importlib.import_module(module_name), name)
+    function: Callable[[RunSummary], str] = getattr(load_module(module_name, workspace), name)
     return function
 
 

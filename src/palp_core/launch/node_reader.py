@@ -44,10 +44,11 @@ class NodeReader:
         self._arguments = arguments
         self._workspace = workspace
         self._problems = problems
+        self._hidden = False
 
     def read(self, name: str, entry: Entry) -> GraphNode:
         """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
-        before = len(self._problems)
+        before, self._hidden = len(self._problems), False
         if NAME.fullmatch(name) is None:
             self._problems.add(entry.mark, f"'{name}' cannot be a node's name; use letters, digits and _")
         if not isinstance(entry.value, Mapping):
@@ -62,7 +63,7 @@ class NodeReader:
         shutdown = "on_exit" in fields and self._word(
             fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
         )
-        complete = len(self._problems) == before
+        complete = len(self._problems) == before and not self._hidden
         return GraphNode(name, entry.mark, variants, present, restart, bool(shutdown), complete)
 
     def _variants(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[Variant, ...], Variant | None]:
@@ -104,7 +105,7 @@ class NodeReader:
                 f"{what} has no key '{wrong}'; did you mean 'select'?" if wrong else message,
             )
             return None
-        text = evaluate(tree, self._scope, self._problems)
+        text = self._evaluate(tree)
         if text is UNKNOWN:
             return None
         found = _RUN.fullmatch(text) if isinstance(text, str) else None
@@ -131,7 +132,7 @@ class NodeReader:
             return {}
         found = {}
         for name, entry in tree.items.items():
-            value = evaluate(entry.value, self._scope, self._problems)
+            value = self._evaluate(entry.value)
             if value is not UNKNOWN:
                 found[name] = Located(value, entry.mark)
         return found
@@ -157,7 +158,7 @@ class NodeReader:
                     )
                 return None
             source = fields["from"].value
-        text = evaluate(source, self._scope, self._problems)
+        text = self._evaluate(source)
         if text is UNKNOWN:
             return None
         parts = text.split("/") if isinstance(text, str) else []
@@ -191,6 +192,12 @@ class NodeReader:
         if "backoff_s" in fields:
             backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0) or 0.0
         return Restart(when or "never", limit, backoff)
+
+    def _evaluate(self, tree: Tree) -> Any:
+        """Return plain values; what an earlier mistake hides leaves the node incomplete."""
+        value = evaluate(tree, self._scope, self._problems)
+        self._hidden = self._hidden or value is UNKNOWN
+        return value
 
     def _word(self, tree: Tree, what: str, words: tuple[str, ...]) -> str | None:
         return read_word(tree, what, words, self._scope, self._problems)

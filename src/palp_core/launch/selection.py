@@ -81,8 +81,9 @@ def read_selection(
         return None
     value = scope.values[variable]
     present = None if value is UNKNOWN else branch_name(value)
-    names = [branch_name(choice) for choice in arguments[variable].choices]
-    required = names or ([present] if present is not None else [])
+    sound = arguments[variable].sound
+    names = [branch_name(choice) for choice in arguments[variable].choices] if sound else []
+    required = names or ([present] if present is not None and sound else [])
     missing = [name for name in required if name not in branches]
     spare = [name for name in branches if name not in names] if names else []
     for name in spare:

@@ -177,9 +177,9 @@ def read_tree(path: Path, problems: Problems) -> Tree:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        message = f"not valid YAML: {error.problem or error}" + (
-            f", {error.context}" if error.context else ""
-        )
+        message = f"not valid YAML: {error.problem or error}"
+        if error.context and error.context_mark:
+            message += f", {error.context} (line {error.context_mark.line + 1})"
         raise GraphProblems(
             [Problem(file, line, column, message + "; check indentation, quotes, colons")]
         ) from error

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any, Generic, TypeVar
 
+from palp_core.errors import NodeError
 from palp_core.runtime.builtin import Order
 from palp_core.runtime.clock import SimClock
 from palp_core.runtime.executor import Executor
@@ -24,6 +25,8 @@ from palp_core.runtime.spec import NodeSpec, topic
 from palp_core.runtime.wire import Kind, pack, parse
 
 __all__ = ["Bench"]
+
+MAX_ROUNDS = 1000
 
 N = TypeVar("N", bound=Node)
 M = TypeVar("M", bound=Message)
@@ -110,12 +113,18 @@ class Bench(Generic[N]):
         """Move time on to an absolute time."""
         while (due_ns := self.executor.next_due_ns()) is not None and due_ns <= end_ns:
             self.clock.set(max(due_ns, self.clock.now_ns()))
-            self.executor.run_timers()
+            self._ring_due()
         self.clock.set(end_ns)
 
     def _ring_due(self) -> None:
-        while (due_ns := self.executor.next_due_ns()) is not None and due_ns <= self.clock.now_ns():
+        for _ in range(MAX_ROUNDS):
+            due_ns = self.executor.next_due_ns()
+            if due_ns is None or due_ns > self.clock.now_ns():
+                return
             self.executor.run_timers()
+        raise NodeError(
+            self.executor.name, f"alarms rang {MAX_ROUNDS} times at one instant; set them later than now"
+        )
 
     def sent(self, port: Pub[M]) -> list[M]:
         """Return every message that an output has published."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import msgspec
 
@@ -13,7 +15,7 @@ from palp_core.errors import GraphError
 from palp_core.runtime.node import Node
 from palp_core.runtime.spec import NodeSpec
 
-__all__ = ["NodeProcess", "endpoints", "load_class"]
+__all__ = ["NodeProcess", "endpoints", "enter_workspace", "load_class", "load_module"]
 
 
 class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,26 +32,42 @@ def endpoints(run_dir: str, name: str) -> tuple[str, str]:
     return f"ipc://{run_dir}/{name}.pub", f"ipc://{run_dir}/{name}.srv"
 
 
+def enter_workspace(workspace: str) -> None:
+    """Put a workspace first on the module path; a console script has neither it nor ``nodes`` there."""
+    if sys.path[:1] != [workspace]:
+        sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
+        importlib.invalidate_caches()
+
+
+def load_module(name: str, workspace: str) -> ModuleType:
+    """Import a module by its name, or a file by its path (relative ones count from the workspace).
+
+    Raises:
+        GraphError: There is no such file. Whatever else importing raises passes through.
+    """
+    enter_workspace(workspace)
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    path = Path(workspace, name).resolve()
+    # A name of its own: a file called random.py must not take the place of a module of that name.
+    own_name = f"{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
+    spec = importlib.util.spec_from_file_location(own_name, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise GraphError(f"no file {path}; check the path")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[own_name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
 def load_class(run: str, workspace: str) -> type[Node]:
-    """Import ``module:Class`` or ``path.py:Class`` with the workspace first on the path.
+    """Import the node class of ``module:Class`` or ``path.py:Class``.
 
     Raises:
         GraphError: No such class, or it is not a node.
     """
     module_name, _, class_name = run.rpartition(":")
-    if workspace and workspace not in sys.path:
-        sys.path.insert(0, workspace)
-    if module_name.endswith(".py"):
-        path = Path(workspace, module_name) if not Path(module_name).is_absolute() else Path(module_name)
-        spec = importlib.util.spec_from_file_location(path.stem, path)
-        if spec is None or spec.loader is None or not path.exists():
-            raise GraphError(f"{path}: no such file; needed for '{run}'")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[path.stem] = module
-        spec.loader.exec_module(module)
-    else:
-        module = importlib.import_module(module_name)
-    loaded = getattr(module, class_name, None)
+    loaded = getattr(load_module(module_name, workspace), class_name, None)
     if not (isinstance(loaded, type) and issubclass(loaded, Node)):
         raise GraphError(f"{module_name} has no node class '{class_name}'")
     return loaded

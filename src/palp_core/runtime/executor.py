@@ -6,8 +6,11 @@ the same code runs a node in its own process, in composition and on a test bench
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import logging
+import math
+import operator
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -78,6 +81,8 @@ class Executor:
         self.name = spec.name
         self.lifecycle = Lifecycle.UNCONFIGURED
         self.exit_code: int | None = None
+        self.epoch = spec.epoch
+        self.publishing = False
         self.log = logging.getLogger(f"palp.{spec.name}")
         self.inbox: deque[bytes] = deque()
         self.rejected_count = 0
@@ -87,7 +92,7 @@ class Executor:
         name_words = np.frombuffer(hashlib.blake2b(spec.name.encode(), digest_size=16).digest(), dtype="<u4")
         self.rng = np.random.default_rng([spec.seed, *name_words.tolist()])
         self.node = node_class(self)
-        self.node.params = load_params(self._declaration.params, spec.params, spec.name)
+        self.node.params = self._load(spec.params)
         self.node.state = self._declaration.state()
         self.outlets: dict[str, Outlet[Any]] = {}
         self._inputs: dict[str, list[_Input]] = {}
@@ -101,6 +106,16 @@ class Executor:
             + [f"timer:{name}" for name in self._timers]
             + ["parameters"]
         )
+
+    def _load(self, values: Mapping[str, Any]) -> Params:
+        params = load_params(self._declaration.params, values, self.name)
+        for name, timer in self._declaration.timers.items():
+            rate_hz = getattr(params, timer.hz)
+            if not 0.0 < rate_hz < math.inf:
+                raise GraphError(
+                    f"{self.name}: parameters: '{timer.hz}' is the rate of '{name}': above 0, not {rate_hz:g}"
+                )
+        return params
 
     def _bind(self, send: Callable[[bytes], None]) -> None:
         declared, ends = self._declaration, self.node.__dict__
@@ -128,12 +143,8 @@ class Executor:
             for client_topic in self.spec.requests.get(name, []):
                 reply = outlet(topic(self.name, name) + client_topic, service.reply, 10)
 
-                def answer(
-                    request: Any, handle: Callable[[Any], Any] = handlers[name], reply: Outlet[Any] = reply
-                ) -> None:
-                    reply.publish(handle(request))
-
-                wire(client_topic, f"call:{name}{client_topic}", service.request, answer)
+                answer = _answer(declared.handlers[name], reply)
+                wire(client_topic, f"call:{name}{client_topic}", service.request, self._guard(name, answer))
         for name in declared.handlers:
             if name in declared.timers:
                 timer = declared.timers[name]
@@ -166,6 +177,8 @@ class Executor:
                 hook()
             except Exception:
                 self.log.exception("a hook failed while the node was failing")
+        self._publish_order(self._order.flush(self._now_ns))
+        self.publishing = False
 
     # Context of the node
 
@@ -175,7 +188,7 @@ class Executor:
 
     def finish(self, exit_code: int) -> None:
         """Note that the node's work is done."""
-        self.exit_code = exit_code
+        self.exit_code = operator.index(exit_code)
 
     # Lifecycle
 
@@ -191,6 +204,7 @@ class Executor:
         target = successor(self.lifecycle, transition)
         self._now_ns = self._clock.now_ns()
         if transition is Transition.ACTIVATE:
+            self.publishing = True
             for end in self._timers.values():
                 end.begin(self._now_ns)
             self._put_state()
@@ -199,6 +213,7 @@ class Executor:
         self._hook(f"on_{transition.value}")
         if transition in (Transition.DEACTIVATE, Transition.SHUTDOWN):
             self._publish_order(self._order.flush(self._now_ns))
+            self.publishing = False
         self.lifecycle = target
 
     def _hook(self, name: str) -> None:
@@ -281,7 +296,7 @@ class Executor:
             GraphError: A change does not fit; nothing is changed.
         """
         merged = {**msgspec.to_builtins(self.node.params), **changes}
-        self.node.params = load_params(self._declaration.params, merged, self.name)
+        self.node.params = self._load(merged)
         self._now_ns = self._clock.now_ns()
         for end in self._timers.values():
             end.retime(self._now_ns)
@@ -306,12 +321,19 @@ class Executor:
             self._publish_order(self._order.flush(self._now_ns))
 
     def _put_state(self) -> None:
-        state = self.node.state
-        self._publish_order(self._order.put_state(type(state).version, encode_any(state), self._now_ns))
+        version = type(self.node.state).version
+        self._publish_order(self._order.put_state(version, self._state_bytes(), self._now_ns))
+
+    def _state_bytes(self) -> bytes:
+        try:
+            return encode_any(self.node.state)
+        except (SchemaMismatch, TypeError, ValueError, OverflowError) as error:
+            self._fail(error)
+            raise NodeError(self.name, f"its state cannot be written down: {error}") from error
 
     def _publish_order(self, batch: Order | None) -> None:
         if batch is not None:
-            self._order_outlet.publish(batch)
+            self._order_outlet.put(batch)
 
     def hand_over(self) -> HandOver:
         """Return everything a successor needs, at a handler boundary."""
@@ -321,16 +343,14 @@ class Executor:
         return HandOver(
             node_class=_class_name(self.node),
             state_version=type(state).version,
-            state=encode_any(state),
-            epoch=self.spec.epoch,
+            state=self._state_bytes(),
+            epoch=self.epoch,
             now_ns=self._now_ns,
             inbox=list(self.inbox),
             consumed={name: msgspec.structs.replace(c) for name, c in self.counters.items()},
             published={name: o.sequence for name, o in every.items()},
             history={name: list(o.history) for name, o in self.outlets.items()},
-            timers={
-                n: e.k for n, e in self._timers.items() if isinstance(e, TimerEnd) and e.due_ns is not None
-            },
+            timers={n: (e.k, e.due_ns) for n, e in self._timers.items() if isinstance(e, TimerEnd)},
             alarms={
                 n: e.due_ns
                 for n, e in self._timers.items()
@@ -353,13 +373,18 @@ class Executor:
         self.node.state = adopt_state(self._declaration.state, _class_name(self.node), hand_over)
         self._now_ns = hand_over.now_ns
         self.rng = rng_from_text(hand_over.rng)
+        self.epoch = hand_over.epoch
+        self.publishing = True
         for name, end in self._timers.items():
-            end.resume(hand_over.timers.get(name), hand_over.alarms.get(name))
+            if isinstance(end, TimerEnd):
+                end.resume(hand_over.timers.get(name), self._now_ns)
+            else:
+                end.resume(hand_over.alarms.get(name))
         for name, counter in hand_over.consumed.items():
             for wired in self._inputs.get(name, []):
                 wired.counter = msgspec.structs.replace(counter)
         for name, out in {**self.outlets, self._order_outlet.topic: self._order_outlet}.items():
-            out.resume(hand_over.published.get(name, 0), hand_over.history.get(name, []))
+            out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
         self.inbox.extend(hand_over.inbox)
         self.lifecycle = target
         self._put_state()
@@ -368,6 +393,14 @@ class Executor:
         """Consume what waits in the inbox."""
         while self.inbox and self.lifecycle is Lifecycle.ACTIVE:
             self.consume(self.inbox.popleft())
+
+
+def _answer(handler: Callable[..., Any], reply: Outlet[Any]) -> Callable[..., None]:
+    @functools.wraps(handler)
+    def answer(node: Node, request: Message) -> None:
+        reply.publish(handler(node, request))
+
+    return answer
 
 
 def _class_name(node: Node) -> str:

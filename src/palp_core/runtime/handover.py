@@ -30,7 +30,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
         consumed: Account of every input topic.
         published: Last sequence of every output topic.
         history: Last frames of every output topic, as many as its depth.
-        timers: Next tick number per running periodic timer.
+        timers: Next tick number per periodic timer, and when it is due in ns (None: stopped).
         alarms: Due time per set alarm, in ns.
         rng: State of the random generator.
     """
@@ -45,7 +45,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     consumed: dict[str, EdgeCounter]
     published: dict[str, int]
     history: dict[str, list[bytes]]
-    timers: dict[str, int]
+    timers: dict[str, tuple[int, int | None]]
     alarms: dict[str, int]
     rng: str
 
@@ -81,7 +81,7 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
     """
     same_class = hand_over.node_class == node_class
     if same_class and hand_over.state_version == state_class.version:
-        return decode_any(state_class, hand_over.state)
+        return decode_any(state_class, hand_over.state, writable=True)
     hook = getattr(state_class, "migrate" if same_class else "adopt", None)
     if hook is None:
         needed = f"migrate (from version {hand_over.state_version})" if same_class else "adopt"
@@ -92,4 +92,4 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
     state = hook(Predecessor(hand_over.node_class, hand_over.state_version, values))
     if not isinstance(state, state_class):
         raise SchemaMismatch(f"{state_class.__name__}.{hook.__name__} returned {type(state).__name__}")
-    return decode_any(state_class, encode_any(state))
+    return decode_any(state_class, encode_any(state), writable=True)

@@ -51,16 +51,18 @@ class Message(msgspec.Struct, metaclass=_MessageMeta):
     """
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and encode_any(self) == encode_any(other)
+        return type(other) is type(self) and encode(self) == encode(other)
 
     def __hash__(self) -> int:
-        return hash(encode_any(self))
+        return hash(encode(self))
 
 
 def _to_wire(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         if value.ndim != 1:
             raise SchemaMismatch(f"an array of shape {value.shape} cannot travel: arrays are one-dimensional")
+        if value.dtype != FLOAT64 and not np.can_cast(value.dtype, FLOAT64, "safe"):
+            raise SchemaMismatch(f"an array of {value.dtype} cannot travel: arrays are float64")
         return np.ascontiguousarray(value, dtype=FLOAT64).data
     if isinstance(value, np.generic):
         return value.item()
@@ -77,6 +79,10 @@ def _from_wire(expected: Any, value: Any) -> Any:
     raise SchemaMismatch(f"no rule to decode {expected}")
 
 
+def _from_wire_writable(expected: Any, value: Any) -> Any:
+    return _from_wire(expected, value).copy()
+
+
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_to_wire)
 
 
@@ -86,33 +92,34 @@ def encode_any(value: Any) -> bytes:
 
 
 def encode(message: Message) -> bytes:
-    """Return the message as a plain msgpack map.
+    """Return the message as a plain msgpack map; an int in a float field travels as the float it stands for.
 
     Raises:
         SchemaMismatch: A field holds what cannot travel.
     """
-    return _ENCODER.encode(message)
+    return _ENCODER.encode(schema_of(type(message)).canonical(message))
 
 
 _DECODERS: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
 
 
-def _decoder(cls: type[T]) -> msgspec.msgpack.Decoder[T]:
-    decoder = _DECODERS.get(cls)
+def _decoder(cls: type[T], writable: bool) -> msgspec.msgpack.Decoder[T]:
+    decoder = _DECODERS.get((cls, writable))
     if decoder is None:
-        decoder = _DECODERS[cls] = msgspec.msgpack.Decoder(cls, dec_hook=_from_wire)
+        hook = _from_wire_writable if writable else _from_wire
+        decoder = _DECODERS[cls, writable] = msgspec.msgpack.Decoder(cls, dec_hook=hook)
     return decoder
 
 
-def decode_any(cls: type[T], data: bytes | memoryview) -> T:
-    """Decode bytes into any msgspec type, with arrays as numpy arrays.
+def decode_any(cls: type[T], data: bytes | memoryview, *, writable: bool = False) -> T:
+    """Decode bytes into any msgspec type, with arrays as numpy arrays, read-only unless ``writable``.
 
     Raises:
         SchemaMismatch: The bytes are not such a value.
     """
     try:
-        return _decoder(cls).decode(data)
-    except (msgspec.DecodeError, RecursionError) as error:
+        return _decoder(cls, writable).decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SchemaMismatch(f"not a {cls.__name__}: {error}") from error
 
 
@@ -134,12 +141,16 @@ def decode(cls: type[M], data: bytes | memoryview) -> M:
 
 
 class Field(msgspec.Struct, frozen=True):
-    """One field: name, type as ROS writes it (``float64[]``), unit, and the nested message if it is one."""
+    """One field: name, type as ROS writes it (``float64[]``), unit, and the nested message if it is one.
+
+    ``packed`` tells a numpy array (msgpack bin) from a list of float (msgpack array).
+    """
 
     name: str
     type: str
     unit: str = ""
     nested: Schema | None = None
+    packed: bool = False
 
 
 class Schema(msgspec.Struct, frozen=True, eq=False):
@@ -150,6 +161,7 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
     fields: tuple[Field, ...]
     type_hash: int
     check: Callable[[Any], None] | None
+    canonical: Callable[[Any], Any]
 
 
 _SCALARS: dict[type, str] = {
@@ -174,12 +186,12 @@ def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> tuple[Field, tu
             unit = (kind.extra_json_schema or {}).get("x-unit", "")
             kind = kind.type
     if isinstance(kind, msgspec.inspect.CustomType) and kind.cls is np.ndarray and not suffix:
-        return Field(name, "float64[]", unit), bounds
+        return Field(name, "float64[]", unit, packed=True), bounds
     if isinstance(kind, msgspec.inspect.StructType) and issubclass(kind.cls, Message):
         nested = schema_of(kind.cls)
         return Field(name, nested.name + suffix, unit, nested), None
     text = _SCALARS.get(type(kind))
-    if text is None:
+    if text is None or (suffix and text.endswith("[]")):
         raise SchemaMismatch(
             f"{owner}.{name}: {type(kind).__name__} cannot be a message field; "
             "use bool, int, float, str, bytes, a unit alias, a message, or a list of those"
@@ -204,7 +216,32 @@ def _check(
     return check
 
 
-_SCHEMAS: dict[Any, Schema] = {}
+def _canonical(fields: list[Field]) -> Callable[[Any], Any]:
+    """Return a function that makes float of every int in a float field, equal values are then equal bytes."""
+    floats = [f.name for f in fields if f.type == "float64"]
+    lists = [f.name for f in fields if f.type == "float64[]" and not f.packed]
+    nested = [(f.name, f.nested.canonical) for f in fields if f.nested is not None]
+
+    def number(value: Any) -> Any:
+        return float(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value
+
+    def canonical(message: Any) -> Any:
+        changes = {}
+        for name in floats:
+            value = getattr(message, name)
+            if type(value) is not float:
+                changes[name] = number(value)
+        for name in lists:
+            changes[name] = [number(value) for value in getattr(message, name)]
+        for name, inner in nested:
+            value = getattr(message, name)
+            changes[name] = [inner(item) for item in value] if isinstance(value, list) else inner(value)
+        return msgspec.structs.replace(message, **changes) if changes else message
+
+    return canonical
+
+
+_SCHEMAS: dict[Any, Schema | None] = {}
 
 
 def schema_of(cls: type[Message]) -> Schema:
@@ -215,7 +252,14 @@ def schema_of(cls: type[Message]) -> Schema:
     """
     schema = _SCHEMAS.get(cls)
     if schema is None:
-        schema = _SCHEMAS[cls] = _make_schema(cls)
+        if cls in _SCHEMAS:
+            raise SchemaMismatch(f"{cls.__name__} contains itself; a message cannot be recursive")
+        _SCHEMAS[cls] = None
+        try:
+            schema = _SCHEMAS[cls] = _make_schema(cls)
+        finally:
+            if schema is None:
+                del _SCHEMAS[cls]
     return schema
 
 
@@ -230,7 +274,8 @@ def _make_schema(cls: type[Message]) -> Schema:
             bounded[field.name] = bounds
     nested = {f.name: f.nested for f in fields if f.nested is not None and f.nested.check is not None}
     canonical = f"{cls.__name__}(" + ",".join(
-        f"{f.name}:{f.type}:{f.unit}:{f.nested.type_hash if f.nested else ''}" for f in fields
+        f"{f.name}:{'bin ' * f.packed}{f.type}:{f.unit}:{f.nested.type_hash if f.nested else ''}"
+        for f in fields
     )
     digest = hashlib.blake2b(canonical.encode(), digest_size=8).digest()
     return Schema(
@@ -239,6 +284,7 @@ def _make_schema(cls: type[Message]) -> Schema:
         fields=tuple(fields),
         type_hash=int.from_bytes(digest, "little"),
         check=_check(cls, bounded, nested) if bounded or nested else None,
+        canonical=_canonical(fields),
     )
 
 
@@ -260,13 +306,11 @@ def json_schema(schema: Schema) -> dict[str, Any]:
             entry = json_schema(field.nested)
         elif field.type in _JSON:
             entry = dict(_JSON[field.type])
-        elif base == "float64" and field.type.endswith("[]"):
+        elif field.packed:
             entry = {"type": "string", "contentEncoding": "base64", "x-dtype": "<f8"}
         else:
             entry = dict(_JSON[base])
-        is_list = field.type.endswith("[]") and (
-            field.nested is not None or base in ("int64", "string", "bool")
-        )
+        is_list = field.type.endswith("[]") and field.type not in _JSON and not field.packed
         if field.unit:
             entry["x-unit"] = field.unit
         properties[field.name] = {"type": "array", "items": entry} if is_list else entry

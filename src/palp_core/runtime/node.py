@@ -37,7 +37,7 @@ class Params(msgspec.Struct, metaclass=_ParamsMeta):
 @dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class _StateMeta(msgspec.StructMeta):
     def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _StateMeta:
-        return super().__new__(mcls, name, bases, namespace, kw_only=True)
+        return super().__new__(mcls, name, bases, namespace, kw_only=True, forbid_unknown_fields=True)
 
 
 class State(msgspec.Struct, metaclass=_StateMeta):
@@ -171,12 +171,12 @@ def _declare(cls: type[Node]) -> Declaration:
     ports = {name: value for name, value in members.items() if isinstance(value, Port)}
     handlers: dict[str, Callable[..., Any]] = {}
     for name, value in members.items():
-        port = getattr(value, HANDLES, None)
+        port: Port | None = getattr(value, HANDLES, None)
         if port is None:
             continue
         if isinstance(port, Timer) and port.name not in ports:
             ports[port.name] = port
-        if port.name not in ports:
+        if ports.get(port.name) is not port:
             raise GraphError(f"{where}.{name} handles a port that is not declared on this class")
         if port.name in handlers:
             raise GraphError(f"{where}: port '{port.name}' has two handlers")

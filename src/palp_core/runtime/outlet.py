@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
+from palp_core.errors import LifecycleError
 from palp_core.runtime.message import Message, encode, schema_of
 from palp_core.runtime.wire import Kind, pack
 
@@ -14,7 +15,9 @@ __all__ = ["Outlet"]
 M = TypeVar("M", bound=Message)
 
 
-class _Stamping(Protocol):
+class _Owner(Protocol):
+    publishing: bool
+
     def now_ns(self) -> int: ...
 
 
@@ -32,7 +35,7 @@ class Outlet(Generic[M]):
         message: type[M],
         depth: int,
         epoch: int,
-        clock: _Stamping,
+        owner: _Owner,
         send: Callable[[bytes], None],
     ) -> None:
         self.topic = topic
@@ -42,17 +45,29 @@ class Outlet(Generic[M]):
         self.history: deque[bytes] = deque(maxlen=depth)
         self._bytes = topic.encode()
         self._type_hash = schema_of(message).type_hash
-        self._clock = clock
+        self._owner = owner
         self._send = send
 
     def publish(self, message: M) -> None:
-        """Send a message to every reader; its stamp is the node's time."""
+        """Send a message to every reader; its stamp is the node's time.
+
+        Raises:
+            LifecycleError: The node is not active, so that no reader could rely on it.
+        """
+        if not self._owner.publishing:
+            raise LifecycleError(
+                f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
+            )
+        self.put(message)
+
+    def put(self, message: M) -> None:
+        """Send a message whatever the node's state is."""
         if type(message) is not self.message:
             raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
         payload = encode(message)
         self.sequence += 1
         frame = pack(
-            self._bytes, Kind.DATA, self.epoch, self.sequence, self._clock.now_ns(), self._type_hash, payload
+            self._bytes, Kind.DATA, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash, payload
         )
         self.history.append(frame)
         self._send(frame)
@@ -64,10 +79,11 @@ class Outlet(Generic[M]):
     def heartbeat(self) -> bytes:
         """Return the frame that states the last sequence."""
         return pack(
-            self._bytes, Kind.HEARTBEAT, self.epoch, self.sequence, self._clock.now_ns(), self._type_hash
+            self._bytes, Kind.HEARTBEAT, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash
         )
 
-    def resume(self, sequence: int, history: list[bytes]) -> None:
-        """Continue a predecessor's sequence."""
-        self.sequence = sequence
+    def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
+        """Continue a predecessor's epoch and sequence."""
+        self.epoch, self.sequence = epoch, sequence
+        self.history.clear()
         self.history.extend(history)

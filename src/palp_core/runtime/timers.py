@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -24,17 +25,15 @@ class TimerEnd:
         self.k = 0
         self.due_ns: int | None = None
         self._hz = hz
+        self._rate_hz = math.nan
         self._running = running
         self._owner = owner
 
-    def _rate_hz(self) -> float:
-        rate = float(getattr(self._owner.node.params, self._hz))
-        if rate <= 0.0:
-            raise ValueError(f"parameter '{self._hz}' is the rate of timer '{self.name}' and must be above 0")
-        return rate
+    def _wanted_hz(self) -> float:
+        return float(getattr(self._owner.node.params, self._hz))
 
     def _grid_ns(self, k: int) -> int:
-        return round(k * 1e9 / self._rate_hz())
+        return round(k * 1e9 / self._rate_hz)
 
     def begin(self, now_ns: int) -> None:
         """Start at activation if the declaration says so."""
@@ -43,7 +42,8 @@ class TimerEnd:
             self._start(now_ns)
 
     def _start(self, now_ns: int) -> None:
-        self.k = math.floor(now_ns * self._rate_hz() / 1e9)
+        self._rate_hz = self._wanted_hz()
+        self.k = math.floor(now_ns * self._rate_hz / 1e9)
         while self._grid_ns(self.k) <= now_ns:
             self.k += 1
         self.due_ns = self._grid_ns(self.k)
@@ -65,14 +65,19 @@ class TimerEnd:
         return k
 
     def retime(self, now_ns: int) -> None:
-        """Follow a changed rate."""
-        if self.due_ns is not None:
+        """Follow a changed rate; the grid of an unchanged one, and a tick that is due, stay."""
+        if self.due_ns is not None and self._wanted_hz() != self._rate_hz:
             self._start(now_ns)
 
-    def resume(self, k: int | None, due_ns: int | None) -> None:
-        """Continue a predecessor's ticks."""
-        self.k = k or 0
-        self.due_ns = None if k is None else self._grid_ns(k)
+    def resume(self, saved: tuple[int, int | None] | None, now_ns: int) -> None:
+        """Continue a predecessor's ticks; begin a timer it did not have; keep to the own rate."""
+        if saved is None:
+            self.begin(now_ns)
+            return
+        self.k, self.due_ns = saved
+        self._rate_hz = self._wanted_hz()
+        if self.due_ns is not None and self.due_ns != self._grid_ns(self.k):
+            self._start(now_ns)
 
 
 class AlarmEnd:
@@ -90,7 +95,7 @@ class AlarmEnd:
 
     def set(self, due_ns: int) -> None:
         """Ring once at that time on the node's clock (at once if it is past); replaces an earlier setting."""
-        self.due_ns = max(due_ns, self._owner.now_ns())
+        self.due_ns = max(operator.index(due_ns), self._owner.now_ns())
 
     def clear(self) -> None:
         """Do not ring."""
@@ -104,6 +109,6 @@ class AlarmEnd:
     def retime(self, now_ns: int) -> None:
         """Alarms have no rate."""
 
-    def resume(self, k: int | None, due_ns: int | None) -> None:
+    def resume(self, due_ns: int | None) -> None:
         """Continue a predecessor's setting."""
         self.due_ns = due_ns

@@ -91,6 +91,8 @@ def parse(frame: bytes) -> Frame:
         )
     if kind > Kind.MOVED:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
+    if kind == Kind.DATA and sequence == 0:
+        raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
     try:
         topic = str(frame[:end], "utf-8")
     except UnicodeDecodeError as error:

@@ -93,26 +93,29 @@ class Broadcast:
         """Greet new subscribers and answer requests, without waiting."""
         while _readable(self._publish):
             event = self._publish.recv()
-            name = event[1:].rstrip(b"\0")
+            if event[-1:] != b"\0":
+                continue  # not a topic: a stranger's prefix
+            name = event[1:-1]
             if event[:1] == b"\x01":
                 self._subscribed[name] = self._subscribed.get(name, 0) + 1
                 outlet = self._outlets.get(name)
                 if outlet is not None:
                     self._publish.send(outlet.heartbeat())
-            else:
+            elif event[:1] == b"\0":
                 # XPUB reports an unsubscription only when the last subscriber of the topic is gone.
                 self._subscribed.pop(name, None)
         while _readable(self._serve):
             identity, *parts = self._serve.recv_multipart()
-            self._serve.send_multipart([identity, msgpack.packb(self._reply(parts))])
+            self._serve.send_multipart([identity, *parts[:-1], self._reply(parts)])
 
-    def _reply(self, parts: list[bytes]) -> dict[str, Any]:
+    def _reply(self, parts: list[bytes]) -> bytes:
         try:
             request = msgpack.unpackb(parts[-1] if parts else b"")
-            return self._operations[request["op"]](request)
+            return bytes(msgpack.packb(self._operations[request["op"]](request)))
         except Exception as error:  # noqa: BLE001 - whatever a stranger sends must harm nothing
             known = ", ".join(sorted(self._operations))
-            return {"error": f"{type(error).__name__}: {error}; operations: {known}"}
+            text = f"{type(error).__name__}: {error}; operations: {known}"
+            return bytes(msgpack.packb({"error": text}, unicode_errors="replace"))
 
     def close(self) -> None:
         """Send what is queued and let go."""

@@ -1,0 +1,16 @@
+"""What travels along the chain."""
+
+from __future__ import annotations
+
+from palp_core import Message
+from palp_core.units import Count, Nanoseconds, NewtonMetresArray
+
+__all__ = ["Sample"]
+
+
+class Sample(Message):
+    """A numbered block of torque."""
+
+    stamp_ns: Nanoseconds
+    index: Count
+    torque_n_m: NewtonMetresArray

@@ -1,0 +1,1 @@
+"""A chain of three nodes: the smallest graph that shows everything."""

@@ -1,0 +1,30 @@
+"""``palp graph``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.launch import print_text
+
+__all__ = ["graph"]
+
+
+def graph(
+    file: Annotated[Path, typer.Argument(help="Launch file.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
+    ] = None,
+    *,
+    png: Annotated[Path | None, typer.Option("--png", "-o", help="Draw to this PNG file.")] = None,
+) -> None:
+    """Print a launch file's graph as mermaid text, and draw it as a picture."""
+    from palp_core.launch.graph import check_file
+    from palp_core.launch.picture import draw_png, mermaid
+
+    checked = check_file(file, arguments or [])
+    print_text(mermaid(checked).rstrip())
+    if png is not None:
+        draw_png(checked, png)

@@ -1,0 +1,101 @@
+"""``palp launch``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.errors import NodeError, PalpError
+
+__all__ = ["launch"]
+
+
+def launch(
+    file: Annotated[Path, typer.Argument(help="Launch file.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
+    ] = None,
+    *,
+    check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
+    print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
+    show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
+    compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
+    digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
+) -> None:
+    """Check a launch file, run its graph, end it cleanly.
+
+    The exit status is the run's: 0 if it came to its end, 1 if a node failed, 2 if the launch file has
+    mistakes, 130 on Ctrl-C.
+    """
+    overrides = arguments or []
+    if show_args:
+        from palp_core.launch.description import arguments_text
+        from palp_core.launch.reader import read
+
+        print_text(arguments_text(read(file, overrides)))
+        return
+    if check or print_:
+        from palp_core.launch.check import resolved_yaml
+        from palp_core.launch.graph import check_file
+
+        checked = check_file(file, overrides)
+        print_text(
+            resolved_yaml(checked).rstrip()
+            if print_
+            else f"{file}: no mistake: {len(checked.nodes)} nodes, {len(checked.topics)} topics"
+        )
+        return
+    sys.exit(_run(file, overrides, compose=compose, digest=digest))
+
+
+def print_text(text: str) -> None:
+    """Write a line to standard output, unwrapped."""
+    sys.stdout.write(text + "\n")
+
+
+def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None) -> int:
+    from palp_core.cli.view import LaunchView
+    from palp_core.launch.digest import TopicDigest
+    from palp_core.launch.graph import Graph
+    from palp_core.launch.interrupt import Interrupted
+
+    digests = TopicDigest() if digest is not None else None
+    view = LaunchView()
+
+    def observe(now_ns: int, frame: bytes) -> None:
+        view(now_ns, frame)
+        if digests is not None:
+            digests(now_ns, frame)
+
+    try:
+        with Graph(file, compose=compose, observe=observe, overrides=overrides) as graph:
+            view.start(graph.checked)
+            try:
+                summary = graph.run()
+            finally:
+                view.stop()
+                if digests is not None and digest is not None:
+                    digest.write_text(json.dumps(digests.result(), indent=1) + "\n", encoding="utf-8")
+    except Interrupted as stop:
+        sys.stderr.write(f"{stop}; every node has ended\n")
+        return 128 + int(stop.signal)
+    except NodeError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    except PalpError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    pace = (
+        f"{summary.clock_s / summary.wall_s:.0f} times real time" if summary.clock == "sim" else "real time"
+    )
+    print_text(
+        f"{summary.graph} ended after {summary.clock_s:.1f} s on its clock, "
+        f"{summary.wall_s:.1f} s of wall time ({pace})"
+    )
+    if summary.report:
+        print_text(summary.report)
+    return summary.exit_code

@@ -1,0 +1,60 @@
+"""On what each number of the protocol rests: published, a data sheet, or assumed.
+
+Keys are ``node.parameter`` as in the launch file. What is not listed is a choice of this software that
+should not change a result, such as the length of a block.
+"""
+
+from __future__ import annotations
+
+__all__ = ["BASIS", "basis_of"]
+
+BASIS = {
+    "experiment.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
+    "experiment.trials": "published for the human strategy: 100; not stated for a fixed position",
+    "experiment.training": "published: 25",
+    "experiment.training_order": "not published; assumed",
+    "experiment.rehome": "not published; assumed",
+    "experiment.training_mounts": "not published; assumed",
+    "experiment.estimation_mounts": "not published; assumed",
+    "experiment.from_m": "assumed",
+    "experiment.to_m": "assumed",
+    "policy.ring_mm": "published: one of 0, 4, 8, 12, 16 mm; 16 was the best",
+    "policy.rings_mm": "published: 0, 4, 8, 12, 16 mm",
+    "policy.matrices": "reconstruction: eigenvalues published, entries not legible",
+    "policy.reading": "the published equations allow three readings; this one is assumed",
+    "policy.mixture": "published as the average strategy; how it mixes the depths is assumed",
+    "policy.mean_level": "initial level: assumed, the middle of the scale",
+    "actuator.repeatability_mm": "published, and data sheet L12-50-210-06-I: ±0.3 mm",
+    "actuator.ring_error": "how the data sheet's ±0.3 mm is read: assumed",
+    "actuator.backlash_mm": "not known; 0 assumed",
+    "stage.rate_hz": "published: 1000 Hz",
+    "stage.sweep_speed_m_s": "published: 20 mm/s",
+    "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
+    "phantom.from_m": "assumed",
+    "phantom.to_m": "assumed",
+    "phantom.indentation_mm": "assumed",
+    "phantom.height_sd_mm": "assumed: set down by hand against a stop",
+    "phantom.friction": "assumed",
+    "phantom.tip_mass_kg": "assumed",
+    "torque.noise_sd_n_mm": "assumed: one step of the resolution",
+    "torque.resolution_n_mm": "maker's figure for the Nano17 SI-12-0.12: 1/64 N mm; published: 0.015",
+    "torque.bias_drift_n_mm_per_sqrt_s": "not known; 0 assumed",
+    "torque.gain_drift_per_sqrt_s": "not known; 0 assumed",
+    "estimator.wavelet": "published: db10",
+    "estimator.level": "published: 5",
+    "estimator.denoise": "rule for the coefficients not published; assumed",
+    "estimator.likelihood": "published: normal",
+    "estimator.stop": "published: correlation distance below 0.0005; guards and other rules assumed",
+    "estimator.max_probes": "not published; assumed",
+    "estimator.resolution_n_mm": "maker's figure: 1/64 N mm; the floor of a primitive's deviation",
+    "emg.rate_hz": "published: 1500 Hz",
+    "emg.palpation_s": "published: at most 60 s",
+    "cocontraction.window_s": "not published; assumed",
+    "cocontraction.prominence": "not published; assumed",
+    "cocontraction.distance_s": "not published; assumed",
+}
+
+
+def basis_of(node: str, parameter: str) -> str:
+    """Return what a parameter's value rests on; empty where nothing is to be said."""
+    return BASIS.get(f"{node}.{parameter}", "")

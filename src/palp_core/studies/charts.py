@@ -1,0 +1,113 @@
+"""What every chart shares: its look, and its way to a PNG with its numbers beside it.
+
+Charts are drawn without pyplot, so nothing is global and no display is needed. Matplotlib loads on first use.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["GREY", "INK", "Chart", "depth_style", "ring_colours", "save", "tidy"]
+
+INK, GREY = "#222222", "#8a8a8a"
+
+# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again.
+_DEPTHS = (
+    ("#0072B2", "-", "o"),
+    ("#D55E00", "--", "s"),
+    ("#009E73", "-.", "^"),
+    ("#CC79A7", ":", "D"),
+    ("#56B4E9", "-", "v"),
+    ("#E69F00", "--", "P"),
+)
+_STYLE: dict[str, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#555555",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "svg.hashsalt": "palp",
+}
+_DPI = 144
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart not yet drawn.
+
+    Attributes:
+        name: Stem of its files.
+        title: What it shows, for the page.
+        caption: How to read it, and what is averaged over what.
+        size: Width and height in inches.
+        columns: Names of its numbers, with units.
+        rows: Its numbers.
+        draw: Draws it onto an empty figure.
+    """
+
+    name: str
+    title: str
+    caption: str
+    size: tuple[float, float]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    draw: Callable[[Figure], None]
+
+
+def save(chart: Chart, folder: Path) -> bytes:
+    """Draw a chart, write ``NAME.png`` and ``NAME.csv`` into the folder, and return the PNG."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    image = io.BytesIO()
+    with rc_context(_STYLE):
+        figure = Figure(figsize=chart.size, dpi=_DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        chart.draw(figure)
+        figure.savefig(image, format="png", metadata={"Software": "palp"})
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{chart.name}.png").write_bytes(image.getvalue())
+    with (folder / f"{chart.name}.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(chart.columns)
+        writer.writerows(["" if cell is None else cell for cell in row] for row in chart.rows)
+    return image.getvalue()
+
+
+def depth_style(index: int) -> dict[str, Any]:
+    """Return colour, line style and marker of the index-th depth."""
+    colour, line, marker = _DEPTHS[index % len(_DEPTHS)]
+    return {"color": colour, "linestyle": line, "marker": marker}
+
+
+def ring_colours(count: int) -> list[Any]:
+    """Return colours for ring positions in order: dark to light, told apart in grey too."""
+    from matplotlib import colormaps
+
+    return [colormaps["cividis"](0.85 * i / max(count - 1, 1)) for i in range(count)]
+
+
+def tidy(axes: Axes, title: str, x: str, y: str) -> None:
+    """Name a panel and its axes."""
+    axes.set_title(title, loc="left", fontweight="bold")
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)

@@ -1,0 +1,63 @@
+"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, written when a run has ended well.
+
+A launch file names it: ``report: palp_core.studies.report:session``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from palp_core.launch.graph import RunSummary
+from palp_core.studies import charts
+from palp_core.studies.estimation_charts import accuracy_chart, belief_chart, calibration_chart, rings_chart
+from palp_core.studies.page import page
+from palp_core.studies.result import build, out_of, write_result
+from palp_core.studies.session import Session, read_session
+from palp_core.studies.training_charts import primitives_chart, sweeps_chart
+
+__all__ = ["report", "session"]
+
+
+def session(summary: RunSummary) -> None:
+    """Report on the session that a run has just recorded.
+
+    Raises:
+        PalpError: The run names no folder, or there is no record in it.
+    """
+    report(summary)
+
+
+def report(summary: RunSummary) -> Path:
+    """Write the result, the charts and the page beside the record.
+
+    Returns:
+        The page.
+
+    Raises:
+        PalpError: The run names no folder, or there is no record in it.
+    """
+    found = read_session(out_of(summary))
+    result = build(found, summary)
+    write_result(result, found.folder)
+    drawn = [(chart, charts.save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
+    target = found.folder / "report.html"
+    part = target.with_suffix(".part")
+    part.write_text(page(result, drawn), encoding="utf-8")
+    part.rename(target)
+    return target
+
+
+def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[charts.Chart]:
+    """Yield the charts that the record has numbers for, in the order of the page."""
+    for chart in (
+        accuracy_chart(found),
+        belief_chart(found),
+        calibration_chart(found),
+        rings_chart(found),
+        primitives_chart(found),
+        sweeps_chart(found, params),
+    ):
+        if chart is not None:
+            yield chart

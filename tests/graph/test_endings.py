@@ -1,0 +1,97 @@
+"""However a graph ends, it ends: no orphan, no hang, a status that tells, a message that names the node."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+from pathlib import Path
+
+import psutil
+import pytest
+
+from palp_core.studies.record import read_rows, read_sweep
+from tests.graph.conftest import CHAIN, SIM, Palp, wait_for_line
+
+RIG_NODES = (
+    "experiment", "policy", "actuator", "stage", "phantom", "torque", "estimator", "emg", "cocontraction",
+)  # fmt: skip
+
+
+def node_pid(palp: Palp, name: str) -> int:
+    import json
+
+    found = json.loads(palp.run("node", "list", "--json").stdout)
+    return next(int(node["pid"]) for node in found if node["name"] == f"/{name}")
+
+
+def start_rig(palp: Palp, out: Path) -> subprocess.Popen[str]:
+    process = palp.start("launch", SIM, f"out:={out}", "trials:=50", "training:=25")
+    wait_for_line(process, "training: ")
+    return process
+
+
+def assert_readable(out: Path) -> None:
+    rows = read_rows(out)
+    for row in rows:
+        torque_n_m, rate_hz = read_sweep(out, row.row)
+        assert len(torque_n_m) > 3000
+        assert rate_hz == 1000.0
+
+
+@pytest.mark.parametrize("name", RIG_NODES)
+def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
+    process = start_rig(palp, tmp_path / "out")
+    psutil.Process(node_pid(palp, name)).kill()
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert f"{name}: its process was killed by SIGKILL" in errors
+    assert palp.all_gone_within(2.0)
+    assert_readable(tmp_path / "out")
+
+
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_when_the_supervisor_is_killed_all_is_gone_within_a_second_and_a_half(palp: Palp, clock: str) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000", f"clock:={clock}")
+    wait_for_line(process, "blocks: 1/")
+    assert len(palp.processes()) >= 5
+    process.kill()
+    process.wait()
+    assert palp.all_gone_within(1.5)
+
+
+def test_when_the_fork_server_is_killed_the_run_ends_and_says_so(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    server = psutil.Process(node_pid(palp, "relay")).parent()
+    assert server is not None
+    server.kill()
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode != 0
+    assert "fork server" in errors
+    assert palp.all_gone_within(2.0)
+
+
+@pytest.mark.parametrize("moment", range(6))
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(palp: Palp, tmp_path: Path, moment: int) -> None:
+    interrupt_at_a_random_moment(palp, tmp_path / "out", random.Random(moment), compose=moment % 2 == 1)
+
+
+@pytest.mark.slow()
+@pytest.mark.parametrize("moment", range(100, 120))
+def test_ctrl_c_at_twenty_more_moments(palp: Palp, tmp_path: Path, moment: int) -> None:
+    interrupt_at_a_random_moment(palp, tmp_path / "out", random.Random(moment), compose=moment % 2 == 1)
+
+
+def interrupt_at_a_random_moment(palp: Palp, out: Path, rng: random.Random, *, compose: bool) -> None:
+    extra = ("--compose",) if compose else ()
+    process = palp.start("launch", SIM, f"out:={out}", "trials:=100", *extra)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(rng.uniform(0.05, 6.0))
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode in (130, -signal.SIGINT), errors
+    assert "Traceback" not in errors or process.returncode == -signal.SIGINT
+    assert palp.all_gone_within(2.0)
+    if (out / "trials.csv").exists():
+        assert_readable(out)
