@@ -17,7 +17,7 @@ from palp_core.runtime.clock import monotonic_ns
 
 ROOT = Path(__file__).parents[2]
 CHAIN = ROOT / "examples/chain/launch/chain.yaml"
-SIM = ROOT / "launch/sim_noreport.yaml"
+SIM = ROOT / "launch/sim.yaml"
 PATIENCE_S = 120.0
 
 

@@ -15,6 +15,8 @@ from palp_core.runtime.zmq_bus import Broadcast
 
 __all__ = ["Composition"]
 
+POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
+
 
 class Composition:
     """A crew in memory.
@@ -34,6 +36,7 @@ class Composition:
         self._clock = SimClock()
         self._frames: list[bytes] = []
         self._broadcast = broadcast
+        self._round_count = 0
         self._executors = [
             Executor(load_class(spec.run, workspace), spec, self._clock, self._send) for spec in specs
         ]
@@ -62,7 +65,8 @@ class Composition:
 
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let several nodes do their part of a round, one after the other."""
-        if self._broadcast is not None:
+        self._round_count += 1
+        if self._broadcast is not None and self._round_count % POLL_ROUNDS == 0:
             self._broadcast.poll()
         replies = {}
         for index, message in rounds.items():

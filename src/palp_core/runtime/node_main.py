@@ -124,15 +124,23 @@ class _Lockstep:
         if self.broadcast.heard:
             self.broadcast.send(frame)
 
+    def _await_conductor(self) -> None:
+        """Answer tools while the conductor has no work for this node."""
+        if self.broadcast.heard:  # sending may have swallowed a descriptor's signal
+            self.broadcast.poll()
+        line = self.link.socket.fileno()
+        ready: set[int] = set()
+        while line not in ready and not self.link.buffered():
+            ready = {descriptor for descriptor, _ in self._poll.poll()}
+            if ready - {line}:
+                self.broadcast.poll()
+
     def run(self) -> None:
         """Follow the conductor until it shuts the node down."""
-        link_descriptor = self.link.socket.fileno()
         self.link.send(Configured())
         self.link.send(Matched())
         while True:
-            self.broadcast.poll()
-            while not self.link.buffered() and not any(fd == link_descriptor for fd, _ in self._poll.poll()):
-                self.broadcast.poll()
+            self._await_conductor()
             message = self.link.receive()
             self.frames = []
             if isinstance(message, Round):

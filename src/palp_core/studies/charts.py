@@ -29,7 +29,7 @@ _DEPTHS = (
     ("#56B4E9", "-", "v"),
     ("#E69F00", "--", "P"),
 )
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.labelcolor": INK,
@@ -44,7 +44,6 @@ _STYLE: dict[str, Any] = {
     "xtick.color": INK,
     "ytick.color": INK,
     "text.color": INK,
-    "svg.hashsalt": "palp",
 }
 _DPI = 144
 

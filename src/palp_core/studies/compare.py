@@ -72,4 +72,4 @@ def _percent(value: float | None) -> str:
 
 
 def _number(value: float | None, form: str) -> str:
-    return "–" if value is None else form.format(value)
+    return "–" if value is None else form.format(round(value, 3) + 0.0)  # + 0.0: no "-0.000"

@@ -62,9 +62,9 @@ def belief_chart(session: Session) -> Chart | None:
     return Chart(
         "belief",
         "Estimate over iterations",
-        "Posterior expected depth, mean and standard error over this session's trials (as Figures 10 and 11 of "
-        "the paper). Iteration 0 is the flat prior. A trial that has ended keeps its last belief, so every point "
-        "averages all trials of its depth; below, how many still ran.",
+        "Posterior expected depth, mean and standard error over this session's trials (as Figures 10 and 11 "
+        "of the paper). Iteration 0 is the flat prior. A trial that has ended keeps its last belief, so "
+        "every point averages all trials of its depth; below, how many still ran.",
         (8.4, 4.2),
         ("depth_mm", "iteration", "expected_depth_mm", "standard_error_mm", "trials_running"),
         rows,
@@ -97,7 +97,7 @@ def accuracy_chart(session: Session) -> Chart | None:
     chance = 100.0 / len(session.depths_m)
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
+        axes, beside = figure.subplots(), 0.36
         for x, (_, share) in enumerate(shares):
             value = 100.0 * share.value
             reach = [[value - 100.0 * share.low], [100.0 * share.high - value]]
@@ -105,8 +105,8 @@ def accuracy_chart(session: Session) -> Chart | None:
                 x, value, width=0.5, color="#0072B2", alpha=0.85, label="this session" if x == 0 else None
             )
             axes.errorbar(x, value, yerr=reach, color=INK, capsize=5, lw=1.4)
-            axes.annotate(f"{value:.0f} %", (x - 0.13, 3), ha="center", color="white", fontweight="bold")
-        published = [(x, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
+            axes.annotate(f"{value:.0f} %", (x, 3), ha="center", color="white", fontweight="bold")
+        published = [(x + beside, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
         if published:
             axes.plot(
                 *zip(*published, strict=True),
@@ -117,7 +117,9 @@ def accuracy_chart(session: Session) -> Chart | None:
                 mew=1.6,
                 label="paper: fixed",
             )
-        axes.plot(len(shares) - 1, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec="#009E73", mew=1.4)
+        axes.plot(
+            len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec="#009E73", mew=1.4
+        )
         axes.lines[-1].set_label("paper: human strategy\n(slightly above 90 %)")
         axes.axhline(chance, color=GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
         axes.set_xticks(range(len(shares)), [f"{n} mm" if n != "overall" else n for n, _ in shares])
@@ -129,8 +131,8 @@ def accuracy_chart(session: Session) -> Chart | None:
     return Chart(
         "accuracy",
         "Accuracy",
-        "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's 95 % "
-        "interval over this session's trials (as Figure 12 of the paper).",
+        "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's "
+        "95 % interval over this session's trials (as Figure 12 of the paper).",
         (8.4, 3.4),
         ("depth_mm", "right", "trials", "accuracy", "low", "high"),
         [(name, s.success_count, s.trial_count, s.value, s.low, s.high) for name, s in shares],
@@ -155,30 +157,29 @@ def calibration_chart(session: Session) -> Chart | None:
             axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color="#0072B2")
             axes.annotate(
                 f"n = {b.accuracy.trial_count}",
-                (x, y),
-                xytext=(-8, -4),
+                (x, 100.0 * b.accuracy.high),
+                xytext=(0, 4),
                 textcoords="offset points",
-                ha="right",
+                ha="center",
                 fontsize=8,
             )
-        axes.set_xlim(0.0, 103.0)
-        axes.set_ylim(0.0, 105.0)
-        axes.legend(loc="upper left")
+        axes.set_xlim(0.0, 105.0)
+        axes.set_ylim(-4.0, 110.0)
+        axes.legend(loc="lower right")
         tidy(axes, "Reliability", "stated probability of the estimate, %", "accuracy, %")
 
     return Chart(
         "calibration",
         "Calibration",
-        f"How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
-        f"calibration error {found.expected_error:.3f}; mean confidence minus accuracy {found.overconfidence:+.3f} "
-        "(positive is over-confident). The filter takes the palpations of a trial for independent; errors that stay "
-        "through a trial, such as the ring's, make it over-confident.",
+        "How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
+        f"calibration error {found.expected_error:.3f}; mean confidence minus accuracy "
+        f"{found.overconfidence:+.3f} (positive is over-confident). The filter takes the palpations of a "
+        "trial for independent; errors that stay through one, such as the ring's, make it over-confident.",
         (5.2, 4.2),
         ("bin_low", "bin_high", "mean_confidence", "accuracy", "low", "high", "trials"),
         [
-            (b.low, b.high, b.mean_confidence, b.accuracy.value, b.accuracy.low, b.accuracy.high)
-            + (b.accuracy.trial_count,)
-            for b in found.bins
+            (b.low, b.high, b.mean_confidence, a.value, a.low, a.high, a.trial_count)
+            for b, a in ((b, b.accuracy) for b in found.bins)
         ],
         draw,
     )
@@ -218,6 +219,7 @@ def rings_chart(session: Session) -> Chart | None:
             base += share[:, k]
         by_iteration.xaxis.get_major_locator().set_params(integer=True)
         by_iteration.grid(axis="x", visible=False)
+        by_iteration.set_xlim(0.4, longest + 0.6)
         by_iteration.set_ylim(0.0, 100.0)
         by_iteration.legend(title="$r_a$, mm", loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
         tidy(by_iteration, "By iteration, of the trials still running", "iteration", "share, %")
@@ -225,8 +227,8 @@ def rings_chart(session: Session) -> Chart | None:
     return Chart(
         "rings",
         "Ring positions used",
-        "Which ring positions r_a the policy chose in estimation: over all palpations, and at each iteration over "
-        "the trials that still ran.",
+        "Which ring positions r_a the policy chose in estimation: over all palpations, and at each iteration "
+        "over the trials that still ran.",
         (8.4, 3.0),
         ("iteration", *(f"palpations_at_{mm(ring_m)}mm" for ring_m in rings_m)),
         [(i + 1, *map(int, counts[i])) for i in range(longest)],

@@ -14,14 +14,15 @@ __all__ = ["headline", "page"]
 
 _CSS = """
 :root { color-scheme: light; }
-body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; color: #222; background: #fff;
-  max-width: 54rem; margin: 2.5rem auto; padding: 0 1.2rem; }
+body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
+  color: #222; background: #fff; max-width: 54rem; margin: 2.5rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.2rem; margin: 2.4rem 0 .5rem;
   border-bottom: 1px solid #ddd; padding-bottom: .2rem; }
 .lead { font-size: 1.12rem; border-left: 4px solid #0072B2; padding: .5rem 1rem; background: #f3f8fb; }
 .meta, figcaption, .note { color: #555; font-size: .9rem; }
 table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; font-size: .93rem; }
-th, td { text-align: left; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6; vertical-align: top; }
+th, td { text-align: left; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6;
+  vertical-align: top; }
 th { font-weight: 600; border-bottom: 2px solid #bbb; } td.n, th.n { text-align: right; }
 tr.total td { font-weight: 600; border-top: 2px solid #bbb; } td.node { font-weight: 600; }
 td.assumed { color: #9a3d00; } code { font-size: .9em; }
@@ -35,12 +36,12 @@ def headline(result: dict[str, Any]) -> str:
     """Return the session in a sentence."""
     overall, policy = result["accuracy"]["overall"], result["policy"] or "unnamed"
     if not overall["of"]:
-        return f"{result['palpations']} palpations of training were recorded and no trial of estimation was ended."
+        return f"{result['palpations']} palpations were recorded and no trial of estimation came to an end."
     low, high = (100.0 * bound for bound in overall["ci"])
     return (
         f"The {policy} policy found the right depth in {overall['right']} of {overall['of']} trials: "
-        f"{100.0 * overall['value']:.1f} % (95 % interval {low:.1f} to {high:.1f} %, this session only), with "
-        f"{result['probes_mean']:.1f} palpations a trial; chance is {100.0 * result['chance']:.1f} %."
+        f"{100.0 * overall['value']:.1f} % (95 % interval {low:.1f} to {high:.1f} %, this session only), "
+        f"with {result['probes_mean']:.1f} palpations a trial; chance is {100.0 * result['chance']:.1f} %."
     )
 
 
@@ -125,13 +126,14 @@ def _results(result: dict[str, Any]) -> str:
     return (
         "<h2>Results</h2>"
         + _table(head, rows, numeric=1, total=True)
-        + '<p class="note">Intervals are Wilson’s over the trials of one training and one set of phantoms. Such '
-        "trials are not independent of each other: the intervals speak for this session only, and policies are "
-        "compared over many independent sessions. The paper’s fixed figures average five ring positions.</p>"
-        + f"<p>{verdicts['decided']} trials ended decided, {verdicts['undecided']} undecided at the largest number "
-        "of palpations; an undecided trial counts with its last estimate."
+        + '<p class="note">Intervals are Wilson’s over the trials of one training and one set of phantoms. '
+        "Such trials are not independent of each other: the intervals speak for this session only, and "
+        "policies are compared over many independent sessions. The paper’s fixed figures average five ring "
+        "positions.</p>"
+        + f"<p>{verdicts['decided']} trials ended decided, {verdicts['undecided']} undecided at the largest "
+        "number of palpations; an undecided trial counts with its last estimate."
         + (f" Stop rule: <code>{escape(rule['name'])}</code> ({escape(settings)})." if rule else "")
-        + (f" {unfinished} trial without an end is left out." if unfinished else "")
+        + (f" Trials that the record does not see end: {unfinished}, left out." if unfinished else "")
         + "</p>"
     )
 
@@ -192,7 +194,8 @@ def _protocol(result: dict[str, Any]) -> str:
             basis = escape(entry["basis"])
             mark = ' class="assumed"' if "assumed" in basis or "reconstruction" in basis else ""
             lines.append(
-                f'<tr><td class="node">{escape(node) if i == 0 else ""}</td><td><code>{escape(name)}</code></td>'
+                f'<tr><td class="node">{escape(node) if i == 0 else ""}</td>'
+                f"<td><code>{escape(name)}</code></td>"
                 f"<td>{escape(_plain(entry['value']))}</td><td{mark}>{basis}</td></tr>"
             )
     return (

@@ -1,4 +1,4 @@
-"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, written when a run has ended well.
+"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, written when a run ended well.
 
 A launch file names it: ``report: palp_core.studies.report:session``.
 """
@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from palp_core.launch.graph import RunSummary
 from palp_core.studies import charts
 from palp_core.studies.estimation_charts import accuracy_chart, belief_chart, calibration_chart, rings_chart
 from palp_core.studies.page import page
 from palp_core.studies.result import build, out_of, write_result
 from palp_core.studies.session import Session, read_session
 from palp_core.studies.training_charts import primitives_chart, sweeps_chart
+
+if TYPE_CHECKING:
+    from palp_core.launch.graph import RunSummary
 
 __all__ = ["report", "session"]
 

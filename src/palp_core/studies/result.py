@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
 import palp_core
 from palp_core.errors import PalpError
-from palp_core.launch.graph import RunSummary
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.mechanics.probe import Probe
 from palp_core.mechanics.scene import contact_model
@@ -26,6 +25,9 @@ from palp_core.perception import statistics
 from palp_core.perception.stopping import stop_rule
 from palp_core.studies.basis import basis_of
 from palp_core.studies.session import Session, Trial, mm
+
+if TYPE_CHECKING:
+    from palp_core.launch.graph import RunSummary
 
 __all__ = ["TIME_KEYS", "build", "out_of", "read_result", "without_times", "write_result"]
 

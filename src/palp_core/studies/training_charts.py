@@ -55,16 +55,15 @@ def primitives_chart(session: Session) -> Chart | None:
             grid.flat[-1].legend()
 
     rows = [
-        (mm(learnt.depths_m[i]), mm(learnt.rings_m[k]), learnt.mean[i, k] * 1e3, learnt.sd[i, k] * 1e3)
-        + (int(learnt.count[i, k]),)
-        for i in range(learnt.depths_m.size)
-        for k in range(panel_count)
+        (mm(depth_m), mm(ring_m), learnt.mean[i, k] * 1e3, learnt.sd[i, k] * 1e3, int(learnt.count[i, k]))
+        for i, depth_m in enumerate(learnt.depths_m)
+        for k, ring_m in enumerate(learnt.rings_m)
     ]
     return Chart(
         "primitives",
         "Memory primitives",
-        f"The normal fitted to the peak torques of training, per depth d and ring position r_a "
-        f"({_span(learnt.count)} palpations each; as Figure 9 of the paper). Each panel has scales of its own: "
+        "The normal fitted to the peak torques of training, per depth d and ring position r_a "
+        f"({_span(learnt.count)} palpations each; as Figure 9 of the paper). Each panel has its own scales: "
         "the more the curves overlap, the less a palpation at that position tells.",
         (8.4, 2.5 * lines),
         ("depth_mm", "ring_mm", "mean_n_mm", "sd_n_mm", "palpations"),
@@ -162,8 +161,8 @@ def sweeps_chart(session: Session, params: Mapping[str, Mapping[str, Any]]) -> C
     return Chart(
         "sweeps",
         "Torque while sweeping",
-        f"Training over the bead at d = {mm(depth_m)} mm (as Figure 8 of the paper). Left: a palpation as measured "
-        "and de-noised, near its peak. Right: mean and standard deviation of the de-noised sweeps "
+        f"Training over the bead at d = {mm(depth_m)} mm (as Figure 8 of the paper). Left: a palpation as "
+        "measured and de-noised, near its peak. Right: mean and standard deviation of the de-noised sweeps "
         f"(up to {MOST_SWEEPS} per ring position r_a, in mm); triangles mark the peaks, searched for where "
         "the ends of the sweep have no influence.",
         (8.4, 3.4),

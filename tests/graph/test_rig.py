@@ -1,0 +1,88 @@
+"""The rig in lockstep: the same bytes as processes, composed and under load, and a record worth having."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from palp_core.studies.record import read_rows, read_sweep
+from palp_core.studies.result import without_times
+from tests.graph.conftest import ROOT, SIM, Palp
+
+ARGUMENTS = ("launch", SIM, "trials:=2", "training:=2", "seed:=1")
+
+
+def run(palp: Palp, out: Path, *extra: object) -> tuple[dict[str, object], dict[str, object]]:
+    digest = out.with_suffix(".digest")
+    done = palp.run(*ARGUMENTS, f"out:={out}", "--digest", digest, *extra)
+    assert done.returncode == 0, done.stderr
+    return json.loads(digest.read_text()), json.loads((out / "result.json").read_text())
+
+
+def test_processes_composition_and_load_give_the_same_bytes_and_the_same_result(
+    palp: Palp, tmp_path: Path
+) -> None:
+    composed_digest, composed = run(palp, tmp_path / "composed", "--compose")
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        loaded_digest, loaded = run(palp, tmp_path / "loaded")
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    assert composed_digest == loaded_digest
+    assert without_times(composed) == without_times(loaded)
+    same = ("trials.csv", "primitives.json")
+    for name in same:
+        first, second = (tmp_path / out / name for out in ("composed", "loaded"))
+        assert first.read_bytes() == second.read_bytes()
+    assert palp.all_gone_within(2.0)
+
+
+def test_a_session_leaves_a_whole_record_and_a_report(palp: Palp, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    _, result = run(palp, out, "--compose")
+    rows = read_rows(out)
+    training = [row for row in rows if row.phase == "training"]
+    assert len(training) == 2 * 3 * 5
+    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(30, 36))
+    assert [row.row for row in rows] == list(range(len(rows)))
+    for row in rows:
+        torque_n_m, rate_hz = read_sweep(out, row.row)
+        assert rate_hz == 1000.0
+        assert len(torque_n_m) == 4000
+        assert row.start_ns < row.end_ns
+        assert abs(row.true_ring_m - row.ring_m) <= 0.3e-3 + 1e-12
+    for key in (
+        "policy", "seed", "trials", "accuracy", "probes_mean", "stop_rule", "verdicts", "calibration",
+        "protocol", "sim_time_s", "wall_time_s", "sweep_s_per_wall_s",
+    ):  # fmt: skip
+        assert key in result
+    page = (out / "report.html").read_text()
+    assert "this session only" in page
+    assert (out / "charts/accuracy.png").stat().st_size > 10_000
+
+
+def test_a_label_never_leaves_the_experiment_in_estimation(palp: Palp, tmp_path: Path) -> None:
+    from palp_core.launch.graph import check_file
+
+    checked = check_file(SIM, [f"out:={tmp_path}"])
+    truths = {name: ends for name, ends in checked.edges.items() if name.endswith("/truth")}
+    readers = {node for ends in truths.values() for node, _ in ends}
+    assert readers == {"phantom", "experiment"}
+
+
+def test_contrast_over_a_deep_bead_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
+    launch = tmp_path / "contrast.yaml"
+    launch.write_text(SIM.read_text().replace("output: peak, tolerance: 0.02", "output: contrast, tolerance: 0.1"))
+    target = ROOT / "launch" / "contrast_for_a_test.yaml"
+    target.write_text(launch.read_text())
+    try:
+        done = palp.run("launch", target, f"out:={tmp_path / 'out'}", "trials:=1", "training:=2", "--compose")
+    finally:
+        target.unlink()
+    assert done.returncode == 1
+    assert done.stderr.startswith("phantom: on_configure failed: no contact method gives 'contrast' within 10.0%")
+    assert "l4 would be the next finer one" in done.stderr

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import importlib
+
+import pytest
+
+from palp_core.runtime.node import Params
+from palp_core.studies.basis import BASIS, basis_of
+
+PARAMS = {
+    "experiment": ("nodes.experiment:ExperimentParams",),
+    "policy": (
+        "nodes.policy_fixed:FixedParams",
+        "nodes.policy_markov:MarkovParams",
+        "nodes.policy_uniform:UniformParams",
+    ),
+    "actuator": ("nodes.actuator:ActuatorParams",),
+    "stage": ("nodes.stage:StageParams",),
+    "phantom": ("nodes.phantom:PhantomParams",),
+    "torque": ("nodes.torque:TorqueParams",),
+    "estimator": ("nodes.estimator:EstimatorParams",),
+    "emg": ("nodes.emg:EmgParams",),
+    "cocontraction": ("nodes.cocontraction:CoContractionParams",),
+}
+
+
+def declared(node: str) -> set[str]:
+    classes: list[type[Params]] = []
+    for target in PARAMS[node]:
+        module, _, name = target.partition(":")
+        classes.append(getattr(importlib.import_module(module), name))
+    return {name for cls in classes for name in cls.__struct_fields__}
+
+
+@pytest.mark.parametrize("key", sorted(BASIS))
+def test_a_basis_is_of_a_parameter_that_exists(key: str) -> None:
+    node, _, name = key.partition(".")
+    assert name in declared(node)
+
+
+def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
+    assert basis_of("stage", "block_samples") == ""
