@@ -1,6 +1,6 @@
 """The paper's question, asked of every policy: one full session each, from the same seed, as one table.
 
-Run: .venv/bin/python benchmarks/policies.py [--out results/policies] [--seed 1] [--trials 100] [--training 25]
+Run: .venv/bin/python benchmarks/policies.py [--out DIR] [--seed 1] [--trials 100] [--training 25]
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ def main() -> None:
     parser.add_argument("--training", type=int, default=25)
     options = parser.parse_args()
     common = {"seed": options.seed, "trials": options.trials, "training": options.training}
-    sessions: dict[str, dict[str, Any]] = {f"fixed_{mm:g}": {"policy": "fixed", "ring_mm": mm} for mm in FIXED_MM}
+    sessions: dict[str, dict[str, Any]] = {
+        f"fixed_{mm:g}": {"policy": "fixed", "ring_mm": mm} for mm in FIXED_MM
+    }
     sessions |= {"markov": {"policy": "markov"}, "uniform": {"policy": "uniform"}}
     results = {}
     for name, arguments in sessions.items():
@@ -45,7 +47,8 @@ def main() -> None:
         accuracy = results[name]["accuracy"]["overall"]["value"]
         speed = results[name]["sweep_s_per_wall_s"]
         print(f"{name}: {accuracy:.1%}, {speed:.0f} s of sweep per s", flush=True)
-    fixed = {name: results[name]["accuracy"]["overall"]["value"] for name in results if name.startswith("fixed")}
+    shares = {name: result["accuracy"]["overall"]["value"] for name, result in results.items()}
+    fixed = {name: share for name, share in shares.items() if name.startswith("fixed")}
     summary = {
         "fixed_average": sum(fixed.values()) / len(fixed),
         "fixed_best": max(fixed, key=lambda name: fixed[name]),

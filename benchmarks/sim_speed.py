@@ -1,7 +1,7 @@
 """How fast the simulated rig runs, and where the time goes.
 
-Seconds of sweep per wall second (leaps over idle time do not count), composed and as processes, in interleaved
-rounds; the limit they are measured against is the same nodes' own work with no graph around it: the time that the
+Seconds of sweep per wall second (leaps over idle time do not count), composed and as processes, in
+interleaved rounds; the limit they are measured against is the nodes' own work with no graph around it: what the
 profile finds in nodes, devices, mechanics, perception and the record.
 
 Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--json]

@@ -17,7 +17,11 @@ class Mount(Message):
 
 
 class Trial(Message):
-    """A trial begins: forget the belief. ``depth_m`` is the label and counts only where ``label_known``."""
+    """A trial begins: forget the belief.
+
+    ``depth_m`` is the label; it and the phantom's ``code``, which would give it away, count only where
+    ``label_known``.
+    """
 
     stamp_ns: Nanoseconds
     trial: Count

@@ -29,9 +29,9 @@ class StagePose(Message):
 
 
 class SweepStatus(Message):
-    """Where a goal stands: ``ready``, ``returning``, ``sweeping``, ``swept`` or ``cancelled``.
+    """Where a goal stands: ``sweeping``, ``swept`` or ``cancelled``, then ``ready`` for the next.
 
-    Times and number of samples of the sweep over the phantom count from ``swept`` on.
+    ``enter_ns`` and ``leave_ns`` bound the way over the phantom; ``sample_count`` counts from ``swept`` on.
     """
 
     stamp_ns: Nanoseconds

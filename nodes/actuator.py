@@ -18,8 +18,8 @@ class ActuatorParams(Params):
     """Set in the launch file. The defaults are an L12-50-210-06-I as its data sheet gives it.
 
     ``ring_error`` says how the data sheet's +-0.3 mm is read: ``uniform`` as hard limits, ``normal`` as the
-    band
-    of 95 %. ``backlash_mm`` lets the ring lag by half of it behind the direction it came from (not known: 0).
+    band of 95 %. ``backlash_mm`` lets the ring lag by half of it behind the direction it came from (not
+    known: 0).
     """
 
     device: str = "sim"
@@ -63,6 +63,7 @@ class Actuator(Node):
         )
 
     def on_activate(self) -> None:
+        self.state.moving, self.state.waiting = False, []  # what was under way ended with the last stop
         self.device.open(self.now_ns(), self.state.device, self.rng)
 
     def on_deactivate(self) -> None:
@@ -80,7 +81,6 @@ class Actuator(Node):
     def _follow(self, command: RingCommand) -> None:
         state = self.state
         if command.rehome:
-            state.waiting.clear()
             settled_ns = self.device.rehome(self.now_ns(), state.device, self.rng)
             self._begin(command.trial, command.iteration, settled_ns, rehome=True)
         elif state.moving and state.rehome:

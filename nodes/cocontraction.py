@@ -9,17 +9,21 @@ from msgs.emg import CoContraction, EmgBlock
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.perception import emg
 from palp_core.perception.levels import find_bursts, to_levels
-from palp_core.units import Float64Array, Seconds
+from palp_core.units import Float64Array, Ratio, Seconds
 
 KEPT_S = 2.0
 
 
 class CoContractionParams(Params):
-    """Set in the launch file. Window, prominence and distance were not published; all assumed."""
+    """Set in the launch file. Window, prominence and distance were not published; all assumed.
 
-    window_s: Seconds = 0.05
-    prominence: float = 0.05
-    distance_s: Seconds = 0.2
+    The RMS of a shorter window scatters by more than the prominence (8 % of the value at 50 ms), and noise
+    then counts as bursts.
+    """
+
+    window_s: Seconds = 0.15
+    prominence: Ratio = 0.05
+    distance_s: Seconds = 0.4
 
 
 class Muscle(msgspec.Struct):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 
 from msgs.emg import EmgBlock
@@ -22,7 +24,7 @@ class EmgParams(Params):
 
     device: str = "sim"
     rate_hz: HertzPositive = 1500.0
-    block_samples: int = 75
+    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 75
     palpation_s: Seconds = 60.0
 
     @property
@@ -88,4 +90,5 @@ class Emg(Node):
 
     @on(end)
     def stop(self) -> None:
+        self.drain()  # what has come since the last tick
         self.tick.stop()

@@ -14,7 +14,7 @@ from palp_core.methods import find
 from palp_core.perception import bayes
 from palp_core.perception.information import gain_vector
 from palp_core.perception.primitives import Primitives, fit, quantisation_sd
-from palp_core.perception.stopping import StopRule, decide, stop_rule
+from palp_core.perception.stopping import decide, stop_rule
 from palp_core.perception.wavelet import denoise, edge_cone
 from palp_core.units import Ratio
 
@@ -37,6 +37,7 @@ class EstimatorState(State):
 
     trial: int = 0
     phase: str = ""
+    label_known: bool = False
     depth_m: float = 0.0
     ring_m: float = 0.0
     ring_trial: int = 0
@@ -45,7 +46,7 @@ class EstimatorState(State):
     rate_hz: float = 0.0
     blocks: list[bytes] = []
     received_count: int = 0
-    expected_count: int = 0
+    expected_count: int = -1
     training: list[tuple[float, float, float]] = []
     primitives: dict[str, list[float]] = {}
     log_belief: list[float] = []
@@ -70,7 +71,7 @@ class Estimator(Node):
         find("denoise", self.params.denoise)
         find("feature", self.params.feature)
         find("likelihood", self.params.likelihood)
-        self.rule: StopRule = stop_rule(self.params.stop)
+        find("stop", self.params.stop)
         self.learnt: Primitives | None = None
 
     @on(trial)
@@ -78,7 +79,8 @@ class Estimator(Node):
         state = self.state
         if state.phase == "training" and trial.phase == "estimation":
             self._learn()
-        state.trial, state.phase, state.depth_m = trial.trial, trial.phase, trial.depth_m
+        state.trial, state.phase = trial.trial, trial.phase
+        state.label_known, state.depth_m = trial.label_known, trial.depth_m
         state.log_belief, state.posteriors, state.gains = [], [], []
 
     @on(ring)
@@ -91,7 +93,7 @@ class Estimator(Node):
     def note_sweep(self, status: SweepStatus) -> None:
         state = self.state
         if status.status == "sweeping":
-            state.blocks, state.received_count, state.expected_count = [], 0, 0
+            state.blocks, state.received_count, state.expected_count = [], 0, -1
         elif status.status == "swept":
             state.expected_count = status.sample_count
             self._conclude()
@@ -110,14 +112,19 @@ class Estimator(Node):
     def _conclude(self) -> None:
         """Once the sweep is over and all its samples are here, make a palpation of it."""
         state = self.state
-        if not state.expected_count or state.received_count < state.expected_count:
+        if state.expected_count < 0 or state.received_count < state.expected_count:
             return
+        if state.received_count > state.expected_count:
+            raise ValueError(
+                f"{state.received_count} torque samples of a sweep of {state.expected_count} came; "
+                "one sensor may feed 'torque', and only while the stage sweeps"
+            )
         torque_n_m = np.frombuffer(b"".join(state.blocks), dtype=np.float64)
-        state.blocks, state.expected_count = [], 0
+        state.blocks, state.expected_count = [], -1
         params = self.params
         clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=params.denoise)
         peak = find("feature", params.feature).target(clean, edge=edge_cone(params.level, params.wavelet))
-        if state.phase == "training":
+        if state.phase == "training" and state.label_known:
             state.training.append((state.depth_m, state.ring_m, peak.value_n_m))
         elif state.phase == "estimation":
             self._update(peak.value_n_m)
@@ -202,7 +209,7 @@ class Estimator(Node):
         state.posteriors.append(posterior.tolist())
         state.gains.append(gain.tolist())
         verdict = decide(
-            self.rule,
+            stop_rule(self.params.stop),
             [np.array(p) for p in state.posteriors],
             [np.array(g) for g in state.gains],
             max_probes=self.params.max_probes,

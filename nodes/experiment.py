@@ -10,11 +10,12 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
+from nodes.experiment_record import primitives_of, progress_of, row_of
 from palp_core import Node, Params, Progress, Pub, State, Sub, on
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.perception import plan
 from palp_core.perception.figure5 import RINGS_M
-from palp_core.studies.record import Record, Row
+from palp_core.studies.record import Record
 from palp_core.units import Metres
 
 
@@ -22,10 +23,9 @@ class ExperimentParams(Params):
     """Set in the launch file.
 
     ``training`` is the number of palpations per phantom and ring position, ``trials`` the number of
-    estimation
-    trials per phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring
-    positions of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what
-    the ring's actuator is driven to its stop and back.
+    estimation trials per phantom. Order, re-homing and remounting were not published: ``training_order``
+    mixes the ring positions of a mounting (randomised) or goes through them in turn (blocked); ``rehome``
+    tells before what the ring's actuator is driven to its stop and back.
     """
 
     out: str = "results"
@@ -61,9 +61,8 @@ class ExperimentState(State):
     stage_ready: bool = True
     ring_trial: int = -1
     ring_iteration: int = -1
-    ring_rehome: bool = False
     ring_settled: bool = False
-    ring_m: float = 0.0
+    rehomed: bool = False
     true_ring_m: float = 0.0
     palpation: list[Palpation] = []
     belief: list[Belief] = []
@@ -72,6 +71,7 @@ class ExperimentState(State):
     right_count: int = 0
     trials_done: int = 0
     sweep_s: float = 0.0
+    finished: bool = False
 
 
 class Experiment(Node):
@@ -109,31 +109,40 @@ class Experiment(Node):
             estimation_mounts=params.estimation_mounts,
         )
         self.record = Record(params.out, sorted({*with_bead.values()}))
+        self.plan: plan.Plan | None = None
+        self.step: plan.Step | None = None
 
     def on_activate(self) -> None:
-        state = self.state
-        if state.plan_seed < 0:
-            state.plan_seed = int(self.rng.integers(2**31))
+        if self.state.plan_seed < 0:
+            self.state.plan_seed = int(self.rng.integers(2**31))
             self.record.start()
-        self.plan = plan.experiment(self.design, np.random.default_rng(state.plan_seed))
-        replies = (plan.Reply(word) for word in state.replies)  # type: ignore[arg-type]
-        self.step = plan.resume(self.plan, replies)
         self._advance()
+
+    def _current_plan(self) -> plan.Plan:
+        """Return the plan under way; a replacement leads a fresh one there by the replies it inherits."""
+        if self.plan is None:
+            self.plan = plan.experiment(self.design, np.random.default_rng(self.state.plan_seed))
+            replies = (plan.Reply(word) for word in self.state.replies)  # type: ignore[arg-type]
+            self.step = plan.resume(self.plan, replies)
+        return self.plan
 
     # What the plan asks for
 
     def _advance(self) -> None:
         """Do steps as long as they are done at once; return when one has to be waited for."""
+        current = self._current_plan()
         while self.step is not None:
             word = self._do(self.step)
             if word is None:
                 return
             self.state.replies.append(word)
             try:
-                self.step = self.plan.send(plan.Reply(word))
+                self.step = current.send(plan.Reply(word))
             except StopIteration:
                 self.step = None
-        self._report("done")
+        if not self.state.finished:
+            self.state.finished = True
+            self._report("done")
         self.finish(0)
 
     def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
@@ -156,47 +165,36 @@ class Experiment(Node):
             state.commanded, state.code = True, ""
             state.remount += 1
             self.mount.publish(Mount(stamp_ns=self.now_ns(), code=step.phantom, remount=state.remount))
-        if state.code != step.phantom:
-            return None
-        state.commanded = False
-        return "done"
+        state.commanded = state.code != step.phantom
+        return None if state.commanded else "done"
 
     def _rehome(self) -> Literal["done"] | None:
         state = self.state
         if not state.commanded:
-            state.commanded, state.ring_settled = True, False
+            state.commanded, state.rehomed = True, False
             self.ring.publish(
                 RingCommand(stamp_ns=self.now_ns(), trial=state.trial, iteration=0, ring_m=0.0, rehome=True)
             )
-        if state.ring_settled and state.ring_rehome and state.ring_trial == state.trial:
-            state.commanded = False
-            return "done"
-        return None
+        state.commanded = not state.rehomed
+        return "done" if state.rehomed else None
 
     def _palpate(self, step: plan.Palpate) -> Literal["done", "continue", "decided", "undecided"] | None:
-        state = self.state
+        state, params, now_ns = self.state, self.params, self.now_ns()
         state.iteration = step.iteration
         if not state.trial_announced:
             self._announce_trial()
         if step.ring_given and not state.commanded:
             state.commanded = True
             self.ring.publish(
-                RingCommand(
-                    stamp_ns=self.now_ns(), trial=step.trial, iteration=step.iteration, ring_m=step.ring_m
-                )
+                RingCommand(stamp_ns=now_ns, trial=step.trial, iteration=step.iteration, ring_m=step.ring_m)
             )
         if not state.swept:
             ring_there = (state.ring_trial, state.ring_iteration) == (step.trial, step.iteration)
-            if ring_there and state.ring_settled and not state.ring_rehome and state.stage_ready:
+            if ring_there and state.ring_settled and state.stage_ready:
                 state.swept, state.stage_ready = True, False
                 state.goal_id += 1
                 self.goal.publish(
-                    SweepGoal(
-                        stamp_ns=self.now_ns(),
-                        goal_id=state.goal_id,
-                        from_m=self.params.from_m,
-                        to_m=self.params.to_m,
-                    )
+                    SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=params.from_m, to_m=params.to_m)
                 )
             return None
         if not state.palpation or not (state.belief or state.phase == "training"):
@@ -208,15 +206,14 @@ class Experiment(Node):
         return belief.verdict if belief else "done"  # type: ignore[return-value]
 
     def _announce_trial(self) -> None:
-        state = self.state
+        state, training = self.state, self.state.phase == "training"
         state.trial_announced = True
-        training = state.phase == "training"
         self.trial.publish(
             Trial(
                 stamp_ns=self.now_ns(),
                 trial=state.trial,
                 phase=state.phase,
-                code=state.code,
+                code=state.code if training else "",
                 label_known=training,
                 depth_m=state.label_m if training else 0.0,
             )
@@ -232,8 +229,11 @@ class Experiment(Node):
     @on(ring_state)
     def note_ring(self, ring: RingState) -> None:
         state = self.state
-        state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
-        state.ring_settled, state.ring_rehome, state.ring_m = ring.settled, ring.rehome, ring.target_m
+        state.ring_settled = ring.settled
+        if ring.rehome:  # it returns to its target, so the last command stays fulfilled
+            state.rehomed = ring.settled and ring.trial == state.trial
+        else:
+            state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
         self._advance()
 
     @on(ring_truth)
@@ -258,48 +258,14 @@ class Experiment(Node):
 
     @on(primitives)
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:
-        shape = (len(learnt.depths_m), len(learnt.rings_m))
-        self.record.primitives(
-            {
-                "depths_m": learnt.depths_m.tolist(),
-                "rings_m": learnt.rings_m.tolist(),
-                "mean": learnt.mean_n_m.reshape(shape).tolist(),
-                "sd": learnt.sd_n_m.reshape(shape).tolist(),
-                "count": learnt.count.reshape(shape).tolist(),
-                "floor": learnt.floor_n_m,
-            }
-        )
+        self.record.primitives(primitives_of(learnt))
 
     # The record
 
     def _keep(self, palpation: Palpation, belief: Belief | None) -> None:
-        state, params = self.state, self.params
+        state = self.state
         self.record.append(
-            Row(
-                row=state.row,
-                session=f"{params.policy}-{params.seed}",
-                phase=state.phase,
-                phantom=state.code,
-                remount=state.remount,
-                trial=state.trial,
-                depth_m=state.depth_m,
-                iteration=state.iteration,
-                ring_m=palpation.ring_m,
-                true_ring_m=state.true_ring_m,
-                peak_n_m=palpation.peak_n_m,
-                posterior=belief.posterior.tolist() if belief else [],
-                gain=belief.gain.tolist() if belief else [],
-                gamma=belief.gamma if belief and belief.gamma_defined else None,
-                verdict=belief.verdict if belief else "",
-                estimate_m=belief.estimate_m if belief else None,
-                outlier=belief.outlier if belief else False,
-                policy=params.policy,
-                seed=params.seed,
-                start_ns=palpation.start_ns,
-                end_ns=palpation.end_ns,
-            ),
-            palpation.torque_n_m,
-            palpation.rate_hz,
+            row_of(self.params, state, palpation, belief), palpation.torque_n_m, palpation.rate_hz
         )
         state.row += 1
         state.palpations_done += 1
@@ -325,19 +291,4 @@ class Experiment(Node):
         )
 
     def _report(self, phase: str) -> None:
-        state, design = self.state, self.design
-        phantoms = len(design.phantoms)
-        trained = design.repeats * phantoms * len(design.rings_m)
-        training = phase == "training"
-        self.progress.publish(
-            Progress(
-                stamp_ns=self.now_ns(),
-                phase=phase,
-                done_count=state.palpations_done if training else state.trials_done,
-                total_count=trained if training else design.trials_per_phantom * phantoms,
-                text="palpations" if training else "trials",
-                score=state.right_count / state.trials_done if state.trials_done else 0.0,
-                score_defined=state.trials_done > 0,
-                busy_s=state.sweep_s,
-            )
-        )
+        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))

@@ -23,9 +23,9 @@ class PhantomParams(Params):
     """Set in the launch file.
 
     ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``output`` and
-    ``tolerance``
-    choose the contact rung. ``height_sd_mm`` is the spread of the surface's height over remounts (assumed:
-    set down by hand against a stop). Friction, tip mass and indentation are assumed, as the paper gives none.
+    ``tolerance`` choose the contact rung. ``height_sd_mm`` is the spread of the surface's height over
+    remounts (assumed: set down by hand against a stop). Friction, tip mass and indentation are assumed, as
+    the paper gives none.
     """
 
     phantoms: str = ""

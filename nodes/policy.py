@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -10,7 +11,7 @@ from msgs.actuator import RingCommand
 from msgs.estimation import Belief
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.perception import policies
+from palp_core.perception import figure5, policies
 
 
 class PolicyState(State):
@@ -50,6 +51,7 @@ class Policy(Node):
     def begin(self, trial: Trial) -> None:
         self.state.active = trial.phase == "estimation"
         if self.state.active:
+            self.policy = self.choose()  # parameters may have changed since the last trial
             self.state.trial, self.state.iteration = trial.trial, 0
             self._command(self.policy.start(self.rng))
 
@@ -58,13 +60,14 @@ class Policy(Node):
         state = self.state
         if not state.active or belief.trial != state.trial or belief.verdict != "continue":
             return
-        rings_m = np.array(self.policy.rings_m)
-        level = int(np.argmin(np.abs(rings_m - state.ring_m)))
-        self._command(
-            self.policy.step(
-                policies.PolicyState(level, state.mean_level), np.asarray(belief.posterior), self.rng
-            )
-        )
+        self._command(self.policy.step(self._present(), belief.posterior, self.rng))
+
+    def _present(self) -> policies.PolicyState:
+        """Return where this policy stands; after one that keeps no mean level, that of the ring."""
+        ring_m, mean_level = self.state.ring_m, self.state.mean_level
+        if mean_level == 0.0:
+            mean_level = figure5.LEVELS[_nearest(figure5.RINGS_M, ring_m)]
+        return policies.PolicyState(_nearest(self.policy.rings_m, ring_m), mean_level)
 
     def _command(self, chosen: policies.PolicyState) -> None:
         state = self.state
@@ -76,3 +79,7 @@ class Policy(Node):
                 stamp_ns=self.now_ns(), trial=state.trial, iteration=state.iteration, ring_m=state.ring_m
             )
         )
+
+
+def _nearest(rings_m: Sequence[float], ring_m: float) -> int:
+    return int(np.argmin(np.abs(np.asarray(rings_m) - ring_m)))

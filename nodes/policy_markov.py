@@ -14,9 +14,8 @@ class MarkovParams(Params):
     """Set in the launch file.
 
     ``matrices`` names the reconstruction of Figure 5; ``reading`` how eqs. (4) and (5) choose a level;
-    ``mixture``
-    which depth's matrix is used while the depth is unknown. ``mean_level`` is the mean of P_{S,1}, from
-    which the initial ring level is drawn (assumed).
+    ``mixture`` which depth's matrix is used while the depth is unknown. ``mean_level`` is the mean of
+    P_{S,1}, from which the initial ring level is drawn (assumed).
     """
 
     matrices: Literal["ar1", "tridiagonal"] = "ar1"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -19,7 +20,7 @@ class StageParams(Params):
 
     device: str = "sim"
     rate_hz: HertzPositive = 1000.0
-    block_samples: int = 50
+    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 50
     sweep_speed_m_s: MetresPerSecond = 0.020
 
     @property
@@ -41,6 +42,7 @@ class StageState(State):
     end_ns: int = 0
     next_sample: int = 0
     sample_count: int = 0
+    at_start: bool = False
 
 
 class Stage(Node):
@@ -61,6 +63,7 @@ class Stage(Node):
         )
 
     def on_activate(self) -> None:
+        self.state.activity, self.state.at_start = "ready", False
         self.device.open(self.now_ns(), self.state.device, self.rng)
 
     def on_deactivate(self) -> None:
@@ -77,27 +80,31 @@ class Stage(Node):
             raise ValueError(
                 f"goal {goal.goal_id} came while goal {state.goal_id} is {state.activity}; wait for 'ready'"
             )
+        state.at_start = state.at_start and (goal.from_m, goal.to_m) == (state.from_m, state.to_m)
         state.goal_id, state.from_m, state.to_m = goal.goal_id, goal.from_m, goal.to_m
-        self._return()
+        if state.at_start:
+            self._sweep()
+        else:
+            self._return("returning")
 
     def _cancel(self) -> None:
         self.block.stop()
-        self.state.activity = "cancelled"
+        self.state.activity, self.state.at_start = "cancelled", False
         self.arrival.set(self.device.stop(self.now_ns(), self.state.device))
         self._say("cancelled")
 
-    def _return(self) -> None:
-        """Go by the other path to where the sweep starts; no way if the stage is there already."""
+    def _return(self, activity: str) -> None:
+        """Go by the other path to where the sweep starts."""
         start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
-        self.state.activity = "returning"
+        self.state.activity = activity
         self.arrival.set(self.device.return_to(start_m, self.now_ns(), self.state.device))
 
     def _sweep(self) -> None:
         state = self.state
         times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), state.device)
-        state.activity = "sweeping"
+        state.activity, state.at_start = "sweeping", False
         state.enter_ns, state.leave_ns, state.end_ns = times.enter_ns, times.leave_ns, times.end_ns
-        state.next_sample = math.ceil(times.enter_ns * self.params.rate_hz / 1e9)
+        state.next_sample = self._first_sample(times.enter_ns)
         state.sample_count = 0
         self.block.start()
         self._say("sweeping")
@@ -108,33 +115,26 @@ class Stage(Node):
         if activity == "returning":
             self._sweep()
         elif activity == "swept":
-            self.state.activity = "resting"
-            self.arrival.set(
-                self.device.return_to(
-                    self.device.sweep_start(self.state.from_m, self.state.to_m),
-                    self.now_ns(),
-                    self.state.device,
-                )
-            )
+            self._return("resting")
         else:
-            self.state.activity = "ready"
+            self.state.activity, self.state.at_start = "ready", activity == "resting"
             self._say("ready")
 
     @on(block)
     def sample(self) -> None:
-        state, rate_hz = self.state, self.params.rate_hz
-        last = math.floor(min(self.now_ns(), state.leave_ns) * rate_hz / 1e9)
-        if last >= state.next_sample:
-            times_ns = np.rint(np.arange(state.next_sample, last + 1) * (1e9 / rate_hz)).astype(np.int64)
+        state = self.state
+        following = self._first_sample(min(self.now_ns(), state.leave_ns) + 1)
+        if following > state.next_sample:
+            times_ns = np.array([self._stamp_ns(k) for k in range(state.next_sample, following)])
             reading = self.device.read(times_ns, state.device)
-            state.next_sample = last + 1
+            state.next_sample = following
             state.sample_count += len(times_ns)
             self.pose.publish(
                 StagePose(
                     stamp_ns=self.now_ns(),
                     goal_id=state.goal_id,
                     start_ns=int(times_ns[0]),
-                    rate_hz=rate_hz,
+                    rate_hz=self.params.rate_hz,
                     position_m=reading.y_m,
                 )
             )
@@ -143,6 +143,18 @@ class Stage(Node):
             state.activity = "swept"
             self.arrival.set(state.end_ns)
             self._say("swept")
+
+    def _stamp_ns(self, sample: int) -> int:
+        return round(sample * 1e9 / self.params.rate_hz)
+
+    def _first_sample(self, from_ns: int) -> int:
+        """Return the number of the first sample of the grid that is not before a time."""
+        sample = math.ceil(from_ns * self.params.rate_hz / 1e9)
+        while self._stamp_ns(sample - 1) >= from_ns:  # the product was rounded up
+            sample -= 1
+        while self._stamp_ns(sample) < from_ns:
+            sample += 1
+        return sample
 
     def _say(self, status: str) -> None:
         state = self.state

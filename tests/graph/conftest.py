@@ -102,7 +102,7 @@ def wait_for_line(process: subprocess.Popen[str], start: str) -> None:
     raise AssertionError(f"ended before '{start}': {process.stderr.read() if process.stderr else ''}")
 
 
-@pytest.fixture()
+@pytest.fixture
 def palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
     command = Palp(tmp_path_factory.mktemp("r"))
     yield command

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import signal
 import subprocess
@@ -19,8 +20,6 @@ RIG_NODES = (
 
 
 def node_pid(palp: Palp, name: str) -> int:
-    import json
-
     found = json.loads(palp.run("node", "list", "--json").stdout)
     return next(int(node["pid"]) for node in found if node["name"] == f"/{name}")
 
@@ -72,12 +71,23 @@ def test_when_the_fork_server_is_killed_the_run_ends_and_says_so(palp: Palp) -> 
     assert palp.all_gone_within(2.0)
 
 
+def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "clock:=sim", "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    psutil.Process(node_pid(palp, "relay")).suspend()
+    assert process.stderr is not None
+    assert "still waiting for relay" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 130
+    assert palp.all_gone_within(2.0)
+
+
 @pytest.mark.parametrize("moment", range(6))
 def test_ctrl_c_at_any_moment_leaves_nothing_behind(palp: Palp, tmp_path: Path, moment: int) -> None:
     interrupt_at_a_random_moment(palp, tmp_path / "out", random.Random(moment), compose=moment % 2 == 1)
 
 
-@pytest.mark.slow()
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", range(100, 120))
 def test_ctrl_c_at_twenty_more_moments(palp: Palp, tmp_path: Path, moment: int) -> None:
     interrupt_at_a_random_moment(palp, tmp_path / "out", random.Random(moment), compose=moment % 2 == 1)

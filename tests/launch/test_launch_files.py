@@ -62,7 +62,7 @@ def test_a_valid_file_becomes_a_whole_graph(workspace: Any) -> None:
         True,
         7,
     )
-    assert torque.params == {"rate_hz": 500.0}
+    assert torque.params == {"device": "sim", "rate_hz": 500.0, "samples": 50}
     assert torque.requests == {"tare": ["/estimator/tare"]}
     assert estimator.inputs == {"torque": "/torque/torque", "tare": "/torque/tare"}
     assert (estimator.restart, estimator.max_restarts, estimator.backoff_s) == ("on_failure", 2, 1.0)

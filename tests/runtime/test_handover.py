@@ -51,7 +51,7 @@ class BusyState(State):
 
 
 class Busy(Node):
-    """Uses everything there is: inputs, a service, a client, timers, an alarm, randomness, arrays in its state."""
+    """Uses inputs, a service, a client, timers, an alarm, randomness and arrays in its state."""
 
     params: BusyParams
     state: BusyState
@@ -208,7 +208,7 @@ def _straight(script: list[Step]) -> Run:
     return run
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=150)
 @given(steps, st.sets(st.integers(0, 30), max_size=4))
 def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Step], swaps: set[int]) -> None:
     run = Run()
@@ -271,7 +271,7 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
     return [frame for frame in frames if parse(frame).topic != "/busy/_order"]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=100)
 @given(steps)
 def test_the_written_order_is_enough_to_drive_the_node_again_to_the_same_bytes(script: list[Step]) -> None:
     run = _straight([step for step in script if step[0] != "params"])
@@ -288,7 +288,9 @@ def test_the_order_is_written_in_batches_with_a_state_every_ten_seconds() -> Non
     orders = [decode(Order, parse(f).payload) for f in run.frames if parse(f).topic == "/busy/_order"]
     assert [order.now_ns[0] // 10**10 for order in orders if order.state_present] == [0, 1, 2]
     assert all(len(order.source) <= 256 for order in orders)
-    ticks = [s for o in orders for n, s in zip(o.source, o.sequence, strict=True) if o.sources[n] == "timer:fast"]
+    ticks = [
+        s for o in orders for n, s in zip(o.source, o.sequence, strict=True) if o.sources[n] == "timer:fast"
+    ]
     assert ticks == list(range(1, 1750 + 1))
     assert _redrive(orders, run.fed, 0) == run.outputs()
 

@@ -1,4 +1,4 @@
-"""Managed-node states: whatever is asked in whatever order, only allowed transitions happen, each with its hook."""
+"""Managed-node states: whatever is asked, only allowed transitions happen, each with its hook."""
 
 from __future__ import annotations
 
@@ -124,7 +124,9 @@ def test_the_table_is_the_one_of_managed_nodes() -> None:
         for transition in Transition:
             target = ALLOWED.get((state.value, transition.value))
             if target is None:
-                with pytest.raises(LifecycleError, match=f"cannot {transition.value} a node that is {state.value}"):
+                with pytest.raises(
+                    LifecycleError, match=f"cannot {transition.value} a node that is {state.value}"
+                ):
                     successor(state, transition)
             else:
                 assert successor(state, transition).value == target

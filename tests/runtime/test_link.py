@@ -36,7 +36,9 @@ from_node = st.one_of(
     st.builds(Relay, st.binary(max_size=20), st.none() | st.integers(0, 255)),
 )
 to_node = st.one_of(
-    st.builds(Activate, st.integers(0, 2**62)), st.builds(Round, st.integers(0, 2**62), frames), st.builds(Shutdown, st.integers(0, 2**62))
+    st.builds(Activate, st.integers(0, 2**62)),
+    st.builds(Round, st.integers(0, 2**62), frames),
+    st.builds(Shutdown, st.integers(0, 2**62)),
 )
 
 Pair = tuple[Link[FromNode], Link[ToNode]]

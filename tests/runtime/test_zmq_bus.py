@@ -62,7 +62,7 @@ class Publisher:
             if enough(frames):
                 break
             if not (self.broadcast.pending() or subscriber.pending()):
-                assert poller.poll(PATIENCE_S * 1e3), f"nothing more came after {frames}"
+                assert poller.poll(round(PATIENCE_S * 1e3)), f"nothing more came after {frames}"
         return frames
 
     def match(self, subscriber: Subscriber, topics: int = 1) -> list[bytes]:
@@ -78,7 +78,7 @@ class Publisher:
             self.broadcast.poll()
             if self.broadcast.pending():
                 continue
-            ready = dict(poller.poll(PATIENCE_S * 1e3))
+            ready = dict(poller.poll(round(PATIENCE_S * 1e3)))
             assert ready, "nobody answered"
             if descriptor in ready:
                 return
@@ -133,7 +133,9 @@ def test_a_topic_whose_name_begins_another_is_not_mixed_with_it(publisher: Publi
         long.publish(block())
         short.publish(block())
     for reader, topic in ((of_short, "/a/b"), (of_long, "/a/bc")):
-        frames = publisher.receive(reader, lambda frames: parse(frames[-1]).sequence == 3 if frames else False)
+        frames = publisher.receive(
+            reader, lambda frames: parse(frames[-1]).sequence == 3 if frames else False
+        )
         assert {parse(frame).topic for frame in frames} == {topic}
 
 
@@ -256,7 +258,9 @@ def test_a_request_is_answered_by_its_operation(publisher: Publisher) -> None:
         msgpack.packb({"op": "strange"}),
     ],
 )
-def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(publisher: Publisher, request_bytes: bytes) -> None:
+def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
+    publisher: Publisher, request_bytes: bytes
+) -> None:
     def fails(request: dict[str, Any]) -> dict[str, Any]:
         raise RuntimeError("\udcff")
 

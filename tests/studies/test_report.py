@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import base64
 import csv
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -14,7 +15,11 @@ import numpy as np
 import pytest
 
 from palp_core.launch.graph import RunSummary
+from palp_core.perception.primitives import Primitives
+from palp_core.studies.charts import save
 from palp_core.studies.report import session
+from palp_core.studies.session import read_session
+from palp_core.studies.training_charts import primitives_chart
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]
@@ -81,8 +86,10 @@ def test_every_tag_of_the_page_is_closed(record: Writer, summary: Summariser) ->
 def test_the_page_states_the_session_and_the_reach_of_its_intervals(
     record: Writer, summary: Summariser
 ) -> None:
-    session(summary(out := record(trials=TRIALS)))
+    said = session(summary(out := record(trials=TRIALS)))
     page = (out / "report.html").read_text(encoding="utf-8")
+    assert said.splitlines()[0] in page
+    assert said.endswith(f"Report: {out / 'report.html'}")
     assert "found the right depth in 3 of 4 trials: 75.0 %" in page
     assert "speak for this session only" in page
     assert "slightly above 90 %" in page
@@ -164,6 +171,35 @@ def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, su
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "<b>bold" not in page
     assert "&lt;b&gt;bold" in page
+
+
+def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, summary: Summariser) -> None:
+    described = summary(out := record(trials=TRIALS))
+    described.params.pop("phantom")
+    described.params["policy"] = {"rings_mm": (0.0, 16.0)}
+    session(described)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "simulated" not in page
+    assert "rig with devices" in page
+    assert "0, 16" in page
+
+
+def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
+    found = read_session(record(repeats=0))
+    shape = (3, 5)
+    learnt = Primitives(
+        depths_m=np.array([0.002, 0.004, 0.008]),
+        rings_m=np.linspace(0.0, 0.016, 5),
+        mean=np.ones(shape) * 0.01,
+        sd=np.full(shape, 1e-4),
+        count=np.arange(1.0, 16.0).reshape(shape),
+        floor=1e-5,
+    )
+    chart = primitives_chart(dataclasses.replace(found, primitives=learnt))
+    assert chart is not None
+    assert len(chart.rows) == 15
+    assert "1 to 15 palpations" in chart.caption
+    assert save(chart, found.folder / "charts").startswith(b"\x89PNG")
 
 
 def test_charts_are_the_same_bytes_every_time(record: Writer, summary: Summariser) -> None:

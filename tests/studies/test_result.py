@@ -43,6 +43,11 @@ def test_probes_are_averaged_over_trials(record: Writer, summary: Summariser) ->
     assert found["probes_mean_per_depth_mm"] == {"2": 1.5, "8": 2.0}
 
 
+def test_mountings_are_counted_per_phase(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["mounts"] == {"training": 1, "estimation": 1}
+
+
 def test_confusion_has_a_row_per_actual_depth(record: Writer, summary: Summariser) -> None:
     found = built(out := record(trials=TRIALS), summary(out))
     assert found["confusion"] == {

@@ -48,6 +48,15 @@ def test_a_session_that_ended_in_training_has_the_primitives_of_what_it_trained(
     assert found.trials == ()
 
 
+def test_training_that_did_not_reach_every_cell_gives_no_primitives(record: Writer) -> None:
+    out = record(primitives=False)
+    lines = (out / "trials.csv").read_text().splitlines(keepends=True)
+    (out / "trials.csv").write_text("".join(lines[:7]))
+    found = read_session(out)
+    assert found.primitives is None
+    assert len(found.training) == 6
+
+
 def test_without_any_training_there_are_no_primitives(record: Writer) -> None:
     assert read_session(record(repeats=0)).primitives is None
 

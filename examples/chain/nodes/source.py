@@ -38,7 +38,5 @@ class Source(Node):
         self.sample.publish(Sample(stamp_ns=self.now_ns(), index=state.index, torque_n_m=torque_n_m))
         state.index += 1
         self.progress.publish(
-            Progress(
-                stamp_ns=self.now_ns(), phase="blocks", done_count=state.index, total_count=params.count
-            )
+            Progress(stamp_ns=self.now_ns(), phase="blocks", done_count=state.index, total_count=params.count)
         )

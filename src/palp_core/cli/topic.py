@@ -64,8 +64,7 @@ def echo(
 
     _, entry = _find(topic, graph)
     limit = 1 if once else times
-    shown = 0
-    for frame in _frames(entry, timeout):
+    for shown, frame in enumerate(_frames(entry, timeout), start=1):
         message = _readable(msgspec.msgpack.decode(frame.payload), entry.json_schema)
         if field is not None:
             if field not in message:
@@ -81,7 +80,6 @@ def echo(
             if as_json
             else yaml.safe_dump(message, sort_keys=False, default_flow_style=None) + "---"
         )
-        shown += 1
         if shown == limit:
             return
 
@@ -95,21 +93,20 @@ def hz(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure a topic's rate from the sequence numbers and stamps of its messages, on the graph's clock and the wall's."""
+    """Measure a topic's rate from its messages' own sequence numbers and stamps."""
     from palp_core.runtime.clock import monotonic_ns
 
     record, entry = _find(topic, graph)
     first = last = None
-    begin_ns = end_ns = lost = received = 0
-    for frame in _frames(entry, timeout):
+    begin_ns = end_ns = lost = 0
+    for received, frame in enumerate(_frames(entry, timeout)):
         end_ns = monotonic_ns()
         if first is None:
             first, begin_ns = frame, end_ns
         elif last is not None:
             lost += frame.sequence - last.sequence - 1
         last = frame
-        received += 1
-        if received > window:
+        if received >= window:
             break
     if first is None or last is None or first is last:
         raise GraphError(f"{topic}: fewer than two messages within {timeout:g} s")

@@ -259,10 +259,11 @@ def _spec(
     node: _Candidate, seed: int, readings: dict[str, Reading], requests: dict[str, list[str]]
 ) -> NodeSpec:
     entry = node.entry
+    defaults = {name: known.default for name, known in node.declared.params.items() if not known.required}
     return NodeSpec(
         name=entry.name,
         run=node.variant.run.value,
-        params={name: item.value for name, item in node.variant.params.items()},
+        params=defaults | {name: item.value for name, item in node.variant.params.items()},
         inputs={port: reading.topic for port, reading in readings.items()},
         requests=requests,
         seed=seed,

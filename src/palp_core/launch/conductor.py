@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, PalpError
 from palp_core.runtime.link import Done, Round
 from palp_core.runtime.wire import sequence_of, topic_of
 
@@ -103,9 +103,19 @@ class Conductor:
         return self.exit_code
 
     def shutdown(self, order: Sequence[int]) -> None:
-        """End every node, in the given order."""
+        """End every node, in the given order; one that fails at it keeps no other from its safe state.
+
+        Raises:
+            PalpError: The first failure, after every node was asked.
+        """
+        failures = []
         for index in order:
-            self._take(index, self._crew.shutdown(index, self.now_ns))
+            try:
+                self._take(index, self._crew.shutdown(index, self.now_ns))
+            except PalpError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def _run_rounds(self, published: list[bytes]) -> None:
         now_ns = self.now_ns

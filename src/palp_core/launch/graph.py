@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import msgspec
 
-from palp_core.errors import PalpError
+from palp_core.errors import GraphError
 from palp_core.launch.check import CheckedGraph, load
 from palp_core.launch.composition import Composition
 from palp_core.launch.conductor import Conductor, Crew, Observer
@@ -58,6 +58,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     report: str = ""
 
 
+def _checked(path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory) -> CheckedGraph:
+    return load(path, overrides, lambda requests, where: server.describe(requests, where, folder.path))
+
+
 def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     """Check a launch file as a whole without starting anything.
 
@@ -67,7 +71,7 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     folder = RunDirectory(Path(path).stem)
     server = ForkServer()
     try:
-        return load(Path(path), overrides, lambda r, workspace: server.describe(r, workspace, folder.path))
+        return _checked(Path(path), overrides, server, folder)
     finally:
         server.close()
         folder.remove()
@@ -112,16 +116,16 @@ class Graph:
             self.directory = RunDirectory(self.path.stem)
             server = ForkServer()
             stack.callback(server.close)
-            self.checked = load(
-                self.path,
-                self._overrides,
-                lambda r, workspace: server.describe(r, workspace, self.directory.path),
-            )
-            if self._compose:
-                if self.checked.clock != "sim":
-                    raise PalpError(
+            try:
+                self.checked = _checked(self.path, self._overrides, server, self.directory)
+                if self._compose and self.checked.clock != "sim":
+                    raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
+            except GraphError:  # nothing has run: there are no logs to keep
+                self.directory.remove()
+                raise
+            if self._compose:
                 server.close()
                 self._crew: Crew = self._composed(stack)
             else:

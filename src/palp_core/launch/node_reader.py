@@ -15,7 +15,7 @@ from palp_core.launch.yaml_tree import Entry, Mapping, Scalar, Tree
 
 __all__ = ["NAME", "NodeReader"]
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
 _KEYS = ("run", "params", "inputs", "restart", "on_exit")
 _CHOICES = {
@@ -50,7 +50,8 @@ class NodeReader:
         """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
         before, self._hidden = len(self._problems), False
         if NAME.fullmatch(name) is None:
-            self._problems.add(entry.mark, f"'{name}' cannot be a node's name; use letters, digits and _")
+            advice = "use letters, digits and _, at most 32"
+            self._problems.add(entry.mark, f"'{name}' cannot be a node's name; {advice}")
         if not isinstance(entry.value, Mapping):
             self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
             return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)

@@ -18,6 +18,7 @@ from palp_core.runtime.clock import unix_ns
 __all__ = ["NodeEntry", "RunDirectory", "RunRecord", "TopicEntry", "find_running", "running"]
 
 KEEP_ENDED = 10
+LONGEST_BASE = 36  # a socket's path holds 107 bytes: this, a run's name, a node's name
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
@@ -63,7 +64,7 @@ class RunRecord(msgspec.Struct, frozen=True):
 
 def _base() -> Path:
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and os.access(runtime, os.W_OK):
+    if runtime and len(runtime) <= LONGEST_BASE and os.access(runtime, os.W_OK):
         return Path(runtime) / "palp"
     return Path(tempfile.gettempdir()) / f"palp-{os.getuid()}"
 

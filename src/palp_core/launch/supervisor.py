@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import select
 import signal
 import socket
@@ -37,7 +38,9 @@ __all__ = ["Member", "Supervisor"]
 
 START_TIMEOUT_NS = 60_000_000_000
 LADDER_STEP_NS = 5_000_000_000
+PATIENCE_S = 10.0
 LOG_LINES = 12
+_LOG = logging.getLogger("palp.supervisor")
 
 
 class Member:
@@ -90,6 +93,7 @@ class Supervisor:
         self._interrupt = interrupt
         self._observe = observe
         self._ending = False
+        self._patience_ends_ns = 0
         self._start_ns = 0
         self._replies: dict[int, Done] = {}
         self._strangers: dict[int, Link[FromNode]] = {}
@@ -143,23 +147,29 @@ class Supervisor:
         """Let several nodes do their part of a round, in parallel."""
         for index, message in rounds.items():
             self._send(index, message)
+        asked_ns = monotonic_ns()
         while len(self._replies) < len(rounds):
-            self._pump(None)
+            self._pump(PATIENCE_S)
+            if monotonic_ns() - asked_ns > PATIENCE_S * 1e9:
+                late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
+                _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
+                asked_ns = monotonic_ns()
         replies, self._replies = self._replies, {}
         return replies
 
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and end it; one that does not answer is left to :meth:`close`."""
         member = self.members[index]
-        self._ending = True
+        if not self._ending:
+            self._ending = True
+            self._patience_ends_ns = monotonic_ns() + LADDER_STEP_NS
         if member.link is None or member.ended:
             return Done([], -1, None)
         self._replies.clear()
         with contextlib.suppress(NodeError, LinkClosed):
             self._send(index, Shutdown(now_ns))
-            deadline_ns = monotonic_ns() + LADDER_STEP_NS
-            while not member.ended and monotonic_ns() < deadline_ns:
-                self._pump(0.5)
+            while not member.ended and monotonic_ns() < self._patience_ends_ns:
+                self._pump(0.2)
         return self._replies.pop(index, Done([], -1, None))
 
     def _ask(self, index: int, message: ToNode) -> Done:

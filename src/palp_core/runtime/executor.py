@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import logging
-import math
 import operator
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -24,8 +23,8 @@ from palp_core.runtime.clock import Clock
 from palp_core.runtime.delivery import EdgeCounter
 from palp_core.runtime.handover import HandOver, adopt_state, rng_from_text, rng_to_text
 from palp_core.runtime.lifecycle import Lifecycle, Transition, successor
-from palp_core.runtime.message import Message, decode, encode_any, schema_of
-from palp_core.runtime.node import Node, Params, declaration_of
+from palp_core.runtime.message import Message, decode, decode_any, encode_any, schema_of
+from palp_core.runtime.node import Node, Params, State, declaration_of
 from palp_core.runtime.order import OrderLog
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.ports import Alarm, Timer
@@ -36,6 +35,7 @@ from palp_core.runtime.wire import Frame, Kind, parse
 __all__ = ["Executor", "load_params"]
 
 ORDER_PORT = "_order"
+SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
 
 def load_params(params_class: type[Params], values: Mapping[str, Any], where: str) -> Params:
@@ -93,7 +93,7 @@ class Executor:
         self.rng = np.random.default_rng([spec.seed, *name_words.tolist()])
         self.node = node_class(self)
         self.node.params = self._load(spec.params)
-        self.node.state = self._declaration.state()
+        self.node.state = self._first_state()
         self.outlets: dict[str, Outlet[Any]] = {}
         self._inputs: dict[str, list[_Input]] = {}
         self._timers: dict[str, TimerEnd | AlarmEnd] = {}
@@ -111,11 +111,19 @@ class Executor:
         params = load_params(self._declaration.params, values, self.name)
         for name, timer in self._declaration.timers.items():
             rate_hz = getattr(params, timer.hz)
-            if not 0.0 < rate_hz < math.inf:
+            if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
                 raise GraphError(
-                    f"{self.name}: parameters: '{timer.hz}' is the rate of '{name}': above 0, not {rate_hz:g}"
+                    f"{self.name}: parameters: '{timer.hz}' is the rate of '{name}': {rate_hz:g} is no rate"
                 )
         return params
+
+    def _first_state(self) -> State:
+        """Return the default state through its bytes, so that no two nodes share a default array."""
+        state_class = self._declaration.state
+        try:
+            return decode_any(state_class, encode_any(state_class()), writable=True)
+        except (SchemaMismatch, TypeError, ValueError) as error:
+            raise GraphError(f"{self.name}: {state_class.__name__} cannot be handed over: {error}") from error
 
     def _bind(self, send: Callable[[bytes], None]) -> None:
         declared, ends = self._declaration, self.node.__dict__
@@ -160,18 +168,18 @@ class Executor:
         def guarded(*arguments: Any) -> Any:
             try:
                 return handler(node, *arguments)
-            except Exception as error:
-                text = str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
-                failure = NodeError(name, f"{handler.__name__} (handler of '{port}') failed: {text}")
+            except (Exception, SystemExit) as error:
                 self._fail(error)
-                raise failure from error
+                where = f"{handler.__name__} (handler of '{port}')"
+                raise NodeError(name, f"{where} failed: {_words(error)}") from error
 
         return guarded
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: BaseException) -> None:
         self.log.error("failed", exc_info=error)
+        reason = error if isinstance(error, Exception) else NodeError(self.name, _words(error))
         self.lifecycle = Lifecycle.FINALIZED
-        hooks: list[Callable[[], None]] = [lambda: self.node.on_error(error), self.node.on_deactivate]
+        hooks: list[Callable[[], None]] = [lambda: self.node.on_error(reason), self.node.on_deactivate]
         for hook in hooks:
             try:
                 hook()
@@ -219,10 +227,9 @@ class Executor:
     def _hook(self, name: str) -> None:
         try:
             getattr(self.node, name)()
-        except Exception as error:
-            text = str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
+        except (Exception, SystemExit) as error:
             self._fail(error)
-            raise NodeError(self.name, f"{name} failed: {text}") from error
+            raise NodeError(self.name, f"{name} failed: {_words(error)}") from error
 
     # Work
 
@@ -393,6 +400,10 @@ class Executor:
         """Consume what waits in the inbox."""
         while self.inbox and self.lifecycle is Lifecycle.ACTIVE:
             self.consume(self.inbox.popleft())
+
+
+def _words(error: BaseException) -> str:
+    return str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
 
 
 def _answer(handler: Callable[..., Any], reply: Outlet[Any]) -> Callable[..., None]:

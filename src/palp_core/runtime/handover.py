@@ -88,7 +88,7 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
         raise SchemaMismatch(
             f"{state_class.__name__} cannot take the state of {hand_over.node_class}: define {needed} on it"
         )
-    values: dict[str, Any] = msgspec.msgpack.decode(hand_over.state)
+    values = decode_any(dict[str, Any], hand_over.state)
     state = hook(Predecessor(hand_over.node_class, hand_over.state_version, values))
     if not isinstance(state, state_class):
         raise SchemaMismatch(f"{state_class.__name__}.{hook.__name__} returned {type(state).__name__}")

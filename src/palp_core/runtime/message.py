@@ -33,14 +33,12 @@ M = TypeVar("M", bound="Message")
 FLOAT64 = np.dtype("<f8")
 
 
-@dataclass_transform(
-    kw_only_default=True, frozen_default=True, eq_default=False, field_specifiers=(msgspec.field,)
-)
 class _MessageMeta(msgspec.StructMeta):
     def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _MessageMeta:
         return super().__new__(mcls, name, bases, namespace, frozen=True, kw_only=True, eq=False)
 
 
+@dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(msgspec.field,))
 class Message(msgspec.Struct, metaclass=_MessageMeta):
     """Base of every message: frozen, keyword-only, SI units in the field names.
 
@@ -97,7 +95,8 @@ def encode(message: Message) -> bytes:
     Raises:
         SchemaMismatch: A field holds what cannot travel.
     """
-    return _ENCODER.encode(schema_of(type(message)).canonical(message))
+    canonical = schema_of(type(message)).canonical
+    return _ENCODER.encode(message if canonical is None else canonical(message))
 
 
 _DECODERS: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
@@ -161,7 +160,7 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
     fields: tuple[Field, ...]
     type_hash: int
     check: Callable[[Any], None] | None
-    canonical: Callable[[Any], Any]
+    canonical: Callable[[Any], Any] | None
 
 
 _SCALARS: dict[type, str] = {
@@ -216,11 +215,13 @@ def _check(
     return check
 
 
-def _canonical(fields: list[Field]) -> Callable[[Any], Any]:
+def _canonical(fields: list[Field]) -> Callable[[Any], Any] | None:
     """Return a function that makes float of every int in a float field, equal values are then equal bytes."""
     floats = [f.name for f in fields if f.type == "float64"]
     lists = [f.name for f in fields if f.type == "float64[]" and not f.packed]
-    nested = [(f.name, f.nested.canonical) for f in fields if f.nested is not None]
+    nested = [(f.name, f.nested.canonical) for f in fields if f.nested is not None and f.nested.canonical]
+    if not floats and not lists and not nested:
+        return None
 
     def number(value: Any) -> Any:
         return float(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value

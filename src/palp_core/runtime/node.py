@@ -6,6 +6,7 @@ messages; so the same class runs in its own process, among others in one process
 
 from __future__ import annotations
 
+import inspect
 import logging
 import typing
 from collections.abc import Callable
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["Declaration", "Node", "Params", "State", "declaration_of"]
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(msgspec.field,))
 class _ParamsMeta(msgspec.StructMeta):
     def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _ParamsMeta:
         return super().__new__(
@@ -30,16 +30,17 @@ class _ParamsMeta(msgspec.StructMeta):
         )
 
 
+@dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class Params(msgspec.Struct, metaclass=_ParamsMeta):
     """Base of a node's parameters: frozen, validated, replaced as a whole when one of them changes."""
 
 
-@dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class _StateMeta(msgspec.StructMeta):
     def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _StateMeta:
         return super().__new__(mcls, name, bases, namespace, kw_only=True, forbid_unknown_fields=True)
 
 
+@dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class State(msgspec.Struct, metaclass=_StateMeta):
     """Base of everything a node remembers: plain data with defaults, so that it can be handed over.
 
@@ -174,6 +175,8 @@ def _declare(cls: type[Node]) -> Declaration:
         port: Port | None = getattr(value, HANDLES, None)
         if port is None:
             continue
+        if inspect.iscoroutinefunction(value) or inspect.isgeneratorfunction(value):
+            raise GraphError(f"{where}.{name}: a handler is a plain function: no async, no yield")
         if isinstance(port, Timer) and port.name not in ports:
             ports[port.name] = port
         if ports.get(port.name) is not port:
@@ -182,6 +185,10 @@ def _declare(cls: type[Node]) -> Declaration:
             raise GraphError(f"{where}: port '{port.name}' has two handlers")
         handlers[port.name] = value
     for name, port in ports.items():
+        if name.startswith("_") or name in {**vars(Node), **Node.__annotations__}:
+            raise GraphError(
+                f"{where}: a port cannot be called '{name}': the name is the runtime's; choose another"
+            )
         if isinstance(port, Timer) and not hasattr(params, port.hz):
             known = ", ".join(params.__struct_fields__) or "none"
             raise GraphError(f"{where}.{name}: no parameter '{port.hz}' for its rate; declared: {known}")

@@ -20,7 +20,7 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: Running name.
         run: ``module:Class``.
-        params: Parameters as plain values, already validated against the class.
+        params: Every parameter as a plain value, defaults included, already validated against the class.
         inputs: Topic per input port; for a client, the service's topic.
         requests: Topics of the clients of each service port.
         seed: Of the graph; with the name it determines the node's random numbers.

@@ -1,7 +1,7 @@
 """On what each number of the protocol rests: published, a data sheet, or assumed.
 
-Keys are ``node.parameter`` as in the launch file. What is not listed is a choice of this software that
-should not change a result, such as the length of a block.
+Keys are ``node.parameter`` as in the launch file. What is not listed is a choice of the run, such as its
+seed, or of the software, such as the length of a block.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ BASIS = {
     "stage.rate_hz": "published: 1000 Hz",
     "stage.sweep_speed_m_s": "published: 20 mm/s",
     "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
+    "phantom.output": "choice: what the contact model must get right",
+    "phantom.tolerance": "choice: how wrong the contact model may be",
     "phantom.from_m": "assumed",
     "phantom.to_m": "assumed",
     "phantom.indentation_mm": "assumed",

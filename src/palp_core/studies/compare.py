@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from palp_core.studies.result import read_result
+from palp_core.studies.result import policy_label, read_result
 
 __all__ = ["compare"]
 
@@ -42,12 +42,6 @@ def compare(outs: Sequence[str | Path]) -> str:
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     note = "Intervals are Wilson's over the trials of one session each; they do not span sessions."
     return "\n".join([*lines, "", note, ""])
-
-
-def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy's name, with its ring position where it has one."""
-    ring = result["protocol"].get("policy", {}).get("ring_mm")
-    return str(result["policy"]) + (f", {ring['value']:g} mm" if ring else "")
 
 
 def _row(result: dict[str, Any], depths: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from palp_core.studies.charts import Chart
 from palp_core.studies.paper import FIXED, HUMAN_STRATEGY_TEXT
+from palp_core.studies.result import policy_label
 
 __all__ = ["headline", "page"]
 
@@ -34,14 +35,15 @@ figure { margin: 1rem 0 1.6rem; } img { max-width: 100%; height: auto; display: 
 
 def headline(result: dict[str, Any]) -> str:
     """Return the session in a sentence."""
-    overall, policy = result["accuracy"]["overall"], result["policy"] or "unnamed"
+    overall = result["accuracy"]["overall"]
     if not overall["of"]:
         return f"{result['palpations']} palpations were recorded and no trial of estimation came to an end."
     low, high = (100.0 * bound for bound in overall["ci"])
     return (
-        f"The {policy} policy found the right depth in {overall['right']} of {overall['of']} trials: "
-        f"{100.0 * overall['value']:.1f} % (95 % interval {low:.1f} to {high:.1f} %, this session only), "
-        f"with {result['probes_mean']:.1f} palpations a trial; chance is {100.0 * result['chance']:.1f} %."
+        f"The policy “{policy_label(result)}” found the right depth in {overall['right']} of {overall['of']} "
+        f"trials: {100.0 * overall['value']:.1f} % (95 % interval {low:.1f} to {high:.1f} %, this session "
+        f"only), with {result['probes_mean']:.1f} palpations a trial; "
+        f"chance is {100.0 * result['chance']:.1f} %."
     )
 
 
@@ -54,7 +56,7 @@ def page(result: dict[str, Any], charts: Sequence[tuple[Chart, bytes]]) -> str:
     """
     simulated = result["mechanics"] is not None
     parts = [
-        f"<h1>Palpation session: {escape(str(result['policy']) or 'unnamed')} policy</h1>",
+        f"<h1>Palpation session, policy: {escape(policy_label(result))}</h1>",
         f'<p class="meta">Seed {result["seed"]} · {result["trials_done"]} trials of estimation · '
         f"{result['palpations']} palpations · {'simulated rig' if simulated else 'rig with devices'}</p>",
         f'<p class="lead">{escape(headline(result))}</p>',
@@ -66,7 +68,7 @@ def page(result: dict[str, Any], charts: Sequence[tuple[Chart, bytes]]) -> str:
         _speed(result),
         _versions(result),
     ]
-    title = f"Palpation session, {escape(str(result['policy']))}"
+    title = f"Palpation session, {escape(policy_label(result))}"
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{title}</title>\n'
@@ -126,7 +128,8 @@ def _results(result: dict[str, Any]) -> str:
     return (
         "<h2>Results</h2>"
         + _table(head, rows, numeric=1, total=True)
-        + '<p class="note">Intervals are Wilson’s over the trials of one training and one set of phantoms. '
+        + '<p class="note">Intervals are Wilson’s over the trials of one training and one set of phantoms, '
+        f"with {result['mounts']['estimation']} mounting(s) in estimation. "
         "Such trials are not independent of each other: the intervals speak for this session only, and "
         "policies are compared over many independent sessions. The paper’s fixed figures average five ring "
         "positions.</p>"
@@ -176,14 +179,15 @@ def _mechanics(result: dict[str, Any]) -> str:
     mechanics = result["mechanics"]
     if mechanics is None:
         return ""
-    rows = [
-        [code, choice["rung"], f"{100.0 * choice['bound']:.1f} %", choice["reason"]]
-        for code, choice in mechanics["per_phantom"].items()
-    ]
+    phantoms: dict[tuple[str, str, str], list[str]] = {}
+    for code, choice in mechanics["per_phantom"].items():
+        alike = (choice["rung"], f"{100.0 * choice['bound']:.1f} %", choice["reason"])
+        phantoms.setdefault(alike, []).append(code)
+    rows = [[", ".join(codes), *alike] for alike, codes in phantoms.items()]
     return (
         f"<h2>Mechanics</h2><p>The touch is simulated. Asked for: the {escape(mechanics['output'])} within "
         f"{100.0 * mechanics['tolerance']:g} %; the cheapest contact model that vouches for it was used.</p>"
-        + _table(["phantom", "model", "stated error", "why"], rows, numeric=9)
+        + _table(["phantom", "model", "stated error", "why"], rows, numeric=4)
     )
 
 
@@ -200,8 +204,8 @@ def _protocol(result: dict[str, Any]) -> str:
             )
     return (
         "<h2>Protocol</h2><p>Every node’s parameters as run, and what each rests on. What was assumed is in "
-        "colour; what has no basis named does not bear on results.</p><table><thead><tr><th>node</th>"
-        "<th>parameter</th><th>value</th><th>basis</th></tr></thead><tbody>"
+        "colour; what has no basis named is a choice of the run or the software.</p><table>"
+        "<thead><tr><th>node</th><th>parameter</th><th>value</th><th>basis</th></tr></thead><tbody>"
         + "".join(lines)
         + "</tbody></table>"
     )

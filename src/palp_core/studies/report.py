@@ -6,12 +6,11 @@ A launch file names it: ``report: palp_core.studies.report:session``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palp_core.studies import charts
+from palp_core.studies.charts import Chart, save
 from palp_core.studies.estimation_charts import accuracy_chart, belief_chart, calibration_chart, rings_chart
-from palp_core.studies.page import page
+from palp_core.studies.page import headline, page
 from palp_core.studies.result import build, out_of, write_result
 from palp_core.studies.session import Session, read_session
 from palp_core.studies.training_charts import primitives_chart, sweeps_chart
@@ -19,23 +18,14 @@ from palp_core.studies.training_charts import primitives_chart, sweeps_chart
 if TYPE_CHECKING:
     from palp_core.launch.graph import RunSummary
 
-__all__ = ["report", "session"]
+__all__ = ["session"]
 
 
-def session(summary: RunSummary) -> None:
-    """Report on the session that a run has just recorded.
-
-    Raises:
-        PalpError: The run names no folder, or there is no record in it.
-    """
-    report(summary)
-
-
-def report(summary: RunSummary) -> Path:
-    """Write the result, the charts and the page beside the record.
+def session(summary: RunSummary) -> str:
+    """Write the result, the charts and the page beside the record that a run has just left.
 
     Returns:
-        The page.
+        The result in words, and where the page is.
 
     Raises:
         PalpError: The run names no folder, or there is no record in it.
@@ -43,15 +33,15 @@ def report(summary: RunSummary) -> Path:
     found = read_session(out_of(summary))
     result = build(found, summary)
     write_result(result, found.folder)
-    drawn = [(chart, charts.save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
+    drawn = [(chart, save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
     target = found.folder / "report.html"
     part = target.with_suffix(".part")
     part.write_text(page(result, drawn), encoding="utf-8")
     part.rename(target)
-    return target
+    return f"{headline(result)}\nReport: {target}"
 
 
-def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[charts.Chart]:
+def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
     for chart in (
         accuracy_chart(found),

@@ -29,7 +29,7 @@ from palp_core.studies.session import Session, Trial, mm
 if TYPE_CHECKING:
     from palp_core.launch.graph import RunSummary
 
-__all__ = ["TIME_KEYS", "build", "out_of", "read_result", "without_times", "write_result"]
+__all__ = ["TIME_KEYS", "build", "out_of", "policy_label", "read_result", "without_times", "write_result"]
 
 TIME_KEYS = (
     "composed",
@@ -78,6 +78,7 @@ def build(session: Session, summary: RunSummary) -> dict[str, Any]:
         "training": experiment.get("training"),
         "trials_done": len(trials),
         "trials_unfinished": session.unfinished_count,
+        "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),
             "per_depth_mm": {mm(d): _accuracy(session.at_depth(d)) for d in session.tried_m},
@@ -133,6 +134,12 @@ def read_result(out: str | Path) -> dict[str, Any]:
     return result
 
 
+def policy_label(result: dict[str, Any]) -> str:
+    """Return the policy's name, with its ring position where it has one."""
+    ring = result["protocol"].get("policy", {}).get("ring_mm")
+    return str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
+
+
 def without_times(result: dict[str, Any]) -> dict[str, Any]:
     """Return what must be equal for two runs of the same launch file and seed."""
     return {key: value for key, value in result.items() if key not in TIME_KEYS}
@@ -151,6 +158,11 @@ def _accuracy(trials: Sequence[Trial]) -> dict[str, Any]:
     if not trials:
         return {"value": None, "ci": None, "right": 0, "of": 0}
     return _share(statistics.wilson(sum(trial.right for trial in trials), len(trials)))
+
+
+def _mounts(session: Session, phase: str) -> int:
+    """Return how often a phantom was put on the rig; trials of one mounting share its error."""
+    return len({row.remount for row in session.rows if row.phase == phase})
 
 
 def _probes(trials: Sequence[Trial]) -> float | None:

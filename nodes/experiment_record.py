@@ -1,0 +1,73 @@
+"""What the experiment writes down of a palpation, and says of its progress."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from palp_core import Progress
+from palp_core.perception.plan import Design
+from palp_core.studies.record import Row
+
+if TYPE_CHECKING:
+    from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+    from nodes.experiment import ExperimentParams, ExperimentState
+
+__all__ = ["primitives_of", "progress_of", "row_of"]
+
+
+def row_of(
+    params: ExperimentParams, state: ExperimentState, palpation: Palpation, belief: Belief | None
+) -> Row:
+    """Return the record's row of a palpation; in training there is no belief."""
+    return Row(
+        row=state.row,
+        session=f"{params.policy}-{params.seed}",
+        phase=state.phase,
+        phantom=state.code,
+        remount=state.remount,
+        trial=state.trial,
+        depth_m=state.depth_m,
+        iteration=state.iteration,
+        ring_m=palpation.ring_m,
+        true_ring_m=state.true_ring_m,
+        peak_n_m=palpation.peak_n_m,
+        posterior=belief.posterior.tolist() if belief else [],
+        gain=belief.gain.tolist() if belief else [],
+        gamma=belief.gamma if belief and belief.gamma_defined else None,
+        verdict=belief.verdict if belief else "",
+        estimate_m=belief.estimate_m if belief else None,
+        outlier=belief.outlier if belief else False,
+        policy=params.policy,
+        seed=params.seed,
+        start_ns=palpation.start_ns,
+        end_ns=palpation.end_ns,
+    )
+
+
+def primitives_of(learnt: PrimitivesLearnt) -> dict[str, Any]:
+    """Return the memory primitives as the record keeps them, a row per depth and a column per ring."""
+    shape = (len(learnt.depths_m), len(learnt.rings_m))
+    return {
+        "depths_m": learnt.depths_m.tolist(),
+        "rings_m": learnt.rings_m.tolist(),
+        "mean": learnt.mean_n_m.reshape(shape).tolist(),
+        "sd": learnt.sd_n_m.reshape(shape).tolist(),
+        "count": learnt.count.reshape(shape).tolist(),
+        "floor": learnt.floor_n_m,
+    }
+
+
+def progress_of(design: Design, state: ExperimentState, phase: str, now_ns: int) -> Progress:
+    """Return how far a phase has come: palpations in training, trials afterwards."""
+    training, phantom_count = phase == "training", len(design.phantoms)
+    palpation_count = design.repeats * phantom_count * len(design.rings_m)
+    return Progress(
+        stamp_ns=now_ns,
+        phase=phase,
+        done_count=state.palpations_done if training else state.trials_done,
+        total_count=palpation_count if training else design.trials_per_phantom * phantom_count,
+        text="palpations" if training else "trials",
+        score=state.right_count / state.trials_done if state.trials_done else 0.0,
+        score_defined=state.trials_done > 0,
+        busy_s=state.sweep_s,
+    )

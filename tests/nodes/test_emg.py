@@ -1,0 +1,107 @@
+"""The EMG source: rest, maximum contraction, rest, palpation, and then silence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs.emg import EmgBlock
+from nodes.emg import Emg
+from palp_core import Bench
+from palp_core.errors import GraphError, NodeError
+from palp_core.units import Float64Array
+
+BEFORE_S = 9.0  # rest, MVC, rest
+
+
+def recorded(seconds: float = 20.0, **params: object) -> list[EmgBlock]:
+    bench = Bench(Emg, {"palpation_s": 4.0, **params})
+    bench.advance(seconds)
+    return bench.sent(Emg.block)
+
+
+def joined(blocks: list[EmgBlock]) -> tuple[Float64Array, Float64Array]:
+    return np.concatenate([b.fds_v for b in blocks]), np.concatenate([b.edc_v for b in blocks])
+
+
+def test_samples_come_at_1500_hz_without_gap_or_repeat() -> None:
+    blocks = recorded()
+    starts = [round(b.start_ns * 1.5e-6) for b in blocks]
+    ends = [start + len(b.fds_v) for start, b in zip(starts, blocks, strict=True)]
+    assert starts == [0, *ends[:-1]]
+    assert ends[-1] == (BEFORE_S + 4.0) * 1500 + 1
+    assert all(len(b.fds_v) == len(b.edc_v) and b.rate_hz == 1500.0 for b in blocks)
+
+
+def test_the_phases_are_rest_mvc_rest_palpation() -> None:
+    blocks = recorded()
+    phases = [b.phase for b in blocks]
+    assert [p for i, p in enumerate(phases) if i == 0 or phases[i - 1] != p] == [
+        "rest",
+        "mvc",
+        "rest",
+        "palpation",
+    ]
+    begins_s = {p: blocks[phases.index(p)].start_ns * 1e-9 for p in ("mvc", "palpation")}
+    assert begins_s == {"mvc": pytest.approx(2.0, abs=0.06), "palpation": pytest.approx(9.0, abs=0.06)}
+
+
+def test_the_maximum_contraction_is_the_strongest_phase() -> None:
+    rms = {
+        phase: np.sqrt(np.mean(np.var(joined([b for b in recorded() if b.phase == phase]), axis=1)))
+        for phase in ("rest", "mvc", "palpation")
+    }
+    assert rms["mvc"] > 1.5 * rms["palpation"] > 3.0 * rms["rest"]
+
+
+def test_after_the_palpation_nothing_is_due() -> None:
+    bench = Bench(Emg, {"palpation_s": 2.0})
+    bench.advance(BEFORE_S + 2.0)
+    count = len(bench.sent(Emg.block))
+    assert bench.executor.next_due_ns() is None
+    bench.advance(30.0)
+    assert len(bench.sent(Emg.block)) == count
+
+
+@settings(max_examples=8, deadline=None)
+@given(block_samples=st.integers(10, 900), palpation_s=st.floats(0.0, 1.0))
+def test_neither_the_blocks_nor_the_end_of_the_palpation_change_or_lose_a_sample(
+    block_samples: int, palpation_s: float
+) -> None:
+    fds_v, edc_v = joined(recorded(block_samples=block_samples, palpation_s=palpation_s))
+    whole = joined(recorded(palpation_s=1.0))
+    assert len(fds_v) == np.floor((BEFORE_S + palpation_s) * 1500.0 + 1e-6) + 1
+    np.testing.assert_allclose(fds_v, whole[0][: len(fds_v)], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(edc_v, whole[1][: len(edc_v)], rtol=0.0, atol=1e-15)
+
+
+def test_the_same_seed_gives_the_same_recording(frames_of) -> None:  # type: ignore[no-untyped-def]
+    def run(seed: int) -> list[bytes]:
+        bench = Bench(Emg, {"palpation_s": 1.0}, seed=seed)
+        bench.advance(12.0)
+        return frames_of(bench)  # type: ignore[no-any-return]
+
+    assert run(1) == run(1) != run(2)
+
+
+def test_a_replacement_continues_the_recording_and_ends_it_in_time(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
+    whole, first = Bench(Emg, {"palpation_s": 2.0}), Bench(Emg, {"palpation_s": 2.0})
+    for bench in (whole, first):
+        bench.advance(9.73)
+    second = successor(first)
+    for bench in (whole, second):
+        bench.advance(10.0)
+    assert frames_of(first) + frames_of(second) == frames_of(whole)
+    assert second.executor.next_due_ns() is None
+
+
+def test_a_block_of_no_samples_is_refused() -> None:
+    with pytest.raises(GraphError, match="block_samples"):
+        Bench(Emg, {"block_samples": 0})
+
+
+def test_an_unknown_amplifier_is_named() -> None:
+    with pytest.raises(NodeError, match="no emg device 'foot'"):
+        Bench(Emg, {"device": "foot"})

@@ -1,0 +1,333 @@
+"""The estimator: from the torque of a sweep to a belief, whatever the blocks and whoever runs it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs.actuator import RingState
+from msgs.estimation import Belief
+from msgs.experiment import Trial
+from msgs.stage import SweepStatus
+from msgs.torque import TorqueBlock
+from nodes.estimator import Estimator
+from palp_core import Bench
+from palp_core.errors import NodeError
+from palp_core.perception.primitives import fit, quantisation_sd
+from palp_core.perception.wavelet import denoise, edge_cone
+from palp_core.units import Float64Array
+
+DEPTHS_M = (0.002, 0.004, 0.008)
+RINGS_M = (0.004, 0.016)
+COUNT = 2000
+MEAN_N_M = {d: {r: 0.5 * r - 0.2 * d + 0.006 for r in RINGS_M} for d in DEPTHS_M}
+
+
+def sweep(peak_n_m: float, seed: int | None = None, count: int = COUNT) -> Float64Array:
+    bump = peak_n_m * np.exp(-(((np.arange(count) - count / 2) / (count / 6)) ** 2))
+    return bump if seed is None else bump + np.random.default_rng(seed).normal(0.0, 2e-5, count)
+
+
+def trial(number: int, phase: str, depth_m: float = 0.0, *, label_known: bool | None = None) -> Trial:
+    known = phase == "training" if label_known is None else label_known
+    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=known, depth_m=depth_m)
+
+
+def ring(ring_m: float, number: int = 0, iteration: int = 1) -> RingState:
+    return RingState(
+        stamp_ns=0,
+        trial=number,
+        iteration=iteration,
+        rehome=False,
+        target_m=ring_m,
+        measured_m=ring_m,
+        settled=True,
+    )
+
+
+def status(word: str, count: int = 0) -> SweepStatus:
+    return SweepStatus(stamp_ns=0, goal_id=1, status=word, sample_count=count)
+
+
+def block(torque_n_m: Float64Array, start: int = 0) -> TorqueBlock:
+    return TorqueBlock(
+        stamp_ns=0,
+        start_ns=start * 1_000_000,
+        rate_hz=1000.0,
+        over_phantom=True,
+        saturated_count=0,
+        torque_n_m=torque_n_m,
+    )
+
+
+def palpate(bench: Bench[Estimator], torque_n_m: Float64Array) -> None:
+    bench.feed(Estimator.sweep, status("sweeping"))
+    bench.feed(Estimator.torque, block(torque_n_m))
+    bench.feed(Estimator.sweep, status("swept", len(torque_n_m)))
+
+
+def train(bench: Bench[Estimator], repeats: int = 6, spread_n_m: float = 1e-4) -> None:
+    """Train every depth and ring with peaks around their means."""
+    rng = np.random.default_rng(1)
+    cells = itertools.product(DEPTHS_M, RINGS_M, range(repeats))
+    for number, (depth_m, ring_m, _) in enumerate(cells):
+        bench.feed(Estimator.trial, trial(number, "training", depth_m))
+        bench.feed(Estimator.ring, ring(ring_m, number))
+        palpate(bench, sweep(MEAN_N_M[depth_m][ring_m] + spread_n_m * rng.standard_normal()))
+
+
+def probe(bench: Bench[Estimator], peak_n_m: float, iteration: int = 1, ring_m: float = 0.016) -> Belief:
+    bench.feed(Estimator.ring, ring(ring_m, 500, iteration))
+    palpate(bench, sweep(peak_n_m))
+    return bench.sent(Estimator.belief)[-1]
+
+
+def trained(**params: object) -> Bench[Estimator]:
+    """Return a bench at the start of an estimation trial."""
+    bench = Bench(Estimator, params)
+    train(bench)
+    bench.feed(Estimator.trial, trial(500, "estimation"))
+    return bench
+
+
+@settings(max_examples=15, deadline=None)
+@given(cuts=st.lists(st.integers(1, COUNT - 1), unique=True, max_size=12), late=st.integers(0, 13))
+def test_a_palpation_does_not_depend_on_the_blocks_nor_on_when_the_end_is_told(
+    cuts: list[int], late: int
+) -> None:
+    torque_n_m = sweep(0.01, seed=4)
+    bench = Bench(Estimator)
+    bench.feed(Estimator.trial, trial(0, "training", 0.002))
+    bench.feed(Estimator.ring, ring(0.016))
+    bench.feed(Estimator.sweep, status("sweeping"))
+    edges = [0, *sorted(cuts), COUNT]
+    for number, (begin, end) in enumerate(itertools.pairwise(edges)):
+        if number == late:
+            bench.feed(Estimator.sweep, status("swept", COUNT))
+        bench.feed(Estimator.torque, block(torque_n_m[begin:end], begin))
+    if late >= len(edges) - 1:
+        bench.feed(Estimator.sweep, status("swept", COUNT))
+    (palpation,) = bench.sent(Estimator.palpation)
+    clean = denoise(torque_n_m)
+    edge = edge_cone()
+    np.testing.assert_array_equal(palpation.torque_n_m, torque_n_m)
+    assert palpation.peak_n_m == clean[edge:-edge].max()
+    assert clean[palpation.peak_index] == palpation.peak_n_m
+    assert (palpation.start_ns, palpation.end_ns) == (0, (COUNT - 1) * 1_000_000)
+
+
+def test_a_cancelled_sweep_leaves_nothing_in_the_next_one() -> None:
+    bench = Bench(Estimator)
+    bench.feed(Estimator.trial, trial(0, "training", 0.002))
+    bench.feed(Estimator.sweep, status("sweeping"))
+    bench.feed(Estimator.torque, block(sweep(0.02)[:700]))
+    bench.feed(Estimator.sweep, status("cancelled"))
+    palpate(bench, sweep(0.01))
+    (palpation,) = bench.sent(Estimator.palpation)
+    np.testing.assert_array_equal(palpation.torque_n_m, sweep(0.01))
+
+
+def test_torque_that_is_not_over_the_phantom_is_no_palpation() -> None:
+    bench = Bench(Estimator)
+    bench.feed(Estimator.trial, trial(0, "training", 0.002))
+    beside = TorqueBlock(
+        stamp_ns=0, start_ns=0, rate_hz=1000.0, over_phantom=False, saturated_count=0, torque_n_m=sweep(9.0)
+    )
+    bench.feed(Estimator.torque, beside)
+    palpate(bench, sweep(0.01))
+    assert len(bench.sent(Estimator.palpation)[0].torque_n_m) == COUNT
+
+
+def test_more_samples_than_the_sweep_had_are_refused() -> None:
+    bench = Bench(Estimator)
+    bench.feed(Estimator.sweep, status("sweeping"))
+    bench.feed(Estimator.torque, block(sweep(0.01)))
+    with pytest.raises(NodeError, match=r"2000 torque samples of a sweep of 1500"):
+        bench.feed(Estimator.sweep, status("swept", 1500))
+
+
+@pytest.mark.parametrize("count", [0, 1, 607])
+def test_a_sweep_too_short_for_the_wavelet_is_an_error_that_says_so(count: int) -> None:
+    bench = Bench(Estimator)
+    bench.feed(Estimator.trial, trial(0, "training", 0.002))
+    with pytest.raises(NodeError, match=rf"signal has {count} samples; db10 at level 5 needs at least 608"):
+        palpate(bench, sweep(0.01, count=count))
+
+
+def test_the_primitives_equal_the_offline_fit() -> None:
+    bench = trained()
+    (learnt,) = bench.sent(Estimator.primitives)
+    readings = [palpation.peak_n_m for palpation in bench.sent(Estimator.palpation)]
+    cells = [(d, r) for d in range(3) for r in range(2) for _ in range(6)]
+    offline = fit(
+        np.array(readings),
+        [d for d, _ in cells],
+        [r for _, r in cells],
+        depths_m=DEPTHS_M,
+        rings_m=RINGS_M,
+        floor=quantisation_sd(1e-3 / 64),
+    )
+    for name, value in (("mean_n_m", offline.mean), ("sd_n_m", offline.sd), ("count", offline.count)):
+        np.testing.assert_array_equal(getattr(learnt, name), value.ravel())
+    np.testing.assert_array_equal(learnt.depths_m, DEPTHS_M)
+    np.testing.assert_array_equal(learnt.rings_m, RINGS_M)
+    assert learnt.floor_n_m == offline.floor
+
+
+def test_it_learns_from_labelled_training_and_from_nothing_else() -> None:
+    bench = Bench(Estimator)
+    train(bench, repeats=2)
+    bench.feed(Estimator.trial, trial(90, "training", 0.002, label_known=False))
+    bench.feed(Estimator.ring, ring(0.016, 90))
+    palpate(bench, sweep(0.5))
+    bench.feed(Estimator.trial, trial(91, "estimation"))
+    probe(bench, MEAN_N_M[0.002][0.016])
+    bench.feed(Estimator.trial, trial(92, "estimation"))
+    assert len(bench.node.state.training) == 12
+    assert len(bench.sent(Estimator.primitives)) == 1
+    np.testing.assert_array_equal(bench.sent(Estimator.primitives)[0].count, 2.0)
+
+
+def test_a_belief_sums_to_one_and_finds_the_depth() -> None:
+    for depth_m in DEPTHS_M:
+        belief = probe(trained(), MEAN_N_M[depth_m][0.016])
+        assert belief.posterior.sum() == pytest.approx(1.0, abs=1e-12)
+        assert belief.estimate_m == depth_m
+        assert belief.confidence == belief.posterior.max()
+        assert not belief.outlier
+
+
+def test_one_probe_never_stops_the_published_rule() -> None:
+    for rule in ("paper_guarded", "paper_verbatim"):
+        belief = probe(trained(stop=rule), MEAN_N_M[0.004][0.016])
+        assert (belief.verdict, belief.gamma_defined) == ("continue", False)
+
+
+def test_two_probes_that_agree_decide() -> None:
+    bench = trained()
+    probe(bench, MEAN_N_M[0.004][0.016])
+    belief = probe(bench, MEAN_N_M[0.004][0.016], 2)
+    assert (belief.verdict, belief.estimate_m, belief.iteration) == ("decided", 0.004, 2)
+    assert belief.gamma_defined
+
+
+def test_a_belief_that_still_grows_along_one_direction_does_not_stop_the_guarded_rule() -> None:
+    """Two classes tie, so the gain keeps its direction while the belief still moves far."""
+    verdicts = {}
+    for rule in ("paper_verbatim", "paper_guarded"):
+        bench = Bench(Estimator, {"stop": rule})
+        for number, (depth_m, offset) in enumerate(itertools.product(DEPTHS_M, (-1.0, 1.0))):
+            bench.feed(Estimator.trial, trial(number, "training", depth_m))
+            bench.feed(Estimator.ring, ring(0.016, number))
+            mean = 0.010 if depth_m < 0.003 else 0.012
+            palpate(bench, sweep(mean + offset * 1e-3))
+        bench.feed(Estimator.trial, trial(500, "estimation"))
+        probe(bench, 0.0105)
+        verdicts[rule] = probe(bench, 0.0105, 2)
+    assert verdicts["paper_verbatim"].gamma == pytest.approx(0.0, abs=1e-12)
+    assert verdicts["paper_verbatim"].verdict == "decided"
+    assert verdicts["paper_guarded"].verdict == "continue"
+
+
+def test_an_outlier_leaves_a_finite_belief_and_is_flagged() -> None:
+    belief = probe(trained(), 0.5)
+    assert belief.outlier
+    assert np.isfinite(belief.posterior).all()
+    assert belief.posterior.sum() == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("repeats", [1, 5])
+def test_equal_peaks_in_training_get_the_sensors_floor(repeats: int) -> None:
+    bench = Bench(Estimator)
+    train(bench, repeats, spread_n_m=0.0)
+    bench.feed(Estimator.trial, trial(500, "estimation"))
+    np.testing.assert_allclose(bench.sent(Estimator.primitives)[0].sd_n_m, quantisation_sd(1e-3 / 64))
+    assert probe(bench, MEAN_N_M[0.008][0.016]).estimate_m == 0.008
+
+
+def test_a_ring_position_that_was_not_trained_is_named() -> None:
+    with pytest.raises(NodeError, match="ring position 10 mm was not trained"):
+        probe(trained(), 0.01, ring_m=0.010)
+
+
+def test_a_missing_cell_of_training_is_named() -> None:
+    bench = Bench(Estimator)
+    for number, (depth_m, ring_m) in enumerate([(0.002, 0.004), (0.004, 0.016)]):
+        bench.feed(Estimator.trial, trial(number, "training", depth_m))
+        bench.feed(Estimator.ring, ring(ring_m, number))
+        palpate(bench, sweep(0.01))
+    with pytest.raises(NodeError, match=r"no reading for \(depth, ring\) in m"):
+        bench.feed(Estimator.trial, trial(2, "estimation"))
+
+
+def test_estimation_without_training_is_an_error_that_says_so() -> None:
+    bench = Bench(Estimator)
+    bench.feed(Estimator.trial, trial(0, "estimation"))
+    with pytest.raises(NodeError, match="before any training"):
+        probe(bench, 0.01)
+
+
+@pytest.mark.parametrize("param", ["denoise", "feature", "likelihood", "stop"])
+def test_an_unknown_method_is_refused_before_anything_moves(param: str) -> None:
+    with pytest.raises(NodeError, match="magic"):
+        Bench(Estimator, {param: "magic"})
+
+
+def test_a_trial_that_never_agrees_ends_undecided() -> None:
+    bench = trained(max_probes=3, stop="posterior_threshold")
+    learnt = bench.sent(Estimator.primitives)[0]
+    mean, sd = (a.reshape(3, 2)[:2, 1] for a in (learnt.mean_n_m, learnt.sd_n_m))
+    halfway = float((mean[0] * sd[1] + mean[1] * sd[0]) / sd.sum())
+    verdicts = [probe(bench, halfway, i).verdict for i in (1, 2, 3)]
+    assert verdicts[:2] == ["continue", "continue"]
+    assert verdicts[2] in ("undecided", "decided")
+
+
+def test_each_trial_begins_with_a_flat_belief() -> None:
+    bench = trained()
+    first = probe(bench, MEAN_N_M[0.002][0.016])
+    probe(bench, MEAN_N_M[0.002][0.016], 2)
+    bench.feed(Estimator.trial, trial(501, "estimation"))
+    again = probe(bench, MEAN_N_M[0.002][0.016])
+    np.testing.assert_array_equal(first.posterior, again.posterior)
+    assert again.verdict == "continue"
+
+
+def test_rehoming_does_not_count_as_a_ring_command() -> None:
+    bench = trained()
+    bench.feed(Estimator.ring, ring(0.016, 500, 1))
+    homing = RingState(
+        stamp_ns=0, trial=500, iteration=0, rehome=True, target_m=0.0, measured_m=0.0, settled=False
+    )
+    bench.feed(Estimator.ring, homing)
+    palpate(bench, sweep(MEAN_N_M[0.004][0.016]))
+    palpation = bench.sent(Estimator.palpation)[-1]
+    assert (palpation.ring_m, palpation.iteration, palpation.trial) == (0.016, 1, 500)
+
+
+def test_a_changed_stop_rule_holds_from_the_next_probe_on() -> None:
+    bench = trained()
+    assert probe(bench, MEAN_N_M[0.002][0.016]).verdict == "continue"
+    bench.executor.set_parameters({"stop": "posterior_threshold"})
+    assert probe(bench, MEAN_N_M[0.002][0.016], 2).verdict == "decided"
+
+
+def test_a_belief_survives_a_replacement_in_the_middle_of_a_sweep(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
+    whole, first = trained(), trained()
+    torque_n_m = sweep(MEAN_N_M[0.004][0.004], seed=2)
+    for bench in (whole, first):
+        probe(bench, MEAN_N_M[0.004][0.016])
+        bench.feed(Estimator.ring, ring(0.004, 500, 2))
+        bench.feed(Estimator.sweep, status("sweeping"))
+        bench.feed(Estimator.torque, block(torque_n_m[:900]))
+    second = successor(first)
+    for bench in (whole, second):
+        bench.feed(Estimator.torque, block(torque_n_m[900:], 900))
+        bench.feed(Estimator.sweep, status("swept", COUNT))
+        probe(bench, MEAN_N_M[0.004][0.016], 3)
+    assert frames_of(first) + frames_of(second) == frames_of(whole)
+    assert second.executor.node.state == whole.executor.node.state

@@ -1,0 +1,398 @@
+"""The experiment against a scripted rig: what it asks for, in which order, and what it writes down."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msgs.actuator import RingCommand, RingState, RingTruth
+from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.experiment import Mount, PhantomTruth, Trial
+from msgs.stage import SweepGoal, SweepStatus
+from nodes.experiment import Experiment
+from palp_core import Bench
+from palp_core.errors import NodeError
+from palp_core.perception.figure5 import RINGS_M
+from palp_core.runtime.message import Message, decode
+from palp_core.runtime.wire import parse
+from palp_core.studies.record import Row, read_rows, read_sweep
+
+DEPTHS_M = {"A": 0.002, "B": 0.004, "C": 0.008}
+ASKS: dict[str, type[Message]] = {
+    "/node/mount": Mount,
+    "/node/trial": Trial,
+    "/node/ring": RingCommand,
+    "/node/goal": SweepGoal,
+}
+
+
+class Rig:
+    """Everything around the experiment: answers each request at once, decides trial k after 1 + k % 3 probes.
+
+    Attributes:
+        asked: Every request, in order.
+    """
+
+    def __init__(self, bench: Bench[Experiment], *, policy_first: bool = False) -> None:
+        self.bench = bench
+        self.asked: list[Message] = []
+        self.policy_first = policy_first
+        self._todo: deque[Message] = deque()
+        self._read_count = 0
+        self._trial: Trial | None = None
+        self._iteration = 0
+        self._ring_m = 0.0
+        self._true_m = 0.0
+
+    def run(self, steps: int = 100_000) -> None:
+        """Answer until nothing is asked any more, or so many requests."""
+        for _ in range(steps):
+            frames = self.bench.frames[self._read_count :]
+            self._read_count += len(frames)
+            for frame in map(parse, frames):
+                if frame.topic in ASKS:
+                    self._todo.append(decode(ASKS[frame.topic], frame.payload))
+            if not self._todo:
+                return
+            self.bench.advance(0.5)
+            request = self._todo.popleft()
+            self.asked.append(request)
+            self._answer(request)
+
+    def hand_to(self, bench: Bench[Experiment]) -> None:
+        """Go on with another bench; requests of the old one that are not answered yet stay."""
+        for frame in map(parse, self.bench.frames[self._read_count :]):
+            if frame.topic in ASKS:
+                self._todo.append(decode(ASKS[frame.topic], frame.payload))
+        self.bench, self._read_count = bench, 0
+
+    def _answer(self, request: Message) -> None:
+        match request:
+            case Mount():
+                self._mount(request)
+            case Trial():
+                self._begin(request)
+            case RingCommand():
+                self._move(request)
+            case SweepGoal():
+                self._sweep(request)
+
+    def _mount(self, mount: Mount) -> None:
+        truth = PhantomTruth(
+            stamp_ns=0,
+            code=mount.code,
+            remount=mount.remount,
+            depth_m=DEPTHS_M[mount.code],
+            height_offset_m=0.0,
+            rung="L2",
+            bound=0.01,
+        )
+        self.bench.feed(Experiment.phantom_truth, truth)
+
+    def _begin(self, trial: Trial) -> None:
+        if trial.phase == "estimation" and (self._trial is None or self._trial.phase == "training"):
+            cells = (3, len(RINGS_M))
+            learnt = PrimitivesLearnt(
+                stamp_ns=0,
+                depths_m=np.array(list(DEPTHS_M.values())),
+                rings_m=np.array(RINGS_M),
+                mean_n_m=np.arange(15.0).reshape(cells).ravel(),
+                sd_n_m=np.ones(15),
+                count=np.ones(15),
+                floor_n_m=1e-5,
+            )
+            self.bench.feed(Experiment.primitives, learnt)
+        self._trial, self._iteration = trial, 0
+        if trial.phase == "estimation":
+            self._command()
+
+    def _command(self) -> None:
+        """Do what the policy would: the next ring position."""
+        assert self._trial is not None
+        self._iteration += 1
+        ring_m = RINGS_M[(self._trial.trial + self._iteration) % 5]
+        self._move(
+            RingCommand(stamp_ns=0, trial=self._trial.trial, iteration=self._iteration, ring_m=ring_m)
+        )
+
+    def _move(self, command: RingCommand) -> None:
+        if not command.rehome:
+            self._ring_m = command.ring_m
+            self._iteration = command.iteration
+        self._true_m = self._ring_m + 1e-5 * (1 + len(self.asked) % 7)
+        for settled in (False, True):
+            state = RingState(
+                stamp_ns=0,
+                trial=command.trial,
+                iteration=command.iteration,
+                rehome=command.rehome,
+                target_m=self._ring_m,
+                measured_m=self._ring_m,
+                settled=settled,
+            )
+            if settled:
+                truth = RingTruth(
+                    stamp_ns=0, trial=command.trial, iteration=command.iteration, ring_m=self._true_m
+                )
+                self.bench.feed(Experiment.ring_truth, truth)
+            self.bench.feed(Experiment.ring_state, state)
+
+    def _sweep(self, goal: SweepGoal) -> None:
+        assert self._trial is not None
+        trial, iteration = self._trial, self._iteration
+        for word in ("sweeping", "swept"):
+            self.bench.feed(Experiment.sweep, self._status(goal, word))
+        open_verdict = iteration < 1 + trial.trial % 3
+        if trial.phase == "estimation":
+            verdict = "continue" if open_verdict else ("undecided" if trial.trial % 2 else "decided")
+            self.bench.feed(Experiment.belief, self._belief(verdict))
+            if open_verdict and self.policy_first:
+                self._command()
+        self.bench.feed(Experiment.palpation, self._palpation(trial.trial, iteration))
+        if trial.phase == "estimation" and open_verdict and not self.policy_first:
+            self._command()
+        self.bench.feed(Experiment.sweep, self._status(goal, "ready"))
+
+    @staticmethod
+    def _status(goal: SweepGoal, word: str) -> SweepStatus:
+        return SweepStatus(stamp_ns=0, goal_id=goal.goal_id, status=word)
+
+    def _belief(self, verdict: str) -> Belief:
+        assert self._trial is not None
+        return Belief(
+            stamp_ns=0,
+            trial=self._trial.trial,
+            iteration=self._iteration,
+            depths_m=np.array(list(DEPTHS_M.values())),
+            posterior=np.array([0.1, 0.7, 0.2]),
+            gain=np.array([0.0, 0.4, 0.1]),
+            gamma=0.25,
+            gamma_defined=self._iteration > 1,
+            verdict=verdict,
+            estimate_m=0.004,
+            confidence=0.7,
+            outlier=False,
+        )
+
+    def _palpation(self, trial: int, iteration: int) -> Palpation:
+        torque_n_m = np.full(700, 1e-3 * trial + 1e-5 * iteration)
+        return Palpation(
+            stamp_ns=0,
+            trial=trial,
+            iteration=iteration,
+            ring_m=self._ring_m,
+            start_ns=self.bench.clock.now_ns(),
+            end_ns=self.bench.clock.now_ns() + 699_000_000,
+            rate_hz=1000.0,
+            peak_n_m=0.01,
+            peak_index=300,
+            torque_n_m=torque_n_m,
+        )
+
+
+def params_in(out: Path, **params: Any) -> dict[str, Any]:
+    return {"out": str(out), "trials": 2, "training": 2, "policy": "markov", "seed": 5, **params}
+
+
+def run(out: Path, *, policy_first: bool = False, **params: Any) -> Rig:
+    rig = Rig(Bench(Experiment, params_in(out, **params)), policy_first=policy_first)
+    rig.run()
+    return rig
+
+
+def by_phase(rows: list[Row], phase: str) -> list[Row]:
+    return [row for row in rows if row.phase == phase]
+
+
+def test_the_whole_plan_is_done_and_ends_with_code_0(tmp_path: Path) -> None:
+    rig = run(tmp_path)
+    assert rig.bench.executor.exit_code == 0
+    rows = read_rows(tmp_path)
+    cells = Counter((row.phantom, row.ring_m) for row in by_phase(rows, "training"))
+    assert cells == {(code, ring_m): 2 for code in DEPTHS_M for ring_m in RINGS_M}
+    assert Counter(r.phantom for r in by_phase(rows, "estimation") if r.verdict != "continue") == {
+        "A": 2,
+        "B": 2,
+        "C": 2,
+    }
+
+
+def test_training_comes_first_and_each_trial_follows_its_mounting(tmp_path: Path) -> None:
+    rows = read_rows(run(tmp_path).bench.node.record.folder)
+    phases = [row.phase for row in rows]
+    assert phases == sorted(phases, reverse=True)
+    assert [row.row for row in rows] == list(range(len(rows)))
+    assert all(row.depth_m == DEPTHS_M[row.phantom] for row in rows)
+    remounts = [row.remount for row in rows]
+    assert remounts == sorted(remounts)
+    assert set(remounts) == set(range(6))
+
+
+def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
+    run(tmp_path)
+    for row in read_rows(tmp_path):
+        torque_n_m, rate_hz = read_sweep(tmp_path, row.row)
+        np.testing.assert_array_equal(torque_n_m, 1e-3 * row.trial + 1e-5 * row.iteration)
+        assert (len(torque_n_m), rate_hz) == (700, 1000.0)
+        assert 0.0 < row.true_ring_m - row.ring_m < 1e-4
+        assert (row.session, row.policy, row.seed) == ("markov-5", "markov", 5)
+        if row.phase == "estimation":
+            assert (row.posterior, row.gain, row.estimate_m) == ([0.1, 0.7, 0.2], [0.0, 0.4, 0.1], 0.004)
+            assert row.gamma == (0.25 if row.iteration > 1 else None)
+        else:
+            assert (row.posterior, row.gain, row.estimate_m, row.verdict) == ([], [], None, "")
+
+
+def test_the_label_is_told_in_training_only(tmp_path: Path) -> None:
+    rig = run(tmp_path)
+    trials = [request for request in rig.asked if isinstance(request, Trial)]
+    for trial in trials:
+        if trial.phase == "training":
+            assert trial.label_known
+            assert trial.depth_m == DEPTHS_M[trial.code]
+        else:
+            assert (trial.label_known, trial.depth_m, trial.code) == (False, 0.0, "")
+    assert [trial.trial for trial in trials] == list(range(30 + 6))
+
+
+def test_a_trial_goes_on_as_long_as_its_verdict_is_open(tmp_path: Path) -> None:
+    run(tmp_path)
+    probes: dict[int, list[str]] = {}
+    for row in by_phase(read_rows(tmp_path), "estimation"):
+        assert row.iteration == len(probes.setdefault(row.trial, [])) + 1
+        probes[row.trial].append(row.verdict)
+    for trial, verdicts in probes.items():
+        assert verdicts == ["continue"] * (trial % 3) + ["undecided" if trial % 2 else "decided"]
+
+
+def test_each_estimation_trial_has_a_result(tmp_path: Path) -> None:
+    results = run(tmp_path).bench.sent(Experiment.result)
+    assert len(results) == 6
+    assert all(r.probe_count == 1 + r.trial % 3 for r in results)
+    assert {r.depth_m for r in results} == set(DEPTHS_M.values())
+
+
+def test_the_ring_is_commanded_in_training_only(tmp_path: Path) -> None:
+    rig = run(tmp_path)
+    moves = [r for r in rig.asked if isinstance(r, RingCommand) and not r.rehome]
+    assert [m.trial for m in moves] == list(range(30))
+
+
+@pytest.mark.parametrize("policy_first", [False, True])
+@pytest.mark.parametrize("mode", ["palpation", "trial", "condition"])
+def test_the_ring_is_rehomed_when_the_mode_says(tmp_path: Path, mode: str, policy_first: bool) -> None:
+    rig = run(tmp_path, rehome=mode, training_order="blocked", policy_first=policy_first)
+    rows = read_rows(tmp_path)
+    assert rig.bench.executor.exit_code == 0
+    homings = sum(isinstance(r, RingCommand) and r.rehome for r in rig.asked)
+    expected = {"palpation": len(rows), "trial": 36, "condition": 15 + 3}
+    assert homings == expected[mode]
+
+
+def test_no_sweep_begins_before_the_ring_rests(tmp_path: Path) -> None:
+    bench = Bench(Experiment, params_in(tmp_path))
+    Rig(bench).run(2)  # the mounting and the re-homing
+    (command,) = [c for c in bench.sent(Experiment.ring) if not c.rehome]
+
+    def ring(*, settled: bool) -> RingState:
+        return RingState(
+            stamp_ns=0,
+            trial=command.trial,
+            iteration=command.iteration,
+            rehome=False,
+            target_m=command.ring_m,
+            measured_m=0.0,
+            settled=settled,
+        )
+
+    bench.feed(Experiment.ring_state, ring(settled=False))
+    assert bench.sent(Experiment.goal) == []
+    bench.feed(Experiment.ring_state, ring(settled=True))
+    assert len(bench.sent(Experiment.goal)) == 1
+
+
+def test_no_sweep_begins_before_the_stage_is_back(tmp_path: Path) -> None:
+    rig = run(tmp_path)
+    goals = [r for r in rig.asked if isinstance(r, SweepGoal)]
+    assert [g.goal_id for g in goals] == list(range(1, len(read_rows(tmp_path)) + 1))
+    assert {(g.from_m, g.to_m, g.cancel) for g in goals} == {(-0.03, 0.05, False)}
+
+
+def test_the_memory_primitives_are_kept(tmp_path: Path) -> None:
+    run(tmp_path)
+    content = json.loads((tmp_path / "primitives.json").read_text(encoding="utf-8"))
+    assert content["rings_m"] == list(RINGS_M)
+    assert np.shape(content["mean"]) == np.shape(content["sd"]) == np.shape(content["count"]) == (3, 5)
+
+
+def test_progress_counts_palpations_then_trials_and_ends_once(tmp_path: Path) -> None:
+    told = run(tmp_path).bench.sent(Experiment.progress)
+    assert [p.phase for p in told].count("done") == 1
+    assert told[-1].phase == "done"
+    training = [p.done_count for p in told if p.phase == "training"]
+    assert training == list(range(1, 31))
+    assert {p.total_count for p in told if p.phase == "training"} == {30}
+    assert (told[-1].done_count, told[-1].total_count, told[-1].text) == (6, 6, "trials")
+    assert told[-1].score == pytest.approx(2 / 6)  # the rig always says 4 mm
+    assert told[-1].busy_s == pytest.approx(0.7 * len(read_rows(tmp_path)))
+
+
+def test_the_order_is_a_function_of_the_seed(tmp_path: Path) -> None:
+    def order(name: str, seed: int) -> list[tuple[str, float]]:
+        rig = Rig(Bench(Experiment, params_in(tmp_path / name), seed=seed))
+        rig.run()
+        return [(row.phantom, row.ring_m) for row in by_phase(read_rows(tmp_path / name), "training")]
+
+    assert order("a", 1) == order("b", 1) != order("c", 2)
+
+
+@pytest.mark.parametrize("mode", ["palpation", "trial"])
+@pytest.mark.parametrize("requests", [1, 2, 3, 60, 125, 140, 147])
+def test_a_replacement_finishes_the_same_experiment(
+    tmp_path: Path,
+    requests: int,
+    mode: str,
+    successor: Any,
+) -> None:
+    whole = run(tmp_path / "whole", rehome=mode)
+    first = Bench(Experiment, params_in(tmp_path / "parts", rehome=mode))
+    rig = Rig(first)
+    rig.run(requests)
+    second = successor(first)
+    rig.hand_to(second)
+    rig.run()
+    assert rig.asked == whole.asked
+    assert second.executor.exit_code == 0
+    table = [(tmp_path / name / "trials.csv").read_bytes() for name in ("whole", "parts")]
+    assert table[0] == table[1]
+    assert len(list((tmp_path / "parts" / "sweeps").iterdir())) == len(read_rows(tmp_path / "parts"))
+
+
+def test_mounts_may_be_spread_over_the_session(tmp_path: Path) -> None:
+    rig = run(tmp_path, training_mounts=2, estimation_mounts=2)
+    mounts = [r for r in rig.asked if isinstance(r, Mount)]
+    assert [m.remount for m in mounts] == list(range(12))
+    assert Counter(m.code for m in mounts) == {"A": 4, "B": 4, "C": 4}
+
+
+def test_phantoms_come_from_the_file_named(tmp_path: Path) -> None:
+    file = tmp_path / "phantoms.yaml"
+    file.write_text("B: {bead: {depth_m: 0.004}}\nbare: {bead: none}\n", encoding="utf-8")
+    rig = run(tmp_path / "out", phantoms=str(file))
+    assert {r.code for r in rig.asked if isinstance(r, Mount)} == {"B"}
+
+
+def test_a_record_that_cannot_be_written_is_an_error_that_says_where(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(NodeError, match="cannot write the record to"):
+        Bench(Experiment, params_in(tmp_path / "file"))
+
+
+def test_more_mounts_than_trials_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(NodeError, match="estimation_mounts is 3 for 2 repeats"):
+        Bench(Experiment, params_in(tmp_path, estimation_mounts=3))

@@ -1,0 +1,218 @@
+"""The stage: sweeps at constant speed, samples on the grid, comes back another way, obeys one goal at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs.stage import StagePose, SweepGoal
+from nodes.stage import Stage
+from palp_core import Bench
+from palp_core.errors import GraphError, NodeError
+from palp_core.runtime.lifecycle import Transition
+
+FROM_M, TO_M = -0.03, 0.05
+GRID_NS = 1_000_000
+
+
+def goal(goal_id: int = 1, from_m: float = FROM_M, to_m: float = TO_M) -> SweepGoal:
+    return SweepGoal(stamp_ns=0, goal_id=goal_id, from_m=from_m, to_m=to_m)
+
+
+def cancel() -> SweepGoal:
+    return SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True)
+
+
+def swept_once(**params: float) -> Bench[Stage]:
+    bench = Bench(Stage, params)
+    bench.feed(Stage.goal, goal())
+    bench.advance(20.0)
+    return bench
+
+
+def words(bench: Bench[Stage]) -> list[str]:
+    return [status.status for status in bench.sent(Stage.status)]
+
+
+def instants_ns(poses: list[StagePose]) -> list[int]:
+    return [
+        pose.start_ns + round(i * 1e9 / pose.rate_hz) for pose in poses for i in range(len(pose.position_m))
+    ]
+
+
+def place_m(bench: Bench[Stage]) -> tuple[float, float]:
+    reading = bench.node.device.read(np.array([bench.clock.now_ns()]), bench.node.state.device)
+    return float(reading.y_m[0]), float(reading.z_m[0])
+
+
+def test_a_sweep_crosses_the_phantom_at_20_mm_per_s() -> None:
+    bench = swept_once()
+    position_m = np.concatenate([pose.position_m for pose in bench.sent(Stage.pose)])
+    np.testing.assert_allclose(np.diff(position_m), 20e-6, atol=2e-9)
+    assert FROM_M - 1e-9 <= position_m[0] < FROM_M + 21e-6
+    assert TO_M - 21e-6 < position_m[-1] <= TO_M + 1e-9
+
+
+@settings(max_examples=12, deadline=None)
+@given(block_samples=st.integers(1, 400), begin_ms=st.floats(0.0, 40.0))
+def test_every_instant_of_the_1_khz_grid_comes_once_whatever_the_blocks(
+    block_samples: int, begin_ms: float
+) -> None:
+    bench = Bench(Stage, {"block_samples": block_samples})
+    bench.advance(begin_ms * 1e-3)
+    bench.feed(Stage.goal, goal())
+    bench.advance(12.0)
+    swept = next(s for s in bench.sent(Stage.status) if s.status == "swept")
+    first, last = -(-swept.enter_ns // GRID_NS), swept.leave_ns // GRID_NS
+    assert instants_ns(bench.sent(Stage.pose)) == [k * GRID_NS for k in range(first, last + 1)]
+    assert swept.sample_count == last + 1 - first
+
+
+def test_a_rate_that_does_not_divide_a_second_loses_no_instant() -> None:
+    bench = swept_once(rate_hz=1500.0)
+    swept = next(s for s in bench.sent(Stage.status) if s.status == "swept")
+    numbers = [round(t * 1.5e-6) for t in instants_ns(bench.sent(Stage.pose))]
+    assert numbers == list(range(numbers[0], numbers[0] + swept.sample_count))
+    assert round((numbers[0] - 1) / 1.5e-6) < swept.enter_ns <= round(numbers[0] / 1.5e-6)
+    assert round(numbers[-1] / 1.5e-6) <= swept.leave_ns < round((numbers[-1] + 1) / 1.5e-6)
+
+
+def test_a_goal_is_swept_and_then_ready_for_the_next() -> None:
+    assert words(swept_once()) == ["sweeping", "swept", "ready"]
+
+
+def test_nothing_ticks_while_the_stage_is_idle() -> None:
+    bench = Bench(Stage)
+    assert bench.executor.next_due_ns() is None
+    bench.feed(Stage.goal, goal())
+    bench.advance(20.0)
+    assert bench.executor.next_due_ns() is None
+
+
+def test_it_returns_raised_and_not_over_the_phantom() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    while words(bench)[-1:] != ["swept"]:
+        bench.advance(0.01)
+    count = len(bench.sent(Stage.pose))
+    heights_m = []
+    while words(bench)[-1] != "ready":
+        bench.advance(0.01)
+        y_m, z_m = place_m(bench)
+        if FROM_M < y_m < TO_M:
+            heights_m.append(z_m)
+    assert len(bench.sent(Stage.pose)) == count
+    assert min(heights_m) > 0.01
+    assert place_m(bench) == (pytest.approx(FROM_M - 0.0012), 0.0)
+
+
+def test_the_same_sweep_again_starts_at_once_from_where_the_stage_waits() -> None:
+    bench = swept_once()
+    begin_ns = bench.clock.now_ns()
+    bench.feed(Stage.goal, goal(2))
+    assert words(bench)[-1] == "sweeping"
+    bench.advance(20.0)
+    assert [s.goal_id for s in bench.sent(Stage.status)] == [1, 1, 1, 2, 2, 2]
+    assert bench.sent(Stage.status)[-2].enter_ns - begin_ns < 100_000_000
+    first, second = (
+        np.concatenate([p.position_m for p in bench.sent(Stage.pose) if p.goal_id == g]) for g in (1, 2)
+    )
+    assert abs(len(first) - len(second)) <= 1
+
+
+def test_another_sweep_is_reached_by_the_other_path_first() -> None:
+    bench = swept_once()
+    bench.feed(Stage.goal, goal(2, 0.02, -0.02))
+    assert words(bench)[-1] == "ready"
+    bench.advance(20.0)
+    position_m = np.concatenate([p.position_m for p in bench.sent(Stage.pose) if p.goal_id == 2])
+    np.testing.assert_allclose(np.diff(position_m), -20e-6, atol=2e-9)
+    assert (position_m.max(), position_m.min()) == (
+        pytest.approx(0.02, abs=3e-5),
+        pytest.approx(-0.02, abs=3e-5),
+    )
+
+
+def test_the_stage_never_jumps_in_speed() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    places = []
+    for _ in range(11_000):
+        bench.advance(0.001)
+        places.append(place_m(bench))
+    speed_m_per_s = np.diff(places, axis=0) / 0.001
+    assert np.abs(np.diff(speed_m_per_s, axis=0)).max() / 0.001 < 1.01
+
+
+def test_a_goal_is_refused_while_another_is_under_way() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal(1))
+    bench.advance(1.0)
+    with pytest.raises(NodeError, match=r"goal 2 came while goal 1 is returning; wait for 'ready'"):
+        bench.feed(Stage.goal, goal(2))
+
+
+def test_a_path_beyond_the_travel_is_refused() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal(1, -0.03, 0.2))
+    with pytest.raises(NodeError, match="to_m"):
+        bench.advance(5.0)
+    assert bench.sent(Stage.pose) == []
+
+
+def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    while words(bench) != ["sweeping"]:
+        bench.advance(0.01)
+    bench.advance(2.0)
+    before_m, _ = place_m(bench)
+    bench.feed(Stage.goal, cancel())
+    count = len(bench.sent(Stage.pose))
+    bench.advance(5.0)
+    assert words(bench) == ["sweeping", "cancelled", "ready"]
+    assert len(bench.sent(Stage.pose)) == count
+    assert bench.executor.next_due_ns() is None
+    assert place_m(bench)[0] - before_m == pytest.approx(0.0002, abs=1e-6)  # v^2 / (2 a)
+
+
+def test_after_a_cancelled_sweep_the_next_one_is_whole() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    bench.advance(4.0)
+    bench.feed(Stage.goal, cancel())
+    bench.advance(1.0)
+    bench.feed(Stage.goal, goal(2))
+    bench.advance(20.0)
+    status = bench.sent(Stage.status)[-2]
+    assert (status.goal_id, status.status, status.sample_count) == (2, "swept", pytest.approx(4000, abs=1))
+
+
+def test_a_replacement_finishes_the_sweep_byte_for_byte(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
+    whole, first = Bench(Stage), Bench(Stage)
+    for bench in (whole, first):
+        bench.feed(Stage.goal, goal())
+        bench.advance(4.3)
+    second = successor(first)
+    whole.advance(20.0)
+    second.advance(20.0)
+    assert frames_of(first) + frames_of(second) == frames_of(whole)
+
+
+def test_a_stage_that_was_deactivated_in_a_sweep_takes_goals_again() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    bench.advance(4.0)
+    bench.executor.transition(Transition.DEACTIVATE)
+    bench.advance(1.0)
+    bench.executor.transition(Transition.ACTIVATE)
+    bench.feed(Stage.goal, goal(2))
+    bench.advance(20.0)
+    assert words(bench)[-1] == "ready"
+
+
+def test_a_block_of_no_samples_is_refused() -> None:
+    with pytest.raises(GraphError, match="block_samples"):
+        Bench(Stage, {"block_samples": 0})
