@@ -1,8 +1,8 @@
 """How fast the simulated rig runs, and where the time goes.
 
 Seconds of sweep per wall second (leaps over idle time do not count), composed and as processes, in
-interleaved rounds; the limit they are measured against is the nodes' own work with no graph around it: what the
-profile finds in nodes, devices, mechanics, perception and the record.
+interleaved rounds; the limit they are measured against is the nodes' own work with no graph around it: what
+the profile finds in nodes, devices, mechanics, perception and the record.
 
 Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--json]
 """

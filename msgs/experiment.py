@@ -48,7 +48,6 @@ class TrialResult(Message):
 
     stamp_ns: Nanoseconds
     trial: Count
-    depth_m: Metres
     estimate_m: Metres
     confidence: Probability
     probe_count: Count

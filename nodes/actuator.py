@@ -66,6 +66,9 @@ class Actuator(Node):
         self.state.moving, self.state.waiting = False, []  # what was under way ended with the last stop
         self.device.open(self.now_ns(), self.state.device, self.rng)
 
+    def on_resume(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
     def on_deactivate(self) -> None:
         self.device.stop(self.now_ns(), self.state.device)
         self.device.close()

@@ -60,6 +60,9 @@ class Emg(Node):
             begin_ns = self.device.palpation_ns(self.state.device)
             self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
 
+    def on_resume(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
     def on_deactivate(self) -> None:
         self.device.close()
 

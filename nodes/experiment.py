@@ -282,7 +282,6 @@ class Experiment(Node):
             TrialResult(
                 stamp_ns=self.now_ns(),
                 trial=state.trial,
-                depth_m=state.depth_m,
                 estimate_m=belief.estimate_m,
                 confidence=belief.confidence,
                 probe_count=belief.iteration,

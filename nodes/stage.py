@@ -66,6 +66,9 @@ class Stage(Node):
         self.state.activity, self.state.at_start = "ready", False
         self.device.open(self.now_ns(), self.state.device, self.rng)
 
+    def on_resume(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
     def on_deactivate(self) -> None:
         self.device.stop(self.now_ns(), self.state.device)
         self.device.close()

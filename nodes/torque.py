@@ -55,6 +55,9 @@ class Torque(Node):
     def on_activate(self) -> None:
         self.device.open(self.now_ns(), self.state.device, self.rng)
 
+    def on_resume(self) -> None:
+        self.device.open(self.now_ns(), self.state.device, self.rng)
+
     def on_deactivate(self) -> None:
         self.device.close()
 

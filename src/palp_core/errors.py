@@ -78,3 +78,8 @@ class DeviceError(PalpError):
 
 class DeviceTimeout(DeviceError, TimeoutError):
     """A device did not answer in time."""
+
+
+def in_words(error: BaseException) -> str:
+    """Return what an error says; palp's own messages are whole sentences, others need their type."""
+    return str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"

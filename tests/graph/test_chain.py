@@ -1,4 +1,4 @@
-"""The chain on both clocks, as real processes: nothing lost, seen by tools, the same bytes however it runs."""
+"""The chain on both clocks, as real processes: nothing lost, the same bytes however it runs."""
 
 from __future__ import annotations
 

@@ -31,13 +31,14 @@ def test_a_graph_stops_at_a_time_on_its_clock() -> None:
 
 
 def test_a_failing_node_is_an_exception_that_names_it() -> None:
-    with pytest.raises(NodeError, match="block 3 is the one to fail at") as failure, Graph(  # noqa: PT012
-        CHAIN, clock="sim", fail_at=3
-    ) as graph:
+    with (
+        pytest.raises(NodeError, match="block 3 is the one to fail at") as failure,
+        Graph(CHAIN, clock="sim", fail_at=3) as graph,
+    ):
         graph.run()
     assert failure.value.node == "relay"
 
 
 def test_mistakes_are_raised_before_anything_starts() -> None:
-    with pytest.raises(GraphError, match="chain.yaml"), Graph(CHAIN, count="many"):
+    with pytest.raises(GraphError, match=r"chain\.yaml"), Graph(CHAIN, count="many"):
         pass

@@ -1,4 +1,4 @@
-"""The ring's actuator: finite speed, an error that stays until it moves, and nothing told but its own view."""
+"""The ring's actuator: finite speed, an error that stays until it moves, and no word of the truth."""
 
 from __future__ import annotations
 

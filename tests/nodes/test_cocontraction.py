@@ -41,7 +41,8 @@ def offline(blocks: list[EmgBlock]) -> Float64Array:
     chains = [EmgChain(find_offset(r), RATE_HZ, window_s=WINDOW_S) for r in rest]
     envelopes = np.array([chain.envelope(v) for chain, v in zip(chains, raw, strict=True)])
     phases = np.concatenate([np.full(len(b.fds_v), b.phase) for b in blocks])
-    return cocontraction(envelopes, reference(envelopes[:, phases == "mvc"]))[phases == "palpation"]
+    value = cocontraction(envelopes, reference(envelopes[:, phases == "mvc"]))
+    return np.asarray(value[phases == "palpation"])
 
 
 def test_the_stream_gives_the_offline_values(recording: list[EmgBlock]) -> None:

@@ -28,7 +28,7 @@ MEAN_N_M = {d: {r: 0.5 * r - 0.2 * d + 0.006 for r in RINGS_M} for d in DEPTHS_M
 
 
 def sweep(peak_n_m: float, seed: int | None = None, count: int = COUNT) -> Float64Array:
-    bump = peak_n_m * np.exp(-(((np.arange(count) - count / 2) / (count / 6)) ** 2))
+    bump: Float64Array = peak_n_m * np.exp(-(((np.arange(count) - count / 2) / (count / 6)) ** 2))
     return bump if seed is None else bump + np.random.default_rng(seed).normal(0.0, 2e-5, count)
 
 

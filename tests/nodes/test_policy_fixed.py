@@ -20,9 +20,7 @@ ALL: list[type[Policy]] = [Fixed, Markov, Uniform]
 
 
 def trial(number: int, phase: str = "estimation") -> Trial:
-    return Trial(
-        stamp_ns=0, trial=number, phase=phase, code="", label_known=phase == "training", depth_m=0.0
-    )
+    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=phase == "training", depth_m=0.0)
 
 
 def belief(number: int, iteration: int, verdict: str = "continue") -> Belief:
@@ -105,7 +103,9 @@ def test_the_same_seed_gives_the_same_commands(policy: type[Policy]) -> None:
 
 @pytest.mark.parametrize("new", ALL)
 @pytest.mark.parametrize("old", ALL)
-def test_any_policy_goes_on_with_the_trial_of_any_other(old: type[Policy], new: type[Policy], successor) -> None:  # type: ignore[no-untyped-def]
+def test_any_policy_goes_on_with_the_trial_of_any_other(
+    old: type[Policy], new: type[Policy], successor: Any
+) -> None:
     first = Bench(old)
     first.feed(Policy.trial, trial(7))
     first.feed(Policy.belief, belief(7, 1))

@@ -1,4 +1,4 @@
-"""The stage: sweeps at constant speed, samples on the grid, comes back another way, obeys one goal at a time."""
+"""The stage: constant speed, samples on the grid, another way back, one goal at a time."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_it_returns_raised_and_not_over_the_phantom() -> None:
             heights_m.append(z_m)
     assert len(bench.sent(Stage.pose)) == count
     assert min(heights_m) > 0.01
-    assert place_m(bench) == (pytest.approx(FROM_M - 0.0012), 0.0)
+    assert place_m(bench) == pytest.approx((FROM_M - 0.0012, 0.0))
 
 
 def test_the_same_sweep_again_starts_at_once_from_where_the_stage_waits() -> None:
@@ -187,7 +187,8 @@ def test_after_a_cancelled_sweep_the_next_one_is_whole() -> None:
     bench.feed(Stage.goal, goal(2))
     bench.advance(20.0)
     status = bench.sent(Stage.status)[-2]
-    assert (status.goal_id, status.status, status.sample_count) == (2, "swept", pytest.approx(4000, abs=1))
+    assert (status.goal_id, status.status) == (2, "swept")
+    assert status.sample_count in (4000, 4001)
 
 
 def test_a_replacement_finishes_the_sweep_byte_for_byte(successor, frames_of) -> None:  # type: ignore[no-untyped-def]

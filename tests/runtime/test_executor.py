@@ -14,9 +14,10 @@ from palp_core.errors import GraphError, LifecycleError, NodeError
 from palp_core.runtime.clock import SimClock
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.lifecycle import Lifecycle, Transition
-from palp_core.runtime.message import Message, decode, encode, schema_of
+from palp_core.runtime.message import Message, decode, encode
 from palp_core.runtime.node import Node, Params, State
 from palp_core.runtime.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
+from palp_core.runtime.schema import schema_of
 from palp_core.runtime.spec import NodeSpec
 from palp_core.runtime.wire import Kind, pack, parse
 from palp_core.units import Float64Array, Hertz, Metres

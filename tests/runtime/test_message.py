@@ -17,7 +17,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from palp_core.errors import SchemaMismatch
-from palp_core.runtime.message import Message, decode, encode, encode_any, json_schema, ros_text, schema_of
+from palp_core.runtime.message import Message, decode, encode, encode_any
+from palp_core.runtime.schema import json_schema, ros_text, schema_of
 from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, Probability, ProbabilityArray
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from palp_core.runtime.builtin import Progress
 from palp_core.runtime.clock import monotonic_ns
-from palp_core.runtime.message import decode, schema_of
+from palp_core.runtime.message import decode
+from palp_core.runtime.schema import schema_of
 from palp_core.runtime.wire import parse, topic_of
 
 if TYPE_CHECKING:

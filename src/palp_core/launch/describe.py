@@ -22,10 +22,11 @@ import msgspec
 from palp_core.launch.describe_params import ParamDescription, describe_params, param_errors
 from palp_core.launch.problems import hint, nearest
 from palp_core.runtime.birth import enter_workspace, load_module
-from palp_core.runtime.message import Message, json_schema, ros_text, schema_of
+from palp_core.runtime.message import Message
 from palp_core.runtime.node import Node, declaration_of
 from palp_core.runtime.ports import Client, Port, Pub, Srv, Sub
 from palp_core.runtime.qos import Qos
+from palp_core.runtime.schema import json_schema, ros_text, schema_of
 
 __all__ = ["DescribeRequest", "NodeDescription", "PortDescription", "TypeDescription", "describe"]
 
@@ -134,7 +135,7 @@ def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
         doc=(cls.__doc__ or "").strip().partition("\n")[0],
         ports={port.name: _port(port) for port in ports},
         params=describe_params(declared.params),
-        param_errors=param_errors(declared.params, request.params),
+        param_errors=param_errors(declared, request.params),
         moves=cls.moves,
         simulates=cls.simulates,
         records=cls.records,

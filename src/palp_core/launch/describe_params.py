@@ -10,8 +10,8 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.launch.problems import hint, nearest
-from palp_core.runtime.executor import load_params
-from palp_core.runtime.node import Params
+from palp_core.runtime.node import Declaration, Params
+from palp_core.runtime.params import load_params
 
 __all__ = ["ParamDescription", "describe_params", "param_errors"]
 
@@ -82,13 +82,13 @@ def _type_text(kind: msgspec.inspect.Type) -> str:
     return type(kind).__name__.removesuffix("Type").lower()
 
 
-def param_errors(cls: type[Params], given: Mapping[str, Any]) -> dict[str, str]:
+def param_errors(node: Declaration, given: Mapping[str, Any]) -> dict[str, str]:
     """Return what is wrong with given parameters: the first mistake of each, by name.
 
     What concerns a missing parameter is under its name; what concerns several together is under "".
     """
-    kinds = typing.get_type_hints(cls, include_extras=True)
-    declared = describe_params(cls)
+    kinds = typing.get_type_hints(node.params, include_extras=True)
+    declared = describe_params(node.params)
     errors = {}
     for name, value in given.items():
         if name not in declared:
@@ -104,7 +104,7 @@ def param_errors(cls: type[Params], given: Mapping[str, Any]) -> dict[str, str]:
             errors[name] = f"parameter '{name}' has no default; give it under params ({param.type})"
     if not errors:
         try:
-            load_params(cls, given, cls.__name__)
+            load_params(node, given, node.params.__name__)
         except GraphError as error:
             errors[""] = str(error)
     return errors

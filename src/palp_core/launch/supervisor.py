@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import select
 import signal
-import socket
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -14,6 +12,8 @@ from palp_core.errors import GraphError, NodeError
 from palp_core.launch.fork_client import ForkServer
 from palp_core.launch.fork_server import Exited, Started
 from palp_core.launch.interrupt import Interrupt
+from palp_core.launch.member import Member, how_it_ended
+from palp_core.launch.switchboard import Switchboard
 from palp_core.runtime.birth import NodeProcess
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.link import (
@@ -22,42 +22,21 @@ from palp_core.runtime.link import (
     Done,
     Failed,
     FromNode,
-    Hello,
-    Link,
     LinkClosed,
     Matched,
     Relay,
     Round,
     Shutdown,
     ToNode,
-    supervisor_end,
 )
 from palp_core.runtime.spec import NodeSpec
 
-__all__ = ["Member", "Supervisor"]
+__all__ = ["Supervisor"]
 
 START_TIMEOUT_NS = 60_000_000_000
 LADDER_STEP_NS = 5_000_000_000
 PATIENCE_S = 10.0
-LOG_LINES = 12
 _LOG = logging.getLogger("palp.supervisor")
-
-
-class Member:
-    """One node as the supervisor sees it."""
-
-    def __init__(self, spec: NodeSpec, log: Path) -> None:
-        self.spec = spec
-        self.log = log
-        self.restart_count = 0
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget the process, before a start or a restart."""
-        self.pid = 0
-        self.link: Link[FromNode] | None = None
-        self.configured = self.matched = self.active = self.ended = False
-        self.respawn_at_ns: int | None = None
 
 
 class Supervisor:
@@ -96,14 +75,9 @@ class Supervisor:
         self._patience_ends_ns = 0
         self._start_ns = 0
         self._replies: dict[int, Done] = {}
-        self._strangers: dict[int, Link[FromNode]] = {}
-        self._by_descriptor: dict[int, int] = {}
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._listener.bind(str(folder / "supervisor.sock"))
-        self._listener.listen(len(specs) + 8)
-        self._poll = select.poll()
-        for descriptor in (self._listener.fileno(), server.line.fileno(), interrupt.descriptor):
-            self._poll.register(descriptor, select.POLLIN)
+        self._lines = Switchboard(
+            folder / "supervisor.sock", self.names, (server.line.fileno(), interrupt.descriptor)
+        )
 
     # Start
 
@@ -163,7 +137,7 @@ class Supervisor:
         if not self._ending:
             self._ending = True
             self._patience_ends_ns = monotonic_ns() + LADDER_STEP_NS
-        if member.link is None or member.ended:
+        if not self._lines.connected(index) or member.ended:
             return Done([], -1, None)
         self._replies.clear()
         with contextlib.suppress(NodeError, LinkClosed):
@@ -175,15 +149,12 @@ class Supervisor:
     def _ask(self, index: int, message: ToNode) -> Done:
         self._send(index, message)
         while index not in self._replies:
-            self._pump(None)
+            self._pump(PATIENCE_S)
         return self._replies.pop(index)
 
     def _send(self, index: int, message: ToNode) -> None:
-        link = self.members[index].link
         try:
-            if link is None:
-                raise LinkClosed("no line")
-            link.send(message)
+            self._lines.send(index, message)
         except LinkClosed:
             self._mourn(index)
 
@@ -215,54 +186,21 @@ class Supervisor:
 
     # Events
 
-    def _pump(self, timeout_s: float | None) -> None:
+    def _pump(self, timeout_s: float) -> None:
         """Handle what has happened; wait for something if nothing has."""
-        for descriptor, _ in self._poll.poll(None if timeout_s is None else timeout_s * 1e3):
-            if descriptor in self._by_descriptor:
-                self._listen_to(self._by_descriptor[descriptor])
-            elif descriptor == self._server.line.fileno():
-                for news in self._server.news():
-                    if isinstance(news, Started):
-                        self.members[self.names.index(news.name)].pid = news.pid
-                    else:
-                        self._on_exit(news)
-            elif descriptor == self._listener.fileno():
-                connection, _ = self._listener.accept()
-                self._strangers[connection.fileno()] = supervisor_end(connection)
-                self._poll.register(connection.fileno(), select.POLLIN)
-            elif descriptor == self._interrupt.descriptor:
-                if not self._ending:
-                    self._interrupt.check()
-                self._interrupt.drain()
-            elif descriptor in self._strangers:
-                self._welcome(descriptor)
-
-    def _welcome(self, descriptor: int) -> None:
-        link = self._strangers.pop(descriptor)
-        self._poll.unregister(descriptor)
-        try:
-            hello = link.receive()
-        except LinkClosed:
-            return
-        if not isinstance(hello, Hello) or hello.name not in self.names:
-            link.close()
-            return
-        index = self.names.index(hello.name)
-        self.members[index].link = link
-        self._by_descriptor[descriptor] = index
-        self._poll.register(descriptor, select.POLLIN)
-        while link.buffered():
-            self._on_message(index, link.receive())
-
-    def _listen_to(self, index: int) -> None:
-        link = self.members[index].link
-        assert link is not None
-        try:
-            self._on_message(index, link.receive())
-            while link.buffered():
-                self._on_message(index, link.receive())
-        except LinkClosed:
-            self._hang_up(index)  # the fork server will say how it ended
+        heard, others = self._lines.wait(timeout_s)
+        for index, message in heard:
+            self._on_message(index, message)
+        if self._server.line.fileno() in others:
+            for news in self._server.news():
+                if isinstance(news, Started):
+                    self.members[self.names.index(news.name)].pid = news.pid
+                else:
+                    self._on_exit(news)
+        if self._interrupt.descriptor in others:
+            if not self._ending:
+                self._interrupt.check()
+            self._interrupt.drain()
 
     def _on_message(self, index: int, message: FromNode) -> None:
         member = self.members[index]
@@ -281,28 +219,20 @@ class Supervisor:
             prefix = f"{member.spec.name}: "
             raise NodeError(member.spec.name, message.text.removeprefix(prefix) + f" (log: {member.log})")
 
-    def _hang_up(self, index: int) -> None:
-        link = self.members[index].link
-        if link is not None:
-            self._by_descriptor.pop(link.socket.fileno(), None)
-            self._poll.unregister(link.socket.fileno())
-            link.close()
-            self.members[index].link = None
-
     def _on_exit(self, news: Exited) -> None:
         index = self.names.index(news.name)
         member = self.members[index]
         if news.pid != member.pid:
             return
-        while member.link is not None:  # its last words may still be in the line
-            self._listen_to(index)
+        for message in self._lines.last_words(index):
+            self._on_message(index, message)
         already_ending = self._ending or member.ended or member.respawn_at_ns is not None
         member.ended = True
         if already_ending:
             return
         cause = how_it_ended(news.status)
         if not self._restart(index, cause):
-            raise NodeError(member.spec.name, f"its process {cause}{self._last_words(member)}")
+            raise NodeError(member.spec.name, f"its process {cause}{member.last_words()}")
 
     def _mourn(self, index: int) -> None:
         """A line is broken: wait for the news of how the process ended, which raises."""
@@ -328,13 +258,6 @@ class Supervisor:
             )
         return True
 
-    def _last_words(self, member: Member) -> str:
-        try:
-            lines = member.log.read_text(errors="replace").strip().splitlines()[-LOG_LINES:]
-        except OSError:
-            lines = []
-        return f" (log: {member.log})" + "".join(f"\n    {line}" for line in lines)
-
     # End
 
     def close(self) -> None:
@@ -350,13 +273,4 @@ class Supervisor:
                 deadline_ns = monotonic_ns() + LADDER_STEP_NS
                 while any(not m.ended for m in left) and monotonic_ns() < deadline_ns:
                     self._pump(0.2)
-        for index in range(len(self.members)):
-            self._hang_up(index)
-        self._listener.close()
-
-
-def how_it_ended(status: int) -> str:
-    """Say in words how a process ended."""
-    if status < 0:
-        return f"was killed by {signal.Signals(-status).name}"
-    return f"ended with status {status}"
+        self._lines.close()

@@ -18,9 +18,10 @@ from palp_core.runtime.clock import SimClock
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.lifecycle import Transition
-from palp_core.runtime.message import Message, decode, encode, schema_of
+from palp_core.runtime.message import Message, decode, encode
 from palp_core.runtime.node import Node, declaration_of
 from palp_core.runtime.ports import Client, Port, Pub, Srv, Sub
+from palp_core.runtime.schema import schema_of
 from palp_core.runtime.spec import NodeSpec, topic
 from palp_core.runtime.wire import Kind, pack, parse
 

@@ -27,10 +27,10 @@ class Progress(Message):
 class Order(Message):
     """What a node consumed and in which order: enough to drive it again to the same outputs.
 
-    The i-th entry is ``sources[source[i]]`` (``input:<port>``, ``timer:<name>``, ``call:<port>`` or
-    ``parameters``),
-    with its epoch and sequence (for a timer the tick number k) and the node's time. ``state`` holds the
-    node's encoded state before the first entry where ``state_present``.
+    The i-th entry is ``sources[source[i]]``: ``activate``, ``input:<port>``, ``reply:<client>``,
+    ``call:<service><client topic>``, ``timer:<name>`` or ``parameters``; with its epoch and sequence (of a
+    timer the tick number k, of a change of parameters its place in ``changes``, JSON) and the node's time.
+    ``hand_over``, where not empty, is the node's encoded hand-over before the first entry: a place to start.
     """
 
     stamp_ns: Nanoseconds
@@ -39,6 +39,5 @@ class Order(Message):
     epoch: list[int]
     sequence: list[int]
     now_ns: list[int]
-    state_present: bool
-    state_version: int
-    state: bytes
+    changes: list[str]
+    hand_over: bytes

@@ -6,18 +6,22 @@ starts in the middle.
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from palp_core.errors import SchemaMismatch
+from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.runtime.delivery import EdgeCounter
 from palp_core.runtime.message import decode_any, encode_any
 from palp_core.runtime.node import State
 
-__all__ = ["VERSION", "HandOver", "Predecessor", "adopt_state", "rng_from_text", "rng_to_text"]
+__all__ = [
+    "VERSION",
+    "HandOver",
+    "Predecessor",
+    "adopt_state",
+    "first_state",
+]
 
 VERSION = 1
 
@@ -26,6 +30,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     """A node at a handler boundary.
 
     Attributes:
+        params: Parameters as they are now, live changes included.
         inbox: Frames received and not yet consumed, as they came.
         consumed: Account of every input topic.
         published: Last sequence of every output topic.
@@ -39,6 +44,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     node_class: str
     state_version: int
     state: bytes
+    params: dict[str, Any]
     epoch: int
     now_ns: int
     inbox: list[bytes]
@@ -58,16 +64,16 @@ class Predecessor(msgspec.Struct, frozen=True):
     values: dict[str, Any]
 
 
-def rng_to_text(rng: np.random.Generator) -> str:
-    """Return a generator's state as JSON text (its integers are longer than msgpack's)."""
-    return json.dumps(rng.bit_generator.state, default=lambda value: value.tolist())
+def first_state(state_class: type[State], where: str) -> State:
+    """Return the default state through its bytes, so that no two nodes share a default array.
 
-
-def rng_from_text(text: str) -> np.random.Generator:
-    """Return a generator in a given state."""
-    generator = np.random.Generator(np.random.PCG64())
-    generator.bit_generator.state = json.loads(text)
-    return generator
+    Raises:
+        GraphError: The state holds what cannot be handed over.
+    """
+    try:
+        return decode_any(state_class, encode_any(state_class()), writable=True)
+    except (SchemaMismatch, TypeError, ValueError) as error:
+        raise GraphError(f"{where}: {state_class.__name__} cannot be handed over: {error}") from error
 
 
 def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) -> State:

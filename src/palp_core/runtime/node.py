@@ -20,7 +20,7 @@ from palp_core.runtime.ports import HANDLES, Alarm, Client, Port, Pub, Srv, Sub,
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Declaration", "Node", "Params", "State", "declaration_of"]
+__all__ = ["Declaration", "Node", "Params", "State", "class_name", "declaration_of"]
 
 
 class _ParamsMeta(msgspec.StructMeta):
@@ -117,6 +117,9 @@ class Node:
     def on_activate(self) -> None:
         """Begin work: open the device, publish the first value."""
 
+    def on_resume(self) -> None:
+        """Continue a predecessor's work instead of beginning: open the device as ``self.state`` left it."""
+
     def on_deactivate(self) -> None:
         """Stop work and reach the safe state; also run when a graph ends or its supervisor dies."""
 
@@ -128,6 +131,11 @@ class Node:
 
     def on_error(self, error: Exception) -> None:
         """Run after a handler raised, before the node is shut down."""
+
+
+def class_name(node_class: type[Node]) -> str:
+    """Return ``module:Class``, by which a hand-over names who had the state."""
+    return f"{node_class.__module__}:{node_class.__qualname__}"
 
 
 class Declaration(msgspec.Struct, frozen=True):

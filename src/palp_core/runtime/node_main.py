@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import NodeError, PalpError
+from palp_core.errors import NodeError, PalpError, in_words
 from palp_core.runtime.birth import NodeProcess, endpoints, load_class
 from palp_core.runtime.builtin import Progress
 from palp_core.runtime.clock import SimClock, WallClock, monotonic_ns
@@ -64,11 +64,7 @@ def run_node(birth: NodeProcess) -> int:
         _safe_end(process)
         return 1
     except Exception as error:
-        text = (
-            str(error)
-            if isinstance(error, PalpError)
-            else f"{birth.spec.name}: {type(error).__name__}: {error}"
-        )
+        text = in_words(error)
         trace = None if isinstance(error, NodeError) else error  # a NodeError's trace is in the log already
         logging.getLogger("palp").error("%s", text, exc_info=trace)  # noqa: TRY400
         with contextlib.suppress(LinkClosed):

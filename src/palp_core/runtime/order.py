@@ -2,54 +2,76 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
 from palp_core.runtime.builtin import Order
+from palp_core.runtime.outlet import Outlet
 
-__all__ = ["OrderLog"]
+__all__ = ["ACTIVATE", "ORDER_PORT", "PARAMETERS", "OrderLog"]
 
+ORDER_PORT = "_order"
+ACTIVATE = "activate"
+PARAMETERS = "parameters"
 BATCH = 256
-STATE_INTERVAL_NS = 10_000_000_000
+SNAPSHOT_INTERVAL_NS = 10_000_000_000
 
 
 class OrderLog:
-    """Collects entries and gives out one :class:`Order` per batch."""
+    """Collects entries and publishes one :class:`Order` per batch.
 
-    def __init__(self, sources: list[str]) -> None:
+    Args:
+        outlet: Where batches go.
+        sources: Everything that the node can consume.
+        snapshot: Returns the node's encoded hand-over, without inbox and histories.
+    """
+
+    def __init__(self, outlet: Outlet[Order], sources: list[str], snapshot: Callable[[], bytes]) -> None:
+        self._outlet = outlet
         self._sources = sources
         self._index = {source: i for i, source in enumerate(sources)}
-        self._state: tuple[int, bytes] | None = None
-        self._next_state_ns = 0
+        self._snapshot = snapshot
+        self._next_snapshot_ns = SNAPSHOT_INTERVAL_NS
         self._clear()
 
     def _clear(self) -> None:
+        self._hand_over = b""
         self._source: list[int] = []
         self._epoch: list[int] = []
         self._sequence: list[int] = []
         self._now_ns: list[int] = []
+        self._changes: list[str] = []
 
-    def wants_state(self, now_ns: int) -> bool:
-        """Tell whether a state is due: at activation and every 10 s."""
-        return now_ns >= self._next_state_ns
+    def begin(self, now_ns: int) -> None:
+        """Begin a new batch with a snapshot of the node."""
+        self.flush(now_ns)
+        self._hand_over = self._snapshot()
+        self._next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
 
-    def put_state(self, version: int, state: bytes, now_ns: int) -> Order | None:
-        """Begin a new batch with the node's state; return the batch that it closes."""
-        closed = self.flush(now_ns)
-        self._state = (version, state)
-        self._next_state_ns = now_ns + STATE_INTERVAL_NS
-        return closed
+    def prepare(self, now_ns: int) -> None:
+        """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
+        if now_ns >= self._next_snapshot_ns:
+            self.begin(now_ns)
 
-    def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> bool:
-        """Add an entry; return True when the batch is full."""
+    def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> None:
+        """Add an entry, before the node handles what it names."""
         self._source.append(self._index[source])
         self._epoch.append(epoch)
         self._sequence.append(sequence)
         self._now_ns.append(now_ns)
-        return len(self._source) >= BATCH
+        if len(self._source) >= BATCH:
+            self.flush(now_ns)
 
-    def flush(self, now_ns: int) -> Order | None:
-        """Return the open batch and begin the next one; None if there is nothing in it."""
-        if not self._source and self._state is None:
-            return None
-        version, state = self._state or (0, b"")
+    def note_change(self, changes: Mapping[str, Any], now_ns: int) -> None:
+        """Add a change of parameters."""
+        self._changes.append(json.dumps(dict(changes)))
+        self.note(PARAMETERS, 0, len(self._changes) - 1, now_ns)
+
+    def flush(self, now_ns: int) -> None:
+        """Publish the open batch, if there is anything in it, and begin the next one."""
+        if not self._source and not self._hand_over:
+            return
         batch = Order(
             stamp_ns=now_ns,
             sources=self._sources,
@@ -57,10 +79,8 @@ class OrderLog:
             epoch=self._epoch,
             sequence=self._sequence,
             now_ns=self._now_ns,
-            state_present=self._state is not None,
-            state_version=version,
-            state=state,
+            changes=self._changes,
+            hand_over=self._hand_over,
         )
-        self._state = None
         self._clear()
-        return batch
+        self._outlet.put(batch)

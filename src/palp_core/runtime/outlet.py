@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.runtime.message import Message, encode, schema_of
+from palp_core.runtime.message import Message, encode
+from palp_core.runtime.schema import schema_of
 from palp_core.runtime.wire import Kind, pack
 
 __all__ = ["Outlet"]

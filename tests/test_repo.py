@@ -1,0 +1,138 @@
+"""Promises about the repository: every node is tested and used, files are short, the README is current."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from palp_core.launch.checked import CheckedGraph
+from palp_core.launch.graph import check_file
+from palp_core.launch.picture import mermaid
+from palp_core.runtime.birth import load_class
+from palp_core.runtime.node import Node
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = [path for folder in ("src", "nodes", "msgs") for path in sorted((ROOT / folder).rglob("*.py"))]
+LAUNCH_FILES = [
+    *sorted((ROOT / "launch").glob("*.yaml")),
+    *sorted((ROOT / "examples").rglob("launch/*.yaml")),
+]
+LONGEST_FILE = 300
+TEXT = {".py", ".yaml", ".yml", ".toml", ".md", ".txt", ".cfg", ".json", ".csv", ".html", ".sh", ""}
+OUTSIDE = {".git", "build", "dist", "results"}
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def node_classes() -> dict[str, ast.ClassDef]:
+    """Return the node of each file in ``nodes/``: the class that takes the file's name without underscores.
+
+    A file of helpers has none.
+    """
+    found = {}
+    for path in sorted((ROOT / "nodes").glob("*.py")):
+        wanted = {path.stem.replace("_", ""), path.stem.rpartition("_")[2]}
+        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(statement, ast.ClassDef) and statement.name.lower() in wanted:
+                found[path.stem] = statement
+    return found
+
+
+NODES = node_classes()
+BASES = {ast.unparse(base) for node in NODES.values() for base in node.bases}
+CONCRETE = [stem for stem, node in NODES.items() if node.name not in BASES]
+
+
+def written_files() -> list[Path]:
+    """Return every file a person wrote: what is not hidden and not built."""
+    return [
+        path
+        for path in sorted(ROOT.rglob("*"))
+        if path.is_file()
+        and path.suffix in TEXT
+        and not any(
+            (part.startswith(".") and part != ".ci")
+            or part in OUTSIDE
+            or part == "__pycache__"
+            or part.endswith(".egg-info")
+            for part in path.relative_to(ROOT).parts
+        )
+    ]
+
+
+@pytest.fixture(scope="module")
+def graphs() -> dict[str, CheckedGraph]:
+    """Check every launch file; it raises where one is wrong."""
+    return {name_of(path): check_file(path) for path in LAUNCH_FILES}
+
+
+def test_the_rigs_nodes_are_found() -> None:
+    assert len(CONCRETE) >= 11
+    for stem in CONCRETE:
+        node = load_class(f"nodes.{stem}:{NODES[stem].name}", str(ROOT))
+        assert issubclass(node, Node)
+
+
+@pytest.mark.parametrize("stem", CONCRETE)
+def test_each_node_has_a_test(stem: str) -> None:
+    assert (ROOT / "tests" / "nodes" / f"test_{stem}.py").is_file()
+
+
+@pytest.mark.parametrize("stem", CONCRETE)
+def test_each_node_has_a_place_in_a_launch_file(stem: str) -> None:
+    run = f"nodes.{stem}:{NODES[stem].name}"
+    used = [p for p in LAUNCH_FILES if re.search(rf"\b{re.escape(run)}\b", p.read_text(encoding="utf-8"))]
+    assert used, f"no launch file runs {run}"
+
+
+def test_each_launch_file_passes_the_check(graphs: dict[str, CheckedGraph]) -> None:
+    assert "launch/sim.yaml" in graphs
+    assert all(graph.nodes for graph in graphs.values())
+
+
+@pytest.mark.parametrize("policy", ["fixed", "markov", "uniform"])
+def test_the_rig_passes_the_check_with_each_policy(policy: str) -> None:
+    graph = check_file(ROOT / "launch" / "sim.yaml", [f"policy:={policy}"])
+    (run,) = [spec.run for spec in graph.nodes if spec.name == "policy"]
+    assert run == f"nodes.policy_{policy}:{policy.capitalize()}"
+
+
+def test_only_the_phantom_and_the_record_read_the_truth(graphs: dict[str, CheckedGraph]) -> None:
+    readers = {
+        spec.name
+        for spec in graphs["launch/sim.yaml"].nodes
+        for source in spec.inputs.values()
+        if source.endswith("/truth")
+    }
+    assert readers == {"phantom", "experiment"}
+
+
+def test_the_readmes_picture_is_the_graph_of_the_simulated_rig(graphs: dict[str, CheckedGraph]) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    pictures = re.findall(r"^```mermaid\n(.*?)^```$", readme, flags=re.DOTALL | re.MULTILINE)
+    assert mermaid(graphs["launch/sim.yaml"]) in pictures, (
+        "README.md needs a ```mermaid block with the output of 'palp graph launch/sim.yaml'"
+    )
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_a_source_file_is_one_short_idea_with_a_docstring(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    line_count = len(text.splitlines())
+    assert line_count < LONGEST_FILE
+    assert ast.get_docstring(ast.parse(text)), "say in one line what the module is for"
+
+
+def test_no_file_knows_where_it_was_written() -> None:
+    private = [f"{ROOT.parent}/".encode(), b"/wo" + b"rk/"]
+    guilty = [
+        name_of(path)
+        for path in written_files()
+        if any(words in path.read_bytes() for words in private if words != b"/")
+    ]
+    assert guilty == []
