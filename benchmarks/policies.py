@@ -1,6 +1,9 @@
-"""The paper's question, asked of every policy: one full session each, from the same seed, as one table.
+"""The paper's question, asked of every policy in the simulated rig.
 
-Run: .venv/bin/python benchmarks/policies.py [--out DIR] [--seed 1] [--trials 100] [--training 25]
+One session a policy and seed: its own training, its own mounting of the phantoms, then estimation. Policies
+share seeds. With several sessions, intervals are over sessions, which is what an interval ought to be over.
+
+Run: .venv/bin/python benchmarks/policies.py [--out DIR] [--sessions 1] [--trials 100] [--training 25]
 """
 
 from __future__ import annotations
@@ -8,10 +11,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy.stats import t as student_t
 
 from palp_core.launch.graph import Graph
 from palp_core.studies.compare import compare
@@ -19,47 +26,86 @@ from palp_core.studies.result import read_result
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 FIXED_MM = (0.0, 4.0, 8.0, 12.0, 16.0)
+POLICIES: dict[str, dict[str, Any]] = {
+    **{f"fixed_{mm:g}": {"policy": "fixed", "ring_mm": mm} for mm in FIXED_MM},
+    "markov": {"policy": "markov"},
+    "uniform": {"policy": "uniform"},
+}
 
 
-def run(out: Path, **arguments: Any) -> dict[str, Any]:
+def run(job: tuple[Path, dict[str, Any]]) -> dict[str, Any]:
     """Run one session composed and return its result."""
+    out, arguments = job
     with Graph(LAUNCH, compose=True, out=str(out), **arguments) as graph:
         graph.run()
     return read_result(out)
 
 
+def over_sessions(values: list[float]) -> dict[str, Any]:
+    """Return the mean over sessions with Student's 95 % interval, clipped to 0 .. 1; none for one session."""
+    count, mean = len(values), float(np.mean(values))
+    if count < 2:
+        return {"value": mean, "ci": None, "sessions": count}
+    half = float(student_t.ppf(0.975, count - 1) * np.std(values, ddof=1) / np.sqrt(count))
+    return {"value": mean, "ci": [max(0.0, mean - half), min(1.0, mean + half)], "sessions": count}
+
+
+def summarise(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Return accuracy, depths, probes and calibration per policy over its sessions."""
+    table: dict[str, Any] = {}
+    for name, sessions in results.items():
+        depths = sessions[0]["accuracy"]["per_depth_mm"]
+        table[name] = {
+            "accuracy": over_sessions([s["accuracy"]["overall"]["value"] for s in sessions]),
+            "per_depth_mm": {
+                d: over_sessions([s["accuracy"]["per_depth_mm"][d]["value"] for s in sessions])
+                for d in depths
+            },
+            "probes_mean": float(np.mean([s["probes_mean"] for s in sessions])),
+            "calibration_error": float(np.mean([s["calibration"]["expected_error"] for s in sessions])),
+            "overconfidence": float(np.mean([s["calibration"]["overconfidence"] for s in sessions])),
+        }
+    fixed = [name for name in table if name.startswith("fixed")]
+    per_session = np.array([[s["accuracy"]["overall"]["value"] for s in results[name]] for name in fixed])
+    best = max(fixed, key=lambda name: table[name]["accuracy"]["value"])
+    return {
+        "policies": table,
+        "fixed_average": over_sessions(per_session.mean(axis=0).tolist()),
+        "fixed_best": best,
+    }
+
+
 def main() -> None:
-    """Run the sessions and print the table; JSON beside it."""
+    """Run the sessions and print the tables; JSON beside them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/policies"))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--trials", type=int, default=100)
-    parser.add_argument("--training", type=int, default=25)
+    parser.add_argument("--sessions", type=int, default=1, help="seeds 1 to this number")
+    parser.add_argument("--trials", type=int, default=100, help="per phantom")
+    parser.add_argument("--training", type=int, default=25, help="per phantom and ring position")
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    common = {"seed": options.seed, "trials": options.trials, "training": options.training}
-    sessions: dict[str, dict[str, Any]] = {
-        f"fixed_{mm:g}": {"policy": "fixed", "ring_mm": mm} for mm in FIXED_MM
-    }
-    sessions |= {"markov": {"policy": "markov"}, "uniform": {"policy": "uniform"}}
-    results = {}
-    for name, arguments in sessions.items():
-        results[name] = run(options.out / name, **arguments, **common)
-        accuracy = results[name]["accuracy"]["overall"]["value"]
-        speed = results[name]["sweep_s_per_wall_s"]
-        print(f"{name}: {accuracy:.1%}, {speed:.0f} s of sweep per s", flush=True)
-    shares = {name: result["accuracy"]["overall"]["value"] for name, result in results.items()}
-    fixed = {name: share for name, share in shares.items() if name.startswith("fixed")}
-    summary = {
-        "fixed_average": sum(fixed.values()) / len(fixed),
-        "fixed_best": max(fixed, key=lambda name: fixed[name]),
-        "accuracy": {name: result["accuracy"] for name, result in results.items()},
-        "probes_mean": {name: result["probes_mean"] for name, result in results.items()},
-        "wall_time_s": {name: result["wall_time_s"] for name, result in results.items()},
-        "sweep_s_per_wall_s": {name: result["sweep_s_per_wall_s"] for name, result in results.items()},
-    }
+    seeds = range(1, options.sessions + 1)
+    common = {"trials": options.trials, "training": options.training}
+    jobs = [
+        (options.out / name / str(seed), {**arguments, **common, "seed": seed})
+        for name, arguments in POLICIES.items()
+        for seed in seeds
+    ]
+    results: dict[str, list[dict[str, Any]]] = {name: [] for name in POLICIES}
+    with ProcessPoolExecutor(options.workers) as pool:
+        for (out, _), result in zip(jobs, pool.map(run, jobs), strict=True):
+            results[out.parent.name].append(result)
+            print(f"{out.parent.name} {out.name}: {result['accuracy']['overall']['value']:.1%}", flush=True)
+    summary = summarise(results)
     (options.out / "policies.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    print(compare([options.out / name for name in sessions]))
-    print(f"average of the fixed ones: {summary['fixed_average']:.1%}; best: {summary['fixed_best']}")
+    print(compare([out for out, _ in jobs if out.name == "1"]))
+    for name, row in [
+        *summary["policies"].items(),
+        ("fixed_average", {"accuracy": summary["fixed_average"]}),
+    ]:
+        share, interval = row["accuracy"]["value"], row["accuracy"]["ci"]
+        print(f"{name:<14} {share:.1%}" + (f" ({interval[0]:.1%} to {interval[1]:.1%})" if interval else ""))
+    print(f"best fixed: {summary['fixed_best']}")
 
 
 if __name__ == "__main__":
