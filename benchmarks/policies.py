@@ -75,8 +75,37 @@ def summarise(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
+def draw(summary: dict[str, Any], target: Path) -> None:
+    """Draw accuracy per policy with the paper's two figures."""
+    from matplotlib.figure import Figure
+
+    table = summary["policies"] | {"fixed_average": {"accuracy": summary["fixed_average"]}}
+    order = [f"fixed_{mm:g}" for mm in FIXED_MM] + ["fixed_average", "markov", "uniform"]
+    labels = [f"fixed\n{mm:g} mm" for mm in FIXED_MM] + ["average\nof fixed", "human\n(Markov)", "uniform"]
+    shares = [100.0 * table[name]["accuracy"]["value"] for name in order]
+    spans = [table[name]["accuracy"]["ci"] for name in order]
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    axes = figure.subplots()
+    colours = ["#9db8d2"] * 5 + ["#5b7fa6"] + ["#d55e00", "#009e73"]
+    axes.bar(labels, shares, color=colours, width=0.7)
+    for place, (share, span) in enumerate(zip(shares, spans, strict=True)):
+        if span is not None:
+            axes.plot([place, place], [100.0 * span[0], 100.0 * span[1]], color="black", linewidth=1.5)
+        axes.text(place, 3.0, f"{share:.0f} %", ha="center", color="white", fontweight="bold")
+    for level, text in ((100.0 / 3.0, "chance"), (66.7, "paper: average of fixed"), (90.0, "paper: human")):
+        axes.axhline(level, color="grey", linestyle="--", linewidth=1.0, zorder=0)
+        axes.annotate(text, (7.6, level), xytext=(0, 3), textcoords="offset points", fontsize=8)
+    axes.set_xlim(-0.6, 9.3)
+    axes.set_ylim(0.0, 105.0)
+    axes.set_ylabel("right estimates of the depth, %")
+    sessions = summary["fixed_average"]["sessions"]
+    axes.set_title(f"Simulated rig, {sessions} sessions a policy, 95 % intervals over sessions", fontsize=10)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(target, dpi=130)
+
+
 def main() -> None:
-    """Run the sessions and print the tables; JSON beside them."""
+    """Run the sessions and print the tables; JSON and a chart beside them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/policies"))
     parser.add_argument("--sessions", type=int, default=1, help="seeds 1 to this number")
@@ -98,6 +127,7 @@ def main() -> None:
             print(f"{out.parent.name} {out.name}: {result['accuracy']['overall']['value']:.1%}", flush=True)
     summary = summarise(results)
     (options.out / "policies.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    draw(summary, options.out / "policies.png")
     print(compare([out for out, _ in jobs if out.name == "1"]))
     for name, row in [
         *summary["policies"].items(),
