@@ -63,7 +63,8 @@ class ExperimentState(State):
     ring_iteration: int = -1
     ring_settled: bool = False
     rehomed: bool = False
-    true_ring_m: float = 0.0
+    true_ring_m: float | None = None
+    true_height_m: float | None = None
     palpation: list[Palpation] = []
     belief: list[Belief] = []
     row: int = 0
@@ -224,6 +225,7 @@ class Experiment(Node):
     @on(phantom_truth)
     def note_phantom(self, truth: PhantomTruth) -> None:
         self.state.code, self.state.depth_m = truth.code, truth.depth_m
+        self.state.true_height_m = truth.height_offset_m
         self._advance()
 
     @on(ring_state)

@@ -30,6 +30,7 @@ def row_of(
         iteration=state.iteration,
         ring_m=palpation.ring_m,
         true_ring_m=state.true_ring_m,
+        true_height_m=state.true_height_m,
         peak_n_m=palpation.peak_n_m,
         posterior=belief.posterior.tolist() if belief else [],
         gain=belief.gain.tolist() if belief else [],

@@ -55,6 +55,7 @@ def test_a_session_leaves_a_whole_record_and_a_report(palp: Palp, tmp_path: Path
         assert rate_hz == 1000.0
         assert len(torque_n_m) == 4000
         assert row.start_ns < row.end_ns
+        assert row.true_ring_m is not None
         assert abs(row.true_ring_m - row.ring_m) <= 0.3e-3 + 1e-12
     for key in (
         "policy", "seed", "trials", "accuracy", "probes_mean", "stop_rule", "verdicts", "calibration",

@@ -88,7 +88,7 @@ class Rig:
             code=mount.code,
             remount=mount.remount,
             depth_m=DEPTHS_M[mount.code],
-            height_offset_m=0.0,
+            height_offset_m=1e-5 * mount.remount,
             rung="L2",
             bound=0.01,
         )
@@ -237,7 +237,9 @@ def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
         torque_n_m, rate_hz = read_sweep(tmp_path, row.row)
         np.testing.assert_array_equal(torque_n_m, 1e-3 * row.trial + 1e-5 * row.iteration)
         assert (len(torque_n_m), rate_hz) == (700, 1000.0)
+        assert row.true_ring_m is not None
         assert 0.0 < row.true_ring_m - row.ring_m < 1e-4
+        assert row.true_height_m == 1e-5 * row.remount
         assert (row.session, row.policy, row.seed) == ("markov-5", "markov", 5)
         if row.phase == "estimation":
             assert (row.posterior, row.gain, row.estimate_m) == ([0.1, 0.7, 0.2], [0.0, 0.4, 0.1], 0.004)

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import dataclasses
 import importlib
 
 import pytest
 
+from palp_core.mechanics.phantom import Bead, Phantom
+from palp_core.mechanics.probe import Probe
 from palp_core.runtime.node import Params
-from palp_core.studies.basis import BASIS, basis_of
+from palp_core.studies.basis import BASIS, SCENE, basis_of
 
 PARAMS = {
     "experiment": ("nodes.experiment:ExperimentParams",),
@@ -40,3 +43,23 @@ def test_a_basis_is_of_a_parameter_that_exists(key: str) -> None:
 
 def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
     assert basis_of("stage", "block_samples") == ""
+
+
+CHOICES = {
+    "experiment": {"out", "policy", "seed"},
+    "actuator": {"device"},
+    "stage": {"device", "block_samples"},
+    "torque": {"device"},
+    "emg": {"device", "block_samples"},
+}
+
+
+@pytest.mark.parametrize("node", sorted(PARAMS))
+def test_every_parameter_has_a_basis_or_is_a_choice_of_the_run_or_the_software(node: str) -> None:
+    unexplained = {name for name in declared(node) if not basis_of(node, name)}
+    assert unexplained == CHOICES.get(node, set())
+
+
+def test_every_number_of_the_simulated_scene_has_a_basis() -> None:
+    numbers = {f.name for kind in (Probe, Phantom, Bead) for f in dataclasses.fields(kind)} - {"bead"}
+    assert numbers == set(SCENE)

@@ -122,6 +122,27 @@ def test_the_mechanics_name_their_rung_and_bound(record: Writer, summary: Summar
     assert set(mechanics["per_phantom"]) == {"A", "B", "C"}
 
 
+def test_the_scene_names_its_numbers_and_whether_they_were_published(
+    record: Writer, summary: Summariser
+) -> None:
+    scene = built(out := record(), summary(out))["mechanics"]["scene"]
+    assert scene["probe"]["spring_n_per_m"] == {"value": 240.0, "basis": "published: 0.24 N/mm"}
+    assert scene["C"]["depth_m"]["value"] == 0.008
+    assert "assumed" in scene["C"]["modulus_pa"]["basis"]
+
+
+def test_numbers_from_a_file_are_not_called_published(
+    record: Writer, summary: Summariser, tmp_path: Path
+) -> None:
+    file = tmp_path / "soft.yaml"
+    file.write_text("S: {modulus_pa: 8000.0, bead: {depth_m: 0.003}}\n")
+    run = summary(out := record())
+    run.params["phantom"]["phantoms"] = str(file)
+    scene = built(out, run)["mechanics"]["scene"]
+    assert scene["S"]["modulus_pa"] == {"value": 8000.0, "basis": f"given by {file}"}
+    assert scene["S"]["depth_m"]["basis"] == f"given by {file}"
+
+
 def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summary: Summariser) -> None:
     described = summary(out := record())
     real = msgspec.structs.replace(

@@ -6,7 +6,7 @@ seed, or of the software, such as the length of a block.
 
 from __future__ import annotations
 
-__all__ = ["BASIS", "basis_of"]
+__all__ = ["BASIS", "SCENE", "basis_of"]
 
 BASIS = {
     "experiment.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
@@ -20,7 +20,10 @@ BASIS = {
     "experiment.to_m": "assumed",
     "policy.ring_mm": "published: one of 0, 4, 8, 12, 16 mm; 16 was the best",
     "policy.rings_mm": "published: 0, 4, 8, 12, 16 mm",
-    "policy.matrices": "reconstruction: eigenvalues published, entries not legible",
+    "policy.matrices": (
+        "reconstruction: eigenvalues published, entries not legible; the share of each position (mean level "
+        "0.3, sd 0.08) is assumed, and results depend on it"
+    ),
     "policy.reading": "the published equations allow three readings; this one is assumed",
     "policy.mixture": "published as the average strategy; how it mixes the depths is assumed",
     "policy.mean_level": "initial level: assumed, the middle of the scale",
@@ -45,6 +48,7 @@ BASIS = {
     "estimator.wavelet": "published: db10",
     "estimator.level": "published: 5",
     "estimator.denoise": "rule for the coefficients not published; assumed",
+    "estimator.feature": "published: the peak around the nodule; searched for over the whole sweep: assumed",
     "estimator.likelihood": "published: normal",
     "estimator.stop": "published: correlation distance below 0.0005; guards and other rules assumed",
     "estimator.max_probes": "not published; assumed",
@@ -55,6 +59,25 @@ BASIS = {
     "cocontraction.prominence": "not published; assumed",
     "cocontraction.distance_s": "not published; assumed",
 }
+
+
+SCENE = {
+    "connecting_m": "published: 143 mm",
+    "base_m": "published: 80 mm",
+    "tip_m": "published: 70 mm",
+    "spring_n_per_m": "published: 0.24 N/mm",
+    "pivot_radius_m": "published: 6.8 mm",
+    "tip_radius_m": "assumed",
+    "tip_mass_kg": "assumed",
+    "tip_com_m": "assumed: half of the tip link",
+    "friction": "assumed",
+    "modulus_pa": "assumed: soft silicones lie between 5 and 30 kPa",
+    "poisson": "assumed: near incompressible, as published",
+    "height_m": "published: 30 mm",
+    "depth_m": "published: 2, 4, 8 mm",
+    "radius_m": "published: 15 mm in diameter",
+}
+"""What each number of the simulated probe and of the paper's phantoms rests on."""
 
 
 def basis_of(node: str, parameter: str) -> str:

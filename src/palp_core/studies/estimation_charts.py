@@ -115,7 +115,7 @@ def accuracy_chart(session: Session) -> Chart | None:
                 mfc="white",
                 mec="#D55E00",
                 mew=1.6,
-                label="paper: fixed",
+                label="paper: fixed\n(average of five $r_a$)",
             )
         axes.plot(
             len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec="#009E73", mew=1.4
@@ -174,7 +174,8 @@ def calibration_chart(session: Session) -> Chart | None:
         "How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
         f"calibration error {found.expected_error:.3f}; mean confidence minus accuracy "
         f"{found.overconfidence:+.3f} (positive is over-confident). The filter takes the palpations of a "
-        "trial for independent; errors that stay through one, such as the ring's, make it over-confident.",
+        "trial for independent; errors that stay, as the ring's through a trial and the mounting's through a "
+        "phase, can make it over-confident.",
         (5.2, 4.2),
         ("bin_low", "bin_high", "mean_confidence", "accuracy", "low", "high", "trials"),
         [

@@ -188,19 +188,41 @@ def _mechanics(result: dict[str, Any]) -> str:
         f"<h2>Mechanics</h2><p>The touch is simulated. Asked for: the {escape(mechanics['output'])} within "
         f"{100.0 * mechanics['tolerance']:g} %; the cheapest contact model that vouches for it was used.</p>"
         + _table(["phantom", "model", "stated error", "why"], rows, numeric=4)
+        + _scene(mechanics["scene"])
     )
+
+
+def _scene(scene: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Return the numbers of probe and phantoms; phantoms that share one share a line."""
+    alike: dict[tuple[str, str, str], list[str]] = {}
+    for thing, quantities in scene.items():
+        for name, entry in quantities.items():
+            alike.setdefault((name, _plain(entry["value"]), entry["basis"]), []).append(thing)
+    lines = [
+        f'<tr><td class="node">{escape(", ".join(things))}</td><td><code>{escape(name)}</code></td>'
+        f"<td>{escape(value)}</td><td{_mark(basis)}>{escape(basis)}</td></tr>"
+        for (name, value, basis), things in alike.items()
+    ]
+    return (
+        "<table><thead><tr><th>of</th><th>quantity</th><th>value</th><th>basis</th></tr></thead><tbody>"
+        + "".join(lines)
+        + "</tbody></table>"
+    )
+
+
+def _mark(basis: str) -> str:
+    return ' class="assumed"' if "assumed" in basis or "reconstruction" in basis else ""
 
 
 def _protocol(result: dict[str, Any]) -> str:
     lines = []
     for node, parameters in result["protocol"].items():
         for i, (name, entry) in enumerate(parameters.items()):
-            basis = escape(entry["basis"])
-            mark = ' class="assumed"' if "assumed" in basis or "reconstruction" in basis else ""
+            basis = entry["basis"]
             lines.append(
                 f'<tr><td class="node">{escape(node) if i == 0 else ""}</td>'
                 f"<td><code>{escape(name)}</code></td>"
-                f"<td>{escape(_plain(entry['value']))}</td><td{mark}>{basis}</td></tr>"
+                f"<td>{escape(_plain(entry['value']))}</td><td{_mark(basis)}>{escape(basis)}</td></tr>"
             )
     return (
         "<h2>Protocol</h2><p>Every node’s parameters as run, and what each rests on. What was assumed is in "

@@ -32,7 +32,11 @@ OWN_FILES = ("trials.csv", "sweeps", "primitives.json", "result.json", "report.h
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One palpation; SI units. ``posterior`` and ``gain`` are empty in training."""
+    """One palpation; SI units. ``posterior`` and ``gain`` are empty in training.
+
+    ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
+    where nobody told.
+    """
 
     row: int
     session: str
@@ -43,7 +47,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     depth_m: float
     iteration: int
     ring_m: float
-    true_ring_m: float
+    true_ring_m: float | None
+    true_height_m: float | None = None
     peak_n_m: float
     posterior: list[float]
     gain: list[float]
@@ -151,8 +156,8 @@ def _row(cells: dict[str, str]) -> Row:
     plain: dict[str, Any] = {name: text for name, text in cells.items() if name in Row.__struct_fields__}
     for name in ("posterior", "gain"):
         plain[name] = [float(text) for key, text in cells.items() if key.startswith(f"{name}_") and text]
-    for name in ("gamma", "estimate_m"):
-        plain[name] = float(plain[name]) if plain[name] else None
+    for name in ("gamma", "estimate_m", "true_ring_m", "true_height_m"):
+        plain[name] = float(plain[name]) if plain.get(name) else None
     plain["outlier"] = plain["outlier"] == "1"
     return msgspec.convert(plain, Row, strict=False)
 

@@ -18,12 +18,13 @@ import numpy as np
 
 import palp_core
 from palp_core.errors import PalpError
+from palp_core.mechanics.phantom import Phantom
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.mechanics.probe import Probe
 from palp_core.mechanics.scene import contact_model
 from palp_core.perception import statistics
 from palp_core.perception.stopping import stop_rule
-from palp_core.studies.basis import basis_of
+from palp_core.studies.basis import SCENE, basis_of
 from palp_core.studies.session import Session, Trial, mm
 
 if TYPE_CHECKING:
@@ -214,14 +215,16 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _mechanics(phantom: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Return the contact rung of every phantom and its stated bound; None where the touch was real."""
+    """Return every phantom's contact rung with its stated bound, and the scene; None where touch was real."""
     if phantom is None:
         return None
     output, tolerance = phantom.get("output", "peak"), phantom.get("tolerance", 0.02)
     indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
+    probe = Probe(**{name: phantom[name] for name in ("friction", "tip_mass_kg") if name in phantom})
+    subjects = load_phantoms(phantom.get("phantoms", ""))
     choices = {
-        code: contact_model(subject, Probe().tip_radius_m, output, tolerance, indentation_m)[1]
-        for code, subject in load_phantoms(phantom.get("phantoms", "")).items()
+        code: contact_model(subject, probe.tip_radius_m, output, tolerance, indentation_m)[1]
+        for code, subject in subjects.items()
     }
     return {
         "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
@@ -232,7 +235,22 @@ def _mechanics(phantom: dict[str, Any] | None) -> dict[str, Any] | None:
             code: {"rung": choice.method.name, "bound": choice.bound, "reason": choice.reason}
             for code, choice in choices.items()
         },
+        "scene": {
+            "probe": _based(asdict(probe)),
+            **{code: _based(_flat(s), phantom.get("phantoms", "")) for code, s in subjects.items()},
+        },
     }
+
+
+def _flat(phantom: Phantom) -> dict[str, float]:
+    """Return the numbers of a phantom and of its bead."""
+    values = asdict(phantom)
+    return values | (values.pop("bead") or {})
+
+
+def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]]:
+    basis = dict.fromkeys(values, f"given by {file}") if file else SCENE
+    return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
 
 
 def _protocol(params: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
