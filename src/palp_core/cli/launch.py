@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palp_core.errors import NodeError, PalpError
+from palp_core.errors import GraphError, NodeError, PalpError
 
 __all__ = ["launch"]
 
@@ -49,6 +50,9 @@ def launch(
             else f"{file}: no mistake: {len(checked.nodes)} nodes, {len(checked.topics)} topics"
         )
         return
+    if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
+        os.environ["PYTHONHASHSEED"] = "0"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     sys.exit(_run(file, overrides, compose=compose, digest=digest))
 
 
@@ -64,6 +68,11 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
     from palp_core.launch.interrupt import Interrupted
 
     digests = TopicDigest() if digest is not None else None
+    if digest is not None:
+        try:
+            digest.touch()  # now rather than after hours
+        except OSError as error:
+            raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
     view = LaunchView()
 
     def observe(now_ns: int, frame: bytes) -> None:
@@ -98,4 +107,4 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
     )
     if summary.report:
         print_text(summary.report)
-    return summary.exit_code
+    return summary.exit_code if 0 <= summary.exit_code < 256 else 1

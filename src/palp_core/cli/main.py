@@ -28,6 +28,7 @@ app.add_typer(topic.app, name="topic")
 
 def main() -> None:
     """Run the command line; palp's own errors are a message and exit status 2, never a traceback."""
+    _open_standard_streams()
     # One BLAS thread, before anything imports numpy: the same bytes on every machine, no fight for cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -39,6 +40,15 @@ def main() -> None:
     except BrokenPipeError:  # the reader of our output has gone, as in `palp topic echo ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         sys.exit(0)
+
+
+def _open_standard_streams() -> None:
+    """Give a standard stream that is closed the null device, so that no socket gets its number."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(null, True)
+            setattr(sys, name, os.fdopen(null, "w" if number else "r", encoding="utf-8"))
 
 
 if __name__ == "__main__":

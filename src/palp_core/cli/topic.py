@@ -143,21 +143,20 @@ def _find(name: str, graph: str | None) -> tuple[RunRecord, TopicEntry]:
 
 def _frames(entry: TopicEntry, timeout_s: float) -> Any:
     """Yield data frames as they come; end when none comes for a while."""
+    from palp_core.runtime.clock import monotonic_ns
     from palp_core.runtime.wire import Kind, parse
     from palp_core.runtime.zmq_bus import Subscriber
 
     subscriber = Subscriber({entry.name: entry.publish})
     try:
-        waiting_s = timeout_s
-        while waiting_s > 0.0:
-            if not subscriber.wait(0.1):
-                waiting_s -= 0.1
-                continue
+        deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
+        while monotonic_ns() < deadline_ns:
+            subscriber.wait(0.1)
             for raw in subscriber.receive():
                 frame = parse(raw)
                 if frame.kind == Kind.DATA:
-                    waiting_s = timeout_s
                     yield frame
+                    deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
         raise GraphError(f"{entry.name}: no message for {timeout_s:g} s")
     finally:
         subscriber.close()

@@ -68,18 +68,20 @@ class LaunchView:
 
     def _note(self, progress: Progress, now_ns: int, wall_ns: int) -> str:
         wall_s = max(wall_ns - self._start_ns, 1) / 1e9
-        note = progress.text
+        notes = [progress.text] if progress.text else []
         if progress.score_defined:
-            note += f", {progress.score:.0%} right"
+            notes.append(f"{progress.score:.0%} right")
         if self._lockstep:
-            note += f", {now_ns / 1e9 / wall_s:.0f} x real time"
+            notes.append(f"{now_ns / 1e9 / wall_s:.0f} x real time")
         if progress.busy_s and self._lockstep:
-            note += f", {progress.busy_s / wall_s:.0f} s of work per s"
-        return note
+            notes.append(f"{progress.busy_s / wall_s:.0f} s of work per s")
+        return ", ".join(notes)
 
     def _show(self, progress: Progress, note: str) -> None:
         if self._bars is None:
-            sys.stdout.write(f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}\n")
+            sys.stdout.write(
+                f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip() + "\n"
+            )
             sys.stdout.flush()
             return
         task = self._tasks.get(progress.phase)

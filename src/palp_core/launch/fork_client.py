@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import struct
@@ -16,23 +17,30 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
+from palp_core.launch.interrupt import Interrupt
 from palp_core.runtime.birth import NodeProcess
 from palp_core.runtime.message import decode_any
 
 __all__ = ["ForkServer"]
 
 _LENGTH = struct.Struct("<I")
+CLOSE_TIMEOUT_S = 5.0
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class ForkServer:
-    """A running fork server; closing it ends every process it has started."""
+    """A running fork server; closing it ends every process it has started.
 
-    def __init__(self) -> None:
+    Args:
+        interrupt: Raises when the user wants the end while node classes are looked at.
+    """
+
+    def __init__(self, interrupt: Interrupt | None = None) -> None:
+        self._interrupt = interrupt
         self.line, theirs = socket.socketpair()
         environment = {**os.environ, **ONE_THREAD, "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "palp_core.launch.fork_server", str(theirs.fileno())],
+            [sys.executable, "-P", "-m", "palp_core.launch.fork_server", str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             env=environment,
             stdin=subprocess.DEVNULL,
@@ -95,10 +103,14 @@ class ForkServer:
 
         Raises:
             GraphError: The child died before it could answer.
+            Interrupted: The user asked for the end.
         """
         answer = folder / "descriptions"
         self.send(Describe(list(requests), str(workspace), str(answer)))
         while True:
+            if self._interrupt is not None:
+                select.select((self.line.fileno(), self._interrupt.descriptor), (), ())
+                self._interrupt.check()
             for item in self.news():
                 if isinstance(item, Started):
                     continue
@@ -115,4 +127,8 @@ class ForkServer:
     def close(self) -> None:
         """End every child and the server; returns when they are gone."""
         self.line.close()
-        self._process.wait()
+        try:
+            self._process.wait(CLOSE_TIMEOUT_S)
+        except subprocess.TimeoutExpired:  # stopped, perhaps; its death is that of its children
+            self._process.kill()
+            self._process.wait()

@@ -1,15 +1,16 @@
 """The parent of every node's process: warm, single-threaded, and the guarantee that no orphan remains.
 
 It is started by the supervisor, imports the heavy libraries once (no zmq, nothing of the workspace), and
-forks on
-request from its main thread only. When the supervisor's line closes, it brings all children down (SIGTERM,
-then SIGKILL after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children.
+forks on request from its main thread only. When the supervisor's line closes, it brings all children down
+(SIGTERM, then SIGKILL after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its
+children. What a node has started goes with the node; what has left the node's process group, with the server.
 
 Run as ``python -m palp_core.launch.fork_server <descriptor of the line>``.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import importlib
 import os
@@ -33,6 +34,7 @@ __all__ = ["Describe", "Exited", "Signal", "Spawn", "Started", "main", "preload"
 
 GRACE_NS = 600_000_000
 PR_SET_PDEATHSIG = 1
+PR_SET_CHILD_SUBREAPER = 36
 HEAVY = ("numpy", "scipy.interpolate", "scipy.signal", "pywt", "msgspec", "msgpack", "yaml")
 _LENGTH = struct.Struct("<I")
 
@@ -99,6 +101,7 @@ def main(line: socket.socket) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     server = os.getpid()
     libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
     decoder = msgspec.msgpack.Decoder(Request)
     children: dict[int, str] = {}
     buffer = bytearray()
@@ -108,7 +111,8 @@ def main(line: socket.socket) -> None:
         if wake_read in ready:
             os.read(wake_read, 4096)
             for pid, status in _reap():
-                _tell(line, Exited(children.pop(pid, ""), pid, status))
+                if pid in children:
+                    _tell(line, Exited(children.pop(pid), pid, status))
         if line.fileno() not in ready:
             continue
         data = _read(line)
@@ -129,6 +133,7 @@ def main(line: socket.socket) -> None:
             children[pid] = name
             _tell(line, Started(name, pid))
     _end_all(set(children), wake_read)
+    _end_adopted(server)
 
 
 def _read(line: socket.socket) -> bytes:
@@ -147,15 +152,28 @@ def _tell(line: socket.socket, news: News) -> None:
 
 
 def _reap() -> list[tuple[int, int]]:
+    """Return who has ended, and how; the rest of its process group ends with it."""
     gone: list[tuple[int, int]] = []
     while True:
         try:
-            pid, status = os.waitpid(-1, os.WNOHANG)
+            found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         except ChildProcessError:
             return gone
-        if pid == 0:
+        if found is None:
             return gone
-        gone.append((pid, os.waitstatus_to_exitcode(status)))
+        with contextlib.suppress(OSError):  # while it is not yet reaped, its number is nobody else's
+            os.killpg(found.si_pid, signal.SIGKILL)
+        _, status = os.waitpid(found.si_pid, 0)
+        gone.append((found.si_pid, os.waitstatus_to_exitcode(status)))
+
+
+def _end_adopted(server: int) -> None:
+    """Kill what children have started in process groups of their own and left to this process."""
+    adopted = Path(f"/proc/self/task/{server}/children")
+    while left := adopted.read_text(encoding="ascii").split() if adopted.exists() else []:
+        for pid in map(int, left):
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
 
 
 def _end_all(children: set[int], wake_read: int) -> None:
@@ -173,8 +191,8 @@ def _end_all(children: set[int], wake_read: int) -> None:
             os.read(wake_read, 4096)
     for pid in children:
         os.kill(pid, signal.SIGKILL)
-    for pid in children:
-        os.waitpid(pid, 0)
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+    _reap()
 
 
 def _become(

@@ -22,7 +22,7 @@ from palp_core.launch.check import CheckedGraph, load
 from palp_core.launch.composition import Composition
 from palp_core.launch.conductor import Conductor, Crew, Observer
 from palp_core.launch.fork_client import ForkServer
-from palp_core.launch.interrupt import Interrupt
+from palp_core.launch.interrupt import Interrupt, Interrupted
 from palp_core.launch.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
 from palp_core.launch.supervisor import Supervisor
 from palp_core.runtime.birth import endpoints, load_module
@@ -90,7 +90,7 @@ class Graph:
     Raises:
         GraphProblems: The launch file has problems.
         NodeError: A node failed.
-        Interrupted: Ctrl-C or SIGTERM.
+        Interrupted: Ctrl-C, SIGTERM or a closed terminal.
     """
 
     def __init__(
@@ -114,7 +114,8 @@ class Graph:
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._interrupt)
             self.directory = RunDirectory(self.path.stem)
-            server = ForkServer()
+            stack.callback(self.directory.release)
+            server = ForkServer(self._interrupt)
             stack.callback(server.close)
             try:
                 self.checked = _checked(self.path, self._overrides, server, self.directory)
@@ -122,7 +123,8 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
-            except GraphError:  # nothing has run: there are no logs to keep
+            except (GraphError, Interrupted):  # nothing has run: there are no logs to keep
+                server.close()
                 self.directory.remove()
                 raise
             if self._compose:
@@ -131,6 +133,7 @@ class Graph:
             else:
                 self._supervisor = self._supervised(stack, server)
                 self._crew = self._supervisor
+                self._supervisor.renewed = self._announce
             self._announce()
             self._stack = stack.pop_all()
         return self

@@ -1,17 +1,26 @@
-"""Ctrl-C and SIGTERM as an event that is looked at between two pieces of work, never in the middle of one."""
+"""Ctrl-C, SIGTERM and a closed terminal as an event that is looked at between two pieces of work.
+
+Never in the middle of one, unless that one does not end: asked a second time, half a second later, the event
+breaks into whatever has not looked at the first.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from types import FrameType, TracebackType
 from typing import Any, Self
 
+from palp_core.runtime.clock import monotonic_ns
+
 __all__ = ["Interrupt", "Interrupted"]
 
+INSIST_NS = 500_000_000
 
-class Interrupted(Exception):
-    """The user asked for the end.
+
+class Interrupted(BaseException):
+    """The user asked for the end; like :class:`KeyboardInterrupt`, no failure of whatever was at work.
 
     Attributes:
         signal: What was received.
@@ -23,19 +32,23 @@ class Interrupted(Exception):
 
 
 class Interrupt:
-    """While entered, SIGINT and SIGTERM are noted: :meth:`check` raises, a descriptor becomes readable."""
+    """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable."""
 
     def __init__(self) -> None:
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
         self._received: signal.Signals | None = None
+        self._received_ns = 0
+        self._raised = False
         self._before: dict[signal.Signals, Any] = {}
-        self._entered = False
 
     def __enter__(self) -> Self:
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
+            numbers.append(signal.SIGHUP)
         try:
-            self._before = {n: signal.signal(n, self._note) for n in (signal.SIGINT, signal.SIGTERM)}
+            self._before = {number: signal.signal(number, self._note) for number in numbers}
         except ValueError:  # not in the main thread (a notebook's worker): the caller has the signals
             self._before = {}
         return self
@@ -49,12 +62,18 @@ class Interrupt:
         os.close(self._write)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self._received = signal.Signals(number)
-        os.write(self._write, b"!")
+        insisted = self._received is not None and monotonic_ns() - self._received_ns > INSIST_NS
+        if self._received is None:
+            self._received, self._received_ns = signal.Signals(number), monotonic_ns()
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, b"!")
+        if insisted and not self._raised:
+            self.check()
 
     def check(self) -> None:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:
+            self._raised = True
             raise Interrupted(self._received)
 
     def drain(self) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import re
 import shutil
+import stat
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,7 @@ from palp_core.runtime.clock import unix_ns
 __all__ = ["NodeEntry", "RunDirectory", "RunRecord", "TopicEntry", "find_running", "running"]
 
 KEEP_ENDED = 10
-LONGEST_BASE = 36  # a socket's path holds 107 bytes: this, a run's name, a node's name
+LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
@@ -63,28 +66,42 @@ class RunRecord(msgspec.Struct, frozen=True):
 
 
 def _base() -> Path:
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and len(runtime) <= LONGEST_BASE and os.access(runtime, os.W_OK):
-        return Path(runtime) / "palp"
-    return Path(tempfile.gettempdir()) / f"palp-{os.getuid()}"
+    own = f"palp-{os.getuid()}"
+    for folder, name in ((os.environ.get("XDG_RUNTIME_DIR"), "palp"), (os.environ.get("TMPDIR"), own)):
+        if folder and os.access(folder, os.W_OK | os.X_OK):
+            base = Path(folder).absolute() / name
+            if len(os.fsencode(base)) <= LONGEST_BASE:
+                return base
+    return Path("/tmp") / own
 
 
 class RunDirectory:
-    """A folder only its owner can enter; created anew for each run.
+    """A folder only its owner can enter; created anew for each run, and locked while the run lasts.
 
     Raises:
-        GraphError: The folder belongs to somebody else.
+        GraphError: The folder belongs to somebody else or cannot be written to.
     """
 
     def __init__(self, graph: str) -> None:
         base = _base()
-        base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if base.stat().st_uid != os.getuid():
-            raise GraphError(f"{base} belongs to another user; set XDG_RUNTIME_DIR to a folder of your own")
-        base.chmod(0o700)
-        _prune(base)
-        self.path = Path(tempfile.mkdtemp(prefix=f"{graph[:16]}-", dir=base))
-        (self.path / "log").mkdir()
+        try:
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            owned = base.lstat()
+            if owned.st_uid != os.getuid() or not stat.S_ISDIR(owned.st_mode):
+                raise GraphError(
+                    f"{base} is not a folder of this user; set XDG_RUNTIME_DIR to a folder of your own"
+                )
+            base.chmod(0o700)
+            _prune(base)
+            prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
+            self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
+            self._lock = os.open(self.path, os.O_RDONLY)
+            fcntl.flock(self._lock, fcntl.LOCK_SH)
+            (self.path / "log").mkdir()
+        except OSError as error:
+            raise GraphError(
+                f"no run directory in {base}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of your own"
+            ) from error
 
     def log(self, node: str) -> Path:
         """Return the log file of a node."""
@@ -99,6 +116,13 @@ class RunDirectory:
     def remove(self) -> None:
         """Remove the folder with its logs."""
         shutil.rmtree(self.path, ignore_errors=True)
+        self.release()
+
+    def release(self) -> None:
+        """Leave the folder with its logs to later runs, which remove it when it is one of many."""
+        if self._lock >= 0:
+            os.close(self._lock)
+        self._lock = -1
 
 
 def record_for(
@@ -141,7 +165,22 @@ def find_running(name: str | None = None) -> RunRecord:
 
 def _prune(base: Path) -> None:
     """Remove the folders of runs long ended, all but the latest few (their logs may still be wanted)."""
-    ended = [f for f in base.iterdir() if f.is_dir() and not ((r := _read(f)) is not None and r.alive())]
-    ended.sort(key=lambda folder: folder.stat().st_mtime, reverse=True)
-    for folder in ended[KEEP_ENDED:]:
+    ended = []
+    for log in base.glob("*/log"):
+        with contextlib.suppress(OSError):  # another launch may be removing it just now
+            if not _locked(log.parent):
+                ended.append((log.parent.stat().st_mtime, log.parent))
+    for _, folder in sorted(ended, reverse=True)[KEEP_ENDED:]:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _locked(folder: Path) -> bool:
+    """Tell whether a run holds its folder."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False

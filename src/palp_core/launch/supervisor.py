@@ -6,11 +6,12 @@ import contextlib
 import logging
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.launch.fork_client import ForkServer
-from palp_core.launch.fork_server import Exited, Started
+from palp_core.launch.fork_server import News, Started
 from palp_core.launch.interrupt import Interrupt
 from palp_core.launch.member import Member, how_it_ended
 from palp_core.launch.switchboard import Switchboard
@@ -50,6 +51,9 @@ class Supervisor:
         server: Parent of the processes.
         interrupt: Raises when the user wants the end.
         observe: Wall clock: is shown every message for the launch view.
+
+    Attributes:
+        renewed: Called when a node has a new process.
     """
 
     def __init__(
@@ -65,6 +69,7 @@ class Supervisor:
         self.names = [spec.name for spec in specs]
         self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
         self.exit_code: int | None = None
+        self.renewed: Callable[[], None] = lambda: None
         self._clock = clock
         self._workspace = workspace
         self._folder = folder
@@ -115,17 +120,20 @@ class Supervisor:
 
     def activate(self, index: int) -> Done:
         """Activate one node."""
-        return self._ask(index, Activate(self._start_ns))
+        return self._ask({index: Activate(self._start_ns)})[index]
 
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let several nodes do their part of a round, in parallel."""
-        for index, message in rounds.items():
+        return self._ask(rounds)
+
+    def _ask(self, messages: Mapping[int, ToNode]) -> Mapping[int, Done]:
+        for index, message in messages.items():
             self._send(index, message)
         asked_ns = monotonic_ns()
-        while len(self._replies) < len(rounds):
+        while len(self._replies) < len(messages):
             self._pump(PATIENCE_S)
             if monotonic_ns() - asked_ns > PATIENCE_S * 1e9:
-                late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
+                late = ", ".join(self.names[index] for index in messages if index not in self._replies)
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
                 asked_ns = monotonic_ns()
         replies, self._replies = self._replies, {}
@@ -140,17 +148,11 @@ class Supervisor:
         if not self._lines.connected(index) or member.ended:
             return Done([], -1, None)
         self._replies.clear()
-        with contextlib.suppress(NodeError, LinkClosed):
-            self._send(index, Shutdown(now_ns))
+        with contextlib.suppress(NodeError, GraphError, LinkClosed):
+            self._lines.send(index, Shutdown(now_ns))
             while not member.ended and monotonic_ns() < self._patience_ends_ns:
                 self._pump(0.2)
         return self._replies.pop(index, Done([], -1, None))
-
-    def _ask(self, index: int, message: ToNode) -> Done:
-        self._send(index, message)
-        while index not in self._replies:
-            self._pump(PATIENCE_S)
-        return self._replies.pop(index)
 
     def _send(self, index: int, message: ToNode) -> None:
         try:
@@ -176,27 +178,42 @@ class Supervisor:
                 return 0
             for index, member in enumerate(self.members):
                 if member.respawn_at_ns is not None and now_ns >= member.respawn_at_ns:
-                    member.begin()
-                    self._spawn(member)
+                    self._replace(member, now_ns)
                 if member.matched and not member.active:
                     self._send(index, Activate(self._start_ns))
                     member.active = True
             self._pump(0.1)
         return self.exit_code
 
+    def _replace(self, member: Member, now_ns: int) -> None:
+        """Start a failed node's next process, but never beside the one that has failed."""
+        assert member.respawn_at_ns is not None
+        if member.ended:
+            member.begin()
+            self._spawn(member)
+        elif now_ns > member.respawn_at_ns + LADDER_STEP_NS:
+            self._server.signal(member.pid, signal.SIGKILL)
+
     # Events
 
     def _pump(self, timeout_s: float) -> None:
-        """Handle what has happened; wait for something if nothing has."""
+        """Handle what has happened; wait for something if nothing has.
+
+        Raises:
+            NodeError: A node failed; the first, when everything that has happened is accounted for.
+        """
         heard, others = self._lines.wait(timeout_s)
-        for index, message in heard:
-            self._on_message(index, message)
+        failures: list[NodeError] = []
+        events = [partial(self._on_message, *said) for said in heard]
         if self._server.line.fileno() in others:
-            for news in self._server.news():
-                if isinstance(news, Started):
-                    self.members[self.names.index(news.name)].pid = news.pid
-                else:
-                    self._on_exit(news)
+            events += [partial(self._on_news, news) for news in self._server.news()]
+        for handle in events:
+            try:
+                handle()
+            except NodeError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
         if self._interrupt.descriptor in others:
             if not self._ending:
                 self._interrupt.check()
@@ -215,20 +232,25 @@ class Supervisor:
                 self._observe(monotonic_ns() - self._start_ns, message.frame)
             if message.exit_code is not None and member.spec.shutdown_on_exit:
                 self.exit_code = message.exit_code
-        elif isinstance(message, Failed) and not self._ending and not self._restart(index, message.text):
-            prefix = f"{member.spec.name}: "
-            raise NodeError(member.spec.name, message.text.removeprefix(prefix) + f" (log: {member.log})")
+        elif isinstance(message, Failed) and not self._ending:
+            text = message.text.removeprefix(f"{member.spec.name}: ")
+            if not self._restart(index, text):
+                raise NodeError(member.spec.name, f"{text} (log: {member.log})")
 
-    def _on_exit(self, news: Exited) -> None:
+    def _on_news(self, news: News) -> None:
         index = self.names.index(news.name)
         member = self.members[index]
+        if isinstance(news, Started):
+            member.pid = news.pid
+            if member.restart_count:
+                self.renewed()
+            return
         if news.pid != member.pid:
             return
+        member.ended = True
         for message in self._lines.last_words(index):
             self._on_message(index, message)
-        already_ending = self._ending or member.ended or member.respawn_at_ns is not None
-        member.ended = True
-        if already_ending:
+        if self._ending or member.respawn_at_ns is not None:
             return
         cause = how_it_ended(news.status)
         if not self._restart(index, cause):
@@ -240,23 +262,7 @@ class Supervisor:
             self._pump(1.0)
 
     def _restart(self, index: int, cause: str) -> bool:
-        member = self.members[index]
-        may = self._clock == "wall" and member.active and member.spec.restart == "on_failure"
-        if not may or member.restart_count >= member.spec.max_restarts:
-            return False
-        member.restart_count += 1
-        spec = member.spec
-        member.spec = NodeSpec(
-            **{f: getattr(spec, f) for f in spec.__struct_fields__} | {"epoch": spec.epoch + 1}
-        )
-        backoff_s = spec.backoff_s * 2 ** (member.restart_count - 1)
-        member.respawn_at_ns = monotonic_ns() + round(backoff_s * 1e9)
-        with member.log.open("a") as log:
-            log.write(
-                f"[WARNING] [supervisor]: {spec.name} {cause}; restart {member.restart_count} of "
-                f"{spec.max_restarts} in {backoff_s:g} s\n"
-            )
-        return True
+        return self._clock == "wall" and self.members[index].plan_restart(monotonic_ns(), cause)
 
     # End
 

@@ -1,11 +1,17 @@
-"""The supervisor's ends of all nodes' lines: who is connected, and what they say."""
+"""The supervisor's ends of all nodes' lines: who is connected, and what they say.
+
+Nothing here waits for a node: one that is stopped in the middle of a message must not stop the supervisor.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+import msgspec
 
 from palp_core.runtime.link import FromNode, Hello, Link, LinkClosed, ToNode, supervisor_end
 
@@ -38,23 +44,28 @@ class Switchboard:
         return index in self._links
 
     def send(self, index: int, message: ToNode) -> None:
-        """Say something to a node.
+        """Say something to a node; what its line cannot take at once leaves during :meth:`wait`.
 
         Raises:
             LinkClosed: Its line is not open.
         """
         if index not in self._links:
             raise LinkClosed("no line")
-        self._links[index].send(message)
+        link = self._links[index]
+        if not link.post(message):
+            self._poll.modify(link.socket.fileno(), select.POLLIN | select.POLLOUT)
 
     def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
         """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
         heard: list[tuple[int, FromNode]] = []
         others: set[int] = set()
-        for descriptor, _ in self._poll.poll(timeout_s * 1e3):
+        for descriptor, events in self._poll.poll(timeout_s * 1e3):
             if descriptor in self._index_of:
                 index = self._index_of[descriptor]
-                heard += [(index, message) for message in self._receive(index)]
+                if events & select.POLLOUT:
+                    self._flush(index)
+                if events & ~select.POLLOUT:
+                    heard += [(index, message) for message in self._receive(index)]
             elif descriptor == self._listener.fileno():
                 connection, _ = self._listener.accept()
                 self._strangers[connection.fileno()] = supervisor_end(connection)
@@ -65,35 +76,51 @@ class Switchboard:
                 others.add(descriptor)
         return heard, others
 
+    def _flush(self, index: int) -> None:
+        link = self._links[index]
+        try:
+            if not link.flush():
+                return
+        except LinkClosed:
+            pass  # what it still has to say is read first, then its line ends
+        self._poll.modify(link.socket.fileno(), select.POLLIN)
+
     def _receive(self, index: int) -> Iterator[FromNode]:
         """Yield what a node has said; hang up at the end of its line."""
         link = self._links[index]
         try:
-            yield link.receive()
-            while link.buffered():
-                yield link.receive()
+            link.fill(socket.MSG_DONTWAIT)
         except LinkClosed:
             self.hang_up(index)  # the fork server will say how it ended
+        while link.buffered():
+            yield link.receive()
 
     def last_words(self, index: int) -> Iterator[FromNode]:
-        """Yield all that is still in the line of a node that has ended."""
+        """Yield what is still in the line of a node that has ended, even if a child of it holds the line."""
         while index in self._links:
             yield from self._receive(index)
 
     def _welcome(self, descriptor: int) -> list[tuple[int, FromNode]]:
-        link = self._strangers.pop(descriptor)
-        self._poll.unregister(descriptor)
-        try:
+        """Take a line whose first words are a node's name into the list; hang up on anybody else."""
+        link = self._strangers[descriptor]
+        hello: FromNode | None = None
+        with contextlib.suppress(LinkClosed, msgspec.MsgspecError):
+            link.fill(socket.MSG_DONTWAIT)
+            if not link.buffered():
+                return []
             hello = link.receive()
-        except LinkClosed:
-            return []
+        del self._strangers[descriptor]
         if not isinstance(hello, Hello) or hello.name not in self._names:
+            self._poll.unregister(descriptor)
             link.close()
             return []
         index = self._names.index(hello.name)
+        self.hang_up(index)
         self._links[index], self._index_of[descriptor] = link, index
-        self._poll.register(descriptor, select.POLLIN)
-        return [(index, message) for message in self._receive(index)] if link.buffered() else []
+        heard: list[tuple[int, FromNode]] = []
+        while link.buffered():
+            heard.append((index, link.receive()))
+        return heard
 
     def hang_up(self, index: int) -> None:
         """Close a node's line."""

@@ -113,6 +113,7 @@ class Link(Generic[Received]):
         self._decoder = decoder
         self._encoder = msgspec.msgpack.Encoder()
         self._buffer = bytearray()
+        self._unsent = bytearray()
 
     def send(self, message: ToNode | FromNode) -> None:
         """Send one message, whole.
@@ -126,9 +127,49 @@ class Link(Generic[Received]):
         except OSError as error:
             raise LinkClosed(str(error)) from error
 
+    def post(self, message: ToNode | FromNode) -> bool:
+        """Send without waiting for a reader that is slow; return False if :meth:`flush` has a rest to send.
+
+        Raises:
+            LinkClosed: The other end is gone.
+        """
+        payload = self._encoder.encode(message)
+        self._unsent += _LENGTH.pack(len(payload))
+        self._unsent += payload
+        return self.flush()
+
+    def flush(self) -> bool:
+        """Send what :meth:`post` could not, as far as it goes without waiting; return True if all is sent.
+
+        Raises:
+            LinkClosed: The other end is gone.
+        """
+        try:
+            while self._unsent:
+                del self._unsent[: self.socket.send(self._unsent, socket.MSG_DONTWAIT)]
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            raise LinkClosed(str(error)) from error
+        return True
+
     def buffered(self) -> bool:
         """Tell whether a whole message has been read from the socket already."""
         return len(self._buffer) >= 4 and len(self._buffer) >= 4 + _LENGTH.unpack_from(self._buffer)[0]
+
+    def fill(self, flags: int = 0) -> None:
+        """Read once from the socket, with the flags of :meth:`socket.socket.recv`.
+
+        Raises:
+            LinkClosed: The other end is gone; with ``MSG_DONTWAIT`` also: there is nothing to read.
+        """
+        try:
+            data = self.socket.recv(_CHUNK, flags)
+        except OSError as error:
+            raise LinkClosed(str(error)) from error
+        if not data:
+            raise LinkClosed("end of stream")
+        self._buffer += data
 
     def receive(self) -> Received:
         """Wait for one message.
@@ -137,13 +178,7 @@ class Link(Generic[Received]):
             LinkClosed: The other end is gone.
         """
         while not self.buffered():
-            try:
-                data = self.socket.recv(_CHUNK)
-            except OSError as error:
-                raise LinkClosed(str(error)) from error
-            if not data:
-                raise LinkClosed("end of stream")
-            self._buffer += data
+            self.fill()
         end = 4 + _LENGTH.unpack_from(self._buffer)[0]
         payload = bytes(self._buffer[4:end])
         del self._buffer[:end]

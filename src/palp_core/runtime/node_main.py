@@ -63,7 +63,7 @@ def run_node(birth: NodeProcess) -> int:
     except LinkClosed:
         _safe_end(process)
         return 1
-    except Exception as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
         text = in_words(error)
         trace = None if isinstance(error, NodeError) else error  # a NodeError's trace is in the log already
         logging.getLogger("palp").error("%s", text, exc_info=trace)  # noqa: TRY400
@@ -76,7 +76,7 @@ def run_node(birth: NodeProcess) -> int:
 
 def _safe_end(process: _Lockstep | _Wall | None) -> None:
     if process is not None:
-        with contextlib.suppress(PalpError):
+        with contextlib.suppress(PalpError, SystemExit, KeyboardInterrupt):
             process.executor.transition(Transition.SHUTDOWN)
         process.broadcast.close()
 
@@ -188,8 +188,12 @@ class _Wall:
 
     def _send(self, frame: bytes) -> None:
         self.broadcast.send(frame)
-        if self._progress and frame[: frame.index(0)] in self._progress:
+        if self._progress and frame[: frame.index(0)] in self._progress and self._heard():
             self.link.send(Relay(frame, None))
+
+    def _heard(self) -> bool:
+        """Tell whether the supervisor keeps up: a node that moves something waits for no terminal."""
+        return bool(select.select((), (self.link.socket,), (), 0.0)[1])
 
     def run(self) -> None:
         """Follow the clock until the supervisor shuts the node down."""
@@ -209,7 +213,7 @@ class _Wall:
             if self._command():
                 return
             executor.run_timers()
-            while executor.inbox and executor.lifecycle is Lifecycle.ACTIVE:
+            while self._backlog() and not self._spoken() and monotonic_ns() < self._next_beat_ns:
                 executor.consume(executor.inbox.popleft())
                 executor.run_timers()
             if executor.exit_code is not None and not finished:
@@ -225,7 +229,8 @@ class _Wall:
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        waiting = self.link.buffered() or self.subscriber.pending() or self.broadcast.pending()
+        waiting = self._backlog() or self.link.buffered()
+        waiting = waiting or self.subscriber.pending() or self.broadcast.pending()
         if timeout_s > 0.0 and not waiting:
             descriptors = (
                 self.link.socket.fileno(),
@@ -234,9 +239,15 @@ class _Wall:
             )
             select.select(descriptors, (), (), timeout_s)
 
+    def _backlog(self) -> bool:
+        return bool(self.executor.inbox) and self.executor.lifecycle is Lifecycle.ACTIVE
+
+    def _spoken(self) -> bool:
+        return self.link.buffered() or bool(select.select((self.link.socket,), (), (), 0.0)[0])
+
     def _command(self) -> bool:
         """Obey the supervisor if it has spoken; return True when the node has ended."""
-        if not self.link.buffered() and not select.select((self.link.socket,), (), (), 0.0)[0]:
+        if not self._spoken():
             return False
         message = self.link.receive()
         if isinstance(message, Activate):
