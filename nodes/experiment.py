@@ -119,6 +119,9 @@ class Experiment(Node):
             self.record.start()
         self._advance()
 
+    def on_deactivate(self) -> None:
+        self.record.close()
+
     def _current_plan(self) -> plan.Plan:
         """Return the plan under way; a replacement leads a fresh one there by the replies it inherits."""
         if self.plan is None:

@@ -101,8 +101,8 @@ def hz(
     begin_ns = end_ns = lost = 0
     for received, frame in enumerate(_frames(entry, timeout)):
         end_ns = monotonic_ns()
-        if first is None:
-            first, begin_ns = frame, end_ns
+        if first is None or frame.epoch != first.epoch:  # a restarted publisher counts from 1 again
+            first, begin_ns, lost = frame, end_ns, 0
         elif last is not None:
             lost += frame.sequence - last.sequence - 1
         last = frame

@@ -142,8 +142,8 @@ class Graph:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
-        if error is None:
-            self.directory.remove()
+        if error is None and self.summary is not None and self.summary.exit_code == 0:
+            self.directory.remove()  # otherwise its logs may be wanted
 
     def _composed(self, stack: contextlib.ExitStack) -> Composition:
         handler = logging.FileHandler(self.directory.log("composition"))

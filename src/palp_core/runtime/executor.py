@@ -93,7 +93,7 @@ class Executor:
         for hook in hooks:
             try:
                 hook()
-            except Exception:
+            except (Exception, SystemExit):
                 self.log.exception("a hook failed while the node was failing")
         self._order.flush(self._now_ns)
         self.publishing = False

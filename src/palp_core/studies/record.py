@@ -12,6 +12,7 @@ Rows are appended whole; other files appear under their name only when they are 
 from __future__ import annotations
 
 import csv
+import fcntl
 import io
 import json
 import os
@@ -80,15 +81,17 @@ class Record:
             else:
                 self._columns.append(name)
         self._class_count = len(labels)
+        self._lock = -1
 
     def start(self) -> None:
         """Make the folder and begin a new table; an earlier record in it is replaced, other files stay.
 
         Raises:
-            PalpError: The folder cannot be written.
+            PalpError: The folder cannot be written, or another session is writing into it.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            self._take()
             for name in OWN_FILES:
                 path = self.folder / name
                 if path.is_dir():
@@ -101,6 +104,23 @@ class Record:
             raise PalpError(
                 f"cannot write the record to '{self.folder}': {error}; choose another out:="
             ) from error
+
+    def _take(self) -> None:
+        """Keep other sessions out of the folder until :meth:`close`; two would mix their rows."""
+        self._lock = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.close()
+            raise PalpError(
+                f"another session is writing its record into '{self.folder}'; choose another out:="
+            ) from None
+
+    def close(self) -> None:
+        """Let others have the folder; what is written stays."""
+        if self._lock >= 0:
+            os.close(self._lock)
+        self._lock = -1
 
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
         """Add a palpation: its sweep first, then its row, so that every row has its sweep."""
