@@ -10,6 +10,8 @@
     ├── MethodError           no declared method meets a tolerance in a scene
     ├── MechanicsError        the mechanics have no valid answer here
     │   └── OutOfRange        an input outside a model's stated range
+    ├── BagError              a bag is missing, exists already, or cannot be used as asked
+    │   └── BagDamaged        its bytes are not what was written: truncated, flipped, torn
     ├── PerceptionError       a signal, prior or matrix that the computation cannot use
     └── DeviceError           a device refused, vanished or answered nonsense
         └── DeviceTimeout     it did not answer in time (also a TimeoutError)
@@ -18,6 +20,8 @@ A message says what is wrong, where, and what to do. Data rides as attributes.
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 
 class PalpError(Exception):
@@ -70,6 +74,24 @@ class OutOfRange(MechanicsError):
 
 class PerceptionError(PalpError):
     """A signal, prior or matrix cannot be used: too short, all zero, not stochastic."""
+
+
+class BagError(PalpError):
+    """A bag is missing, exists already, or cannot be used as asked."""
+
+
+class BagDamaged(BagError):
+    """A bag's bytes are not what was written: truncated, flipped, torn.
+
+    Attributes:
+        path: The file.
+        offset: Where in it, in bytes.
+    """
+
+    def __init__(self, path: Path, offset: int, message: str) -> None:
+        super().__init__(f"{path}: at byte {offset}: {message}; `palp bag recover` saves what is intact")
+        self.path = path
+        self.offset = offset
 
 
 class DeviceError(PalpError):

@@ -6,11 +6,14 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.errors import GraphError, NodeError, PalpError
+
+if TYPE_CHECKING:
+    from palp_core.launch.conductor import Observer
 
 __all__ = ["launch"]
 
@@ -25,6 +28,9 @@ def launch(
     print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag (simulated time).")
+    ] = None,
     digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
@@ -53,7 +59,7 @@ def launch(
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
-    sys.exit(_run(file, overrides, compose=compose, digest=digest))
+    sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record))
 
 
 def print_text(text: str) -> None:
@@ -61,11 +67,12 @@ def print_text(text: str) -> None:
     sys.stdout.write(text + "\n")
 
 
-def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None) -> int:
+def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None, record: Path | None) -> int:
     from palp_core.cli.view import LaunchView
     from palp_core.launch.digest import TopicDigest
     from palp_core.launch.graph import Graph
     from palp_core.launch.interrupt import Interrupted
+    from palp_core.launch.recording import RunRecorder
 
     digests = TopicDigest() if digest is not None else None
     if digest is not None:
@@ -74,14 +81,17 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
         except OSError as error:
             raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
     view = LaunchView()
+    observers: list[Observer] = [view] if digests is None else [view, digests]
 
     def observe(now_ns: int, frame: bytes) -> None:
-        view(now_ns, frame)
-        if digests is not None:
-            digests(now_ns, frame)
+        for observer in observers:
+            observer(now_ns, frame)
 
+    recorded = (True, "")
     try:
         with Graph(file, compose=compose, observe=observe, overrides=overrides) as graph:
+            recorder = RunRecorder(graph.checked, record) if record is not None else None
+            observers += [recorder] if recorder is not None else []
             view.start(graph.checked)
             try:
                 summary = graph.run()
@@ -89,6 +99,8 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
                 view.stop()
                 if digests is not None and digest is not None:
                     digest.write_text(json.dumps(digests.result(), indent=1) + "\n", encoding="utf-8")
+                if recorder is not None:
+                    recorded = recorder.close()
     except Interrupted as stop:
         sys.stderr.write(f"{stop}; every node has ended\n")
         return 128 + int(stop.signal)
@@ -107,4 +119,8 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
     )
     if summary.report:
         print_text(summary.report)
+    if record is not None:
+        print_text(f"{record}: {recorded[1]}")
+    if not recorded[0]:
+        return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1

@@ -1,0 +1,121 @@
+"""Which sequences of a topic were seen and which are missing, epoch by epoch."""
+
+from __future__ import annotations
+
+import msgspec
+
+__all__ = ["EpochAccount", "Gap", "TopicAccount"]
+
+
+class Gap(msgspec.Struct, frozen=True):
+    """Missing messages ``first`` to ``last`` of an epoch, both missing."""
+
+    epoch: int
+    first: int
+    last: int
+
+    @property
+    def count(self) -> int:
+        return self.last - self.first + 1
+
+
+class EpochAccount:
+    """Account of one epoch of a topic.
+
+    Args:
+        epoch: Its number.
+        first: The sequence that must come first; None: whatever comes first is the first.
+
+    Attributes:
+        next: The sequence that comes next if nothing is missing.
+        count: Messages seen, each once.
+        repeated: Messages seen again.
+    """
+
+    def __init__(self, epoch: int, first: int | None) -> None:
+        self.epoch = epoch
+        self.next = first
+        self.count = 0
+        self.repeated = 0
+        self._gaps: list[tuple[int, int]] = []
+
+    def add(self, sequence: int) -> None:
+        """Take a message into account."""
+        if self.next is None or sequence == self.next:
+            self.next = sequence + 1
+            self.count += 1
+        elif sequence > self.next:
+            self._gaps.append((self.next, sequence - 1))
+            self.next = sequence + 1
+            self.count += 1
+        else:
+            self._fill(sequence)
+
+    def expect(self, last: int) -> None:
+        """Take into account that the publisher has published up to ``last``."""
+        if self.next is None:
+            self.next = last + 1
+        elif last >= self.next:
+            self._gaps.append((self.next, last))
+            self.next = last + 1
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """What is missing, in order, neighbours joined."""
+        joined: list[tuple[int, int]] = []
+        for first, last in sorted(self._gaps):
+            if joined and joined[-1][1] + 1 == first:
+                joined[-1] = (joined[-1][0], last)
+            else:
+                joined.append((first, last))
+        return [Gap(self.epoch, first, last) for first, last in joined]
+
+    def _fill(self, sequence: int) -> None:
+        """Take a message that comes late: it fills a gap or is a repeat."""
+        for place, (first, last) in enumerate(self._gaps):
+            if first <= sequence <= last:
+                parts = [(first, sequence - 1), (sequence + 1, last)]
+                self._gaps[place : place + 1] = [part for part in parts if part[0] <= part[1]]
+                self.count += 1
+                return
+        self.repeated += 1
+
+
+class TopicAccount:
+    """Account of one topic over the restarts of its publisher.
+
+    Args:
+        from_start: The first epoch seen must begin at sequence 1; later ones always must.
+    """
+
+    def __init__(self, *, from_start: bool = False) -> None:
+        self._from_start = from_start
+        self.epochs: dict[int, EpochAccount] = {}
+
+    def epoch(self, epoch: int) -> EpochAccount:
+        """Return the account of an epoch; it is opened if it is new."""
+        account = self.epochs.get(epoch)
+        if account is None:
+            must_begin = self._from_start or any(known < epoch for known in self.epochs)
+            account = self.epochs[epoch] = EpochAccount(epoch, 1 if must_begin else None)
+        return account
+
+    @property
+    def count(self) -> int:
+        """Messages seen, each once."""
+        return sum(account.count for account in self.epochs.values())
+
+    @property
+    def repeated(self) -> int:
+        """Messages seen more than once."""
+        return sum(account.repeated for account in self.epochs.values())
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """What is missing, epoch by epoch."""
+        return [gap for epoch in sorted(self.epochs) for gap in self.epochs[epoch].gaps]
+
+    @property
+    def lost(self) -> int:
+        """How many messages are missing."""
+        return sum(gap.count for gap in self.gaps)
