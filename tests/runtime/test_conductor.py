@@ -141,7 +141,7 @@ GRAPH = [
 def readers_of(specs: Sequence[NodeSpec], crew: Composition) -> dict[str, list[int]]:
     readers: dict[str, list[int]] = {}
     for index, executor in enumerate(crew._executors):
-        for topic in executor.input_topics:
+        for topic in executor.counters:
             readers.setdefault(topic, []).append(index)
     return readers
 

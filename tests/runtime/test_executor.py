@@ -321,7 +321,7 @@ def test_a_call_returns_at_once_and_its_reply_arrives_later() -> None:
     assert asker.node.state.log == ["asked"]
     asker.consume("/s/total/n/ask", Other(n=8))
     assert asker.node.state.log == ["asked", "learnt 8"]
-    assert asker.executor.input_topics == ["/p/word", "/s/total/n/ask"]
+    assert list(asker.executor.counters) == ["/p/word", "/s/total/n/ask"]
 
 
 def test_one_topic_can_feed_two_inputs() -> None:
@@ -345,7 +345,7 @@ def test_one_topic_can_feed_two_inputs() -> None:
 
 def test_an_input_that_is_not_wired_is_no_input() -> None:
     drive = Drive(Everything)
-    assert drive.executor.input_topics == []
+    assert drive.executor.counters == {}
     drive.consume("/p/word", Word(n=1))
     assert drive.executor.rejected_count == 1
 

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from palp_core.cli import bag, graph, launch, node, topic
+from palp_core.cli import bag, graph, launch, node, replay, topic
 from palp_core.errors import PalpError
 
 __all__ = ["app", "main"]
@@ -24,6 +24,7 @@ app.command("launch", help="Check a launch file, run its graph, end it cleanly."
 app.command("graph", help="Draw a launch file's graph.")(graph.graph)
 app.add_typer(node.app, name="node")
 app.add_typer(topic.app, name="topic")
+bag.app.command("replay")(replay.replay)
 app.add_typer(bag.app, name="bag")
 
 

@@ -8,11 +8,14 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import msgspec
+
 from palp_core.bag.recorder import BagRecorder
 from palp_core.bag.topic import Topic
 from palp_core.bag.writer import BagWriter
 from palp_core.errors import BagError
 from palp_core.launch.checked import CheckedGraph, resolved_yaml
+from palp_core.launch.replay import NODES_ATTACHMENT
 from palp_core.runtime.clock import monotonic_ns, unix_ns
 
 __all__ = ["RunRecorder"]
@@ -66,6 +69,7 @@ def _attachments(graph: CheckedGraph) -> dict[str, bytes]:
     params = {spec.name: spec.params for spec in graph.nodes}
     return {
         "palp/graph.yaml": resolved_yaml(graph).encode(),
+        NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(graph.nodes)),
         "palp/parameters.json": json.dumps(params, indent=1).encode(),
         "palp/versions.json": json.dumps(_versions(), indent=1).encode(),
         "palp/git.txt": _git_state(Path(graph.workspace)),

@@ -228,9 +228,9 @@ class Executor:
         return self._ends.counters
 
     @property
-    def input_topics(self) -> list[str]:
-        """Every topic this node reads."""
-        return list(self._ends.inputs)
+    def topic_of_source(self) -> dict[str, str]:
+        """Topic behind each input, reply or call that the node's order names."""
+        return {wired.source: name for name, inputs in self._ends.inputs.items() for wired in inputs}
 
     # Hand-over
 

@@ -176,7 +176,7 @@ class _Wall:
             outlet.topic.encode() for outlet in self.executor.outlets.values() if outlet.message is Progress
         }
         publishers = {
-            name: endpoints(birth.run_dir, name.split("/")[1])[0] for name in self.executor.input_topics
+            name: endpoints(birth.run_dir, name.split("/")[1])[0] for name in self.executor.counters
         }
         self.subscriber = Subscriber(publishers)
         self._unmatched = {name.encode() for name in publishers}

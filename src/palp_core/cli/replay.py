@@ -1,0 +1,48 @@
+"""``palp bag replay``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.launch import print_text
+
+__all__ = ["replay"]
+
+
+def replay(
+    bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],
+    *,
+    nodes: Annotated[str, typer.Option(help="Running names, as in estimator,policy.", show_default=False)],
+    launch: Annotated[
+        Path | None, typer.Option(help="A launch file in the workspace of the nodes; default: from here up.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """Drive nodes again from a bag, in lockstep; status 1 if an output differs from the recorded one."""
+    import msgspec
+
+    from palp_core.launch.description import find_workspace
+    from palp_core.launch.replay import replay as drive
+
+    done = drive(bag, nodes.split(","), find_workspace(launch or Path("launch.yaml")))
+    if as_json:
+        print_text(msgspec.json.encode(done).decode())
+    for node in [] if as_json else done:
+        pace = node.clock_s / node.wall_s if node.wall_s else 0.0
+        if node.divergence is None:
+            print_text(
+                f"{node.node}: {node.compared} outputs equal to the recorded ones, byte for byte, from "
+                f"{node.consumed} inputs and ticks; {node.clock_s:.1f} s in {node.wall_s:.2f} s "
+                f"({pace:.0f} times real time)"
+            )
+        else:
+            first = node.divergence
+            print_text(
+                f"{node.node}: differs first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after "
+                f"{first.after}: {first.what} ({node.compared} outputs were equal before)"
+            )
+    if any(node.divergence is not None for node in done):
+        raise typer.Exit(1)
