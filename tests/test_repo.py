@@ -136,3 +136,10 @@ def test_no_file_knows_where_it_was_written() -> None:
         if any(words in path.read_bytes() for words in private if words != b"/")
     ]
     assert guilty == []
+
+
+def test_ci_runs_exactly_the_readmes_test_command() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    command = (ROOT / ".ci" / "run").read_text(encoding="utf-8").rstrip().splitlines()[-1]
+    assert "pytest" in command
+    assert f"```sh\n{command}\n```" in readme
