@@ -10,10 +10,10 @@ import struct
 import zlib
 from collections.abc import Callable, Container, Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, TypeVar
 
 from palp_core.bag.chunk import RawMessage, open_chunk, split_chunk
+from palp_core.bag.closing import Closing
 from palp_core.bag.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 from palp_core.bag.records import MAGIC, RECORD, RECORD_BYTES, Attachment, Channel, Metadata, Op, Schema
 from palp_core.errors import BagDamaged, BagError
@@ -33,7 +33,7 @@ class ChunkPlace(NamedTuple):
     entry: ChunkIndex | None
 
 
-class FileReader:
+class FileReader(Closing):
     """Reads one file.
 
     Args:
@@ -79,14 +79,6 @@ class FileReader:
         except BaseException:
             self._file.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file."""

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palp_core.bag.closing import Closing
 from palp_core.bag.file_reader import FileReader
 from palp_core.bag.metadata import bag_files
 from palp_core.bag.topic import Stream, Topic
@@ -57,7 +57,7 @@ class BagMessage(msgspec.Struct, frozen=True, gc=False):
     value: Any
 
 
-class Bag:
+class Bag(Closing):
     """An open bag.
 
     Args:
@@ -82,14 +82,6 @@ class Bag:
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close its files."""

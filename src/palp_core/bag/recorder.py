@@ -5,12 +5,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import msgspec
 
 from palp_core.bag.account import EpochAccount, Gap, TopicAccount
+from palp_core.bag.closing import Closing
 from palp_core.bag.topic import Stream, Topic
 from palp_core.bag.writer import BagWriter
 from palp_core.errors import BagError, SchemaMismatch
@@ -93,7 +92,7 @@ class _Route:
         self.sequence_high = sequence_high
 
 
-class BagRecorder:
+class BagRecorder(Closing):
     """Takes every frame that is published, as an observer of a graph does.
 
     Args:
@@ -124,14 +123,6 @@ class BagRecorder:
         self._summary: RecordingSummary | None = None
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def describe(self, topic: Topic) -> None:
         """Make a topic known that appeared later."""

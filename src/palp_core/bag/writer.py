@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 
+from palp_core.bag.closing import Closing
 from palp_core.bag.compression import Compression
 from palp_core.bag.file_writer import CHUNK_BYTES, CHUNK_NS, FileWriter
 from palp_core.bag.metadata import FilePart, write_metadata
@@ -23,7 +23,7 @@ _NEVER = 1 << 63
 MAX_CHANNELS = 0xFFFF
 
 
-class BagWriter:
+class BagWriter(Closing):
     """Writes a bag, in as many files as its limits ask for.
 
     Every file stands alone: it repeats the definitions, the attachments and, on channels marked
@@ -76,14 +76,6 @@ class BagWriter:
         except FileExistsError as error:
             raise BagError(f"{self.folder} exists already: choose another name") from error
         self._open()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def stream(self, stream: Stream) -> int:
         """Return the number of a stream, by which messages are written.

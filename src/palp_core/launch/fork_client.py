@@ -6,7 +6,6 @@ import os
 import select
 import signal
 import socket
-import struct
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -19,11 +18,11 @@ from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
 from palp_core.launch.interrupt import Interrupt
 from palp_core.runtime.birth import NodeProcess
+from palp_core.runtime.link import Link, LinkClosed
 from palp_core.runtime.message import decode_any
 
 __all__ = ["ForkServer"]
 
-_LENGTH = struct.Struct("<I")
 CLOSE_TIMEOUT_S = 5.0
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -37,7 +36,7 @@ class ForkServer:
 
     def __init__(self, interrupt: Interrupt | None = None) -> None:
         self._interrupt = interrupt
-        self.line, theirs = socket.socketpair()
+        ours, theirs = socket.socketpair()
         environment = {**os.environ, **ONE_THREAD, "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "palp_core.launch.fork_server", str(theirs.fileno())],
@@ -47,8 +46,12 @@ class ForkServer:
             start_new_session=True,
         )
         theirs.close()
-        self._buffer = bytearray()
-        self._decoder = msgspec.msgpack.Decoder(News)
+        self._line = Link(ours, msgspec.msgpack.Decoder(News))
+
+    @property
+    def descriptor(self) -> int:
+        """Becomes readable when there is news."""
+        return self._line.socket.fileno()
 
     @property
     def pid(self) -> int:
@@ -61,10 +64,9 @@ class ForkServer:
         Raises:
             GraphError: The fork server is gone.
         """
-        payload = msgspec.msgpack.encode(request)
         try:
-            self.line.sendall(_LENGTH.pack(len(payload)) + payload)
-        except OSError as error:
+            self._line.send(request)
+        except LinkClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
 
     def spawn(self, birth: NodeProcess, log: str) -> None:
@@ -82,18 +84,14 @@ class ForkServer:
             GraphError: The fork server is gone.
         """
         try:
-            data = self.line.recv(1 << 16)
-        except OSError as error:
-            raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
-        if not data:
-            raise GraphError(f"the fork server (process {self.pid}) has ended; its nodes ended with it")
-        self._buffer += data
+            self._line.fill()
+        except LinkClosed as error:
+            raise GraphError(
+                f"the fork server (process {self.pid}) has ended; its nodes ended with it"
+            ) from error
         found = []
-        while len(self._buffer) >= 4 and len(self._buffer) >= (
-            end := 4 + _LENGTH.unpack_from(self._buffer)[0]
-        ):
-            found.append(self._decoder.decode(bytes(self._buffer[4:end])))
-            del self._buffer[:end]
+        while self._line.buffered():
+            found.append(self._line.receive())
         return found
 
     def describe(
@@ -109,7 +107,7 @@ class ForkServer:
         self.send(Describe(list(requests), str(workspace), str(answer)))
         while True:
             if self._interrupt is not None:
-                select.select((self.line.fileno(), self._interrupt.descriptor), (), ())
+                select.select((self.descriptor, self._interrupt.descriptor), (), ())
                 self._interrupt.check()
             for item in self.news():
                 if isinstance(item, Started):
@@ -126,7 +124,7 @@ class ForkServer:
 
     def close(self) -> None:
         """End every child and the server; returns when they are gone."""
-        self.line.close()
+        self._line.close()
         try:
             self._process.wait(CLOSE_TIMEOUT_S)
         except subprocess.TimeoutExpired:  # stopped, perhaps; its death is that of its children

@@ -17,7 +17,6 @@ import os
 import select
 import signal
 import socket
-import struct
 import sys
 import traceback
 from pathlib import Path
@@ -28,6 +27,7 @@ import msgspec
 from palp_core.launch.describe import DescribeRequest, describe
 from palp_core.runtime.birth import NodeProcess
 from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.link import Line, Link, LinkClosed
 from palp_core.runtime.message import encode_any
 
 __all__ = ["Describe", "Exited", "Signal", "Spawn", "Started", "main", "preload"]
@@ -36,21 +36,16 @@ GRACE_NS = 600_000_000
 PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 HEAVY = ("numpy", "scipy.interpolate", "scipy.signal", "pywt", "msgspec", "msgpack", "yaml")
-_LENGTH = struct.Struct("<I")
 
 
-class _Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """Base of what travels between supervisor and fork server."""
-
-
-class Spawn(_Line, frozen=True):
+class Spawn(Line, frozen=True):
     """Fork a node; its output goes to ``log``."""
 
     birth: NodeProcess
     log: str
 
 
-class Describe(_Line, frozen=True):
+class Describe(Line, frozen=True):
     """Fork a child that describes node classes and writes the answer to a file."""
 
     requests: list[DescribeRequest]
@@ -58,21 +53,21 @@ class Describe(_Line, frozen=True):
     answer: str
 
 
-class Signal(_Line, frozen=True):
+class Signal(Line, frozen=True):
     """Send a signal to a child."""
 
     pid: int
     number: int
 
 
-class Started(_Line, frozen=True):
+class Started(Line, frozen=True):
     """A child lives; ``name`` is empty for a describing child."""
 
     name: str
     pid: int
 
 
-class Exited(_Line, frozen=True):
+class Exited(Line, frozen=True):
     """A child is gone and reaped; ``status`` is as :func:`os.waitstatus_to_exitcode` gives it."""
 
     name: str
@@ -90,7 +85,7 @@ def preload() -> None:
         importlib.import_module(name)
 
 
-def main(line: socket.socket) -> None:
+def main(connection: socket.socket) -> None:
     """Serve until the supervisor's line closes, then end every child."""
     wake_read, wake_write = os.pipe()
     os.set_blocking(wake_write, False)
@@ -102,26 +97,24 @@ def main(line: socket.socket) -> None:
     server = os.getpid()
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
-    decoder = msgspec.msgpack.Decoder(Request)
+    line = Link(connection, msgspec.msgpack.Decoder(Request))
     children: dict[int, str] = {}
-    buffer = bytearray()
     preload()
     while True:
-        ready, _, _ = select.select([line.fileno(), wake_read], [], [])
+        ready, _, _ = select.select([connection.fileno(), wake_read], [], [])
         if wake_read in ready:
             os.read(wake_read, 4096)
             for pid, status in _reap():
                 if pid in children:
                     _tell(line, Exited(children.pop(pid), pid, status))
-        if line.fileno() not in ready:
+        if connection.fileno() not in ready:
             continue
-        data = _read(line)
-        if not data:
+        try:
+            line.fill()
+        except LinkClosed:
             break
-        buffer += data
-        while len(buffer) >= 4 and len(buffer) >= (end := 4 + _LENGTH.unpack_from(buffer)[0]):
-            request = decoder.decode(bytes(buffer[4:end]))
-            del buffer[:end]
+        while line.buffered():
+            request = line.receive()
             if isinstance(request, Signal):
                 if request.pid in children:
                     os.kill(request.pid, request.number)
@@ -136,19 +129,9 @@ def main(line: socket.socket) -> None:
     _end_adopted(server)
 
 
-def _read(line: socket.socket) -> bytes:
-    try:
-        return line.recv(1 << 16)
-    except OSError:
-        return b""
-
-
-def _tell(line: socket.socket, news: News) -> None:
-    payload = msgspec.msgpack.encode(news)
-    try:
-        line.sendall(_LENGTH.pack(len(payload)) + payload)
-    except OSError:
-        return  # the supervisor is gone; the loop sees the end of the line next
+def _tell(line: Link[Request], news: News) -> None:
+    with contextlib.suppress(LinkClosed):  # the supervisor is gone: the loop sees the end of the line next
+        line.send(news)
 
 
 def _reap() -> list[tuple[int, int]]:
@@ -196,7 +179,7 @@ def _end_all(children: set[int], wake_read: int) -> None:
 
 
 def _become(
-    request: Spawn | Describe, libc: ctypes.CDLL, server: int, line: socket.socket, wake: tuple[int, int]
+    request: Spawn | Describe, libc: ctypes.CDLL, server: int, line: Link[Request], wake: tuple[int, int]
 ) -> NoReturn:
     """Turn a freshly forked process into a node or a describing child; never returns."""
     status = 1

@@ -81,7 +81,7 @@ class Supervisor:
         self._start_ns = 0
         self._replies: dict[int, Done] = {}
         self._lines = Switchboard(
-            folder / "supervisor.sock", self.names, (server.line.fileno(), interrupt.descriptor)
+            folder / "supervisor.sock", self.names, (server.descriptor, interrupt.descriptor)
         )
 
     # Start
@@ -205,7 +205,7 @@ class Supervisor:
         heard, others = self._lines.wait(timeout_s)
         failures: list[NodeError] = []
         events = [partial(self._on_message, *said) for said in heard]
-        if self._server.line.fileno() in others:
+        if self._server.descriptor in others:
             events += [partial(self._on_news, news) for news in self._server.news()]
         for handle in events:
             try:

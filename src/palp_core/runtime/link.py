@@ -1,4 +1,6 @@
-"""The private line between a node's process and the supervisor: typed messages on a Unix stream socket.
+"""A private line between two of palp's own processes: typed messages on a Unix stream socket.
+
+Here are the messages between a node and the supervisor; those with the fork server are in its module.
 
 Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
 """
@@ -18,6 +20,7 @@ __all__ = [
     "Failed",
     "FromNode",
     "Hello",
+    "Line",
     "Link",
     "LinkClosed",
     "Matched",
@@ -31,45 +34,45 @@ _LENGTH = struct.Struct("<I")
 _CHUNK = 1 << 16
 
 
-class _Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """Base of what travels on the line."""
+class Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """Base of what travels on a line."""
 
 
-class Activate(_Line, frozen=True):
+class Activate(Line, frozen=True):
     """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
 
     start_ns: int
 
 
-class Round(_Line, frozen=True):
+class Round(Line, frozen=True):
     """Lockstep: it is ``now_ns``; run what is due, then consume ``frames``."""
 
     now_ns: int
     frames: list[bytes]
 
 
-class Shutdown(_Line, frozen=True):
+class Shutdown(Line, frozen=True):
     """Reach the safe state and end; in lockstep it is ``now_ns``."""
 
     now_ns: int
 
 
-class Hello(_Line, frozen=True):
+class Hello(Line, frozen=True):
     """First words of a node's process."""
 
     name: str
     pid: int
 
 
-class Configured(_Line, frozen=True):
+class Configured(Line, frozen=True):
     """The node is inactive and its endpoints are bound."""
 
 
-class Matched(_Line, frozen=True):
+class Matched(Line, frozen=True):
     """Every input has heard its publisher."""
 
 
-class Done(_Line, frozen=True):
+class Done(Line, frozen=True):
     """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
 
     frames: list[bytes]
@@ -77,13 +80,13 @@ class Done(_Line, frozen=True):
     exit_code: int | None
 
 
-class Failed(_Line, frozen=True):
+class Failed(Line, frozen=True):
     """The node cannot go on."""
 
     text: str
 
 
-class Relay(_Line, frozen=True):
+class Relay(Line, frozen=True):
     """Wall clock: a message that the launch view shows, or news of the node's end."""
 
     frame: bytes
@@ -115,7 +118,7 @@ class Link(Generic[Received]):
         self._buffer = bytearray()
         self._unsent = bytearray()
 
-    def send(self, message: ToNode | FromNode) -> None:
+    def send(self, message: Line) -> None:
         """Send one message, whole.
 
         Raises:
@@ -127,7 +130,7 @@ class Link(Generic[Received]):
         except OSError as error:
             raise LinkClosed(str(error)) from error
 
-    def post(self, message: ToNode | FromNode) -> bool:
+    def post(self, message: Line) -> bool:
         """Send without waiting for a reader that is slow; return False if :meth:`flush` has a rest to send.
 
         Raises:
