@@ -19,7 +19,7 @@ from palp_core.launch.run_directory import RunDirectory
 from palp_core.launch.switchboard import Switchboard
 from palp_core.runtime.link import Hello, Round, Shutdown, node_end
 from tests.graph.conftest import CHAIN, Palp
-from tests.graph.toys import Hostile, Pipe
+from tests.graph.toys import LAUNCH, Hostile, Pipe
 
 
 @pytest.fixture
@@ -170,6 +170,10 @@ def test_a_digest_that_cannot_be_written_is_told_before_the_run(hostile: Hostile
 
 
 def test_a_silent_topic_is_given_up_although_heartbeats_come(hostile: Hostile) -> None:
+    ends_never = "params: {count: 2}, inputs: {blob: bad/passed}"  # the one message is not the last
+    before = "params: {count: $(var count)}, inputs: {blob: bad/passed}"
+    assert before in LAUNCH
+    hostile.write("launch/hostile.yaml", LAUNCH.replace(before, ends_never))
     hostile.start("clock:=wall", "count:=1")
     done = hostile.palp.run("topic", "echo", "/source/blob", "--timeout", "0.5")
     assert "no message for 0.5 s" in done.stderr
