@@ -26,10 +26,12 @@ from typing import Any, TypeVar
 
 from palp_core.errors import MethodError
 
-__all__ = ["Bound", "Choice", "Method", "choose", "find", "method", "methods"]
+__all__ = ["Bound", "Choice", "Method", "Quantities", "choose", "find", "method", "methods"]
 
 T = TypeVar("T")
 Range = tuple[float, float]
+Quantities = Mapping[str, float | tuple[float, ...]]
+"""Quantities of a scene by name, SI; one value, or several that all occur."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,14 @@ class Bound:
     error: float
     within: Mapping[str, Range] = field(default_factory=dict)
 
-    def holds(self, scene: Mapping[str, float]) -> bool:
-        """Tell whether every named quantity of the scene lies in its range."""
-        return all(low <= scene[name] <= high for name, (low, high) in self.within.items() if name in scene)
+    def holds(self, scene: Quantities) -> bool:
+        """Tell whether every named quantity of the scene lies in its range, all its values if several."""
+        return all(
+            low <= value <= high
+            for name, (low, high) in self.within.items()
+            if name in scene
+            for value in _values(scene[name])
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ class Method:
     fails: str
     survivor: str
 
-    def bound(self, output: str, scene: Mapping[str, float]) -> float | None:
+    def bound(self, output: str, scene: Quantities) -> float | None:
         """Return the smallest stated error of ``output`` in ``scene``, or None where none is vouched for."""
         if not Bound(output, 0.0, self.valid).holds(scene):
             return None
@@ -82,13 +89,21 @@ class Choice:
     reason: str
 
 
+def _values(quantity: float | tuple[float, ...]) -> tuple[float, ...]:
+    return quantity if isinstance(quantity, tuple) else (quantity,)
+
+
 _REGISTER: dict[tuple[str, str], Method] = {}
 
 _HOMES = {
+    "burst": "palp_core.perception.emg_bursts",
     "contact": "palp_core.mechanics.contact",
     "denoise": "palp_core.perception.wavelet",
+    "equilibrium": "palp_core.mechanics.equilibrium_finders",
     "feature": "palp_core.perception.features",
+    "friction": "palp_core.mechanics.friction",
     "likelihood": "palp_core.perception.likelihoods",
+    "motion": "palp_core.mechanics.dynamics",
     "policy": "palp_core.perception.policies",
     "stop": "palp_core.perception.stopping",
 }
@@ -159,14 +174,15 @@ def find(task: str, name: str) -> Method:
     return found
 
 
-def choose(task: str, output: str, tolerance: float, scene: Mapping[str, float]) -> Choice:
+def choose(task: str, output: str, tolerance: float, scene: Quantities) -> Choice:
     """Return the cheapest method whose stated error of ``output`` in ``scene`` is within ``tolerance``.
 
     Args:
         task: What is to be done.
         output: The quantity that must be right.
         tolerance: Largest acceptable relative error, dimensionless.
-        scene: Quantities of the scene by name, SI, as in ``{"depth_m": 0.008}``.
+        scene: Quantities of the scene by name, SI, as in ``{"depth_m": 0.008}``; a tuple where all its values
+            occur, as in ``{"ring_m": (0.004, 0.016)}``.
 
     Raises:
         MethodError: None is good enough; the message says what each one vouches for.
@@ -185,7 +201,9 @@ def choose(task: str, output: str, tolerance: float, scene: Mapping[str, float])
             if refused:
                 why += f"; cheaper but refused: {'; '.join(refused)}"
             return Choice(candidate, bound, why)
-    where = ", ".join(f"{name} = {value:g}" for name, value in sorted(scene.items()))
+    where = ", ".join(
+        f"{name} = {' and '.join(f'{v:g}' for v in _values(value))}" for name, value in sorted(scene.items())
+    )
     raise MethodError(
         f"no {task} method gives '{output}' within {tolerance:.1%} at {where}: "
         + ("; ".join(refused) or "none is declared")

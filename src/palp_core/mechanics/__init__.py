@@ -13,9 +13,13 @@ True
 
 from palp_core.mechanics.contact import ContactModel, LayeredHertz
 from palp_core.mechanics.equilibrium import Sweep, sweep
+from palp_core.mechanics.equilibrium_all import equilibria
 from palp_core.mechanics.phantom import Bead, Phantom
 from palp_core.mechanics.probe import Probe
-from palp_core.mechanics.scene import Path, contact_model
+from palp_core.mechanics.scene import Path, Scene, Tolerance
+from palp_core.mechanics.scene_choice import choose_rung, contact_model, rung_model
+from palp_core.mechanics.scene_file import read_scene
+from palp_core.mechanics.scene_run import force_table, run_scene
 from palp_core.mechanics.sweep_table import SweepTable, solve
 
 __all__ = [
@@ -25,9 +29,17 @@ __all__ = [
     "Path",
     "Phantom",
     "Probe",
+    "Scene",
     "Sweep",
     "SweepTable",
+    "Tolerance",
+    "choose_rung",
     "contact_model",
+    "equilibria",
+    "force_table",
+    "read_scene",
+    "run_scene",
+    "rung_model",
     "solve",
     "sweep",
 ]

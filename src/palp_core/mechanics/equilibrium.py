@@ -1,12 +1,10 @@
 """Quasi-static equilibrium of the yielding joint along a sweep at constant height.
 
-With Y the stage position, q > 0 lagging, L = l2 - r_tip, s = Y - L sin q, delta = delta0 - L (1 - cos q)::
-
-    (2 r_a R k_s + m g l_c) sin q = mu N (L cos q + r_tip) + U_s L cos q + N L sin q
-    tau_f = 2 r_a R k_s sin q + l1 (mu N + U_s)
-
-The residual is sampled on all angles from 0 to lift-off at all stage positions at once. The branch is then
-followed as an overdamped joint would: from the last angle in the direction of the residual to the next root.
+The residual of :class:`~palp_core.mechanics.equilibrium_joint.Joint` is sampled on all angles from 0 to
+lift-off, once a millimetre of the path. The branch is followed through these samples as an overdamped joint
+would: from the last angle in the direction of the residual to the next root. Where there is one root only,
+positions between are interpolated and polished to round-off; where there are several, or the branch is steep,
+every position is sampled. So a sweep costs little more than a few evaluations of the contact per position.
 """
 
 from __future__ import annotations
@@ -16,18 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize.elementwise import find_root
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.mechanics.contact.model import ContactModel
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.equilibrium_joint import Joint, joint_at
+from palp_core.mechanics.equilibrium_roots import bracketed_newton, inverse_guess, polish
 from palp_core.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
 __all__ = ["Sweep", "sweep"]
 
 _ANGLES = 65  # a third of a millimetre of the tip's travel apart
-_ANGLE_TOLERANCE_RAD = 1e-14
+_ANCHOR_M = 0.001  # of the stage between two samplings
+_STEEP = 0.5  # of the stage's step that the lagging tip may lose in a step before every position is sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +40,12 @@ class Sweep:
         torque_n_m: Torque tau_f of the sensor, same sign.
         normal_n: Normal force N on the gel.
         lateral_n: Elastic drag U_s, positive where it pulls the tip towards -Y.
+        offset_m: Position s of the ball past the bead.
+        indentation_m: Depth delta of the ball under the undeformed surface.
         lifted: Whether the tip has left the gel.
         root_count: Number of equilibria between q = 0 and lift-off.
         snap_at: Indices of the positions reached by a jump from the position before, in order.
+        guards: What the solver met and what it did about it, in words; empty for an ordinary sweep.
     """
 
     stage_m: Float64Array
@@ -50,51 +53,17 @@ class Sweep:
     torque_n_m: Float64Array
     normal_n: Float64Array
     lateral_n: Float64Array
+    offset_m: Float64Array
+    indentation_m: Float64Array
     lifted: NDArray[np.bool_]
     root_count: NDArray[np.int64]
     snap_at: tuple[int, ...]
+    guards: tuple[str, ...] = ()
 
     @property
     def snapped(self) -> bool:
         """Whether the joint jumped from one stable branch to another anywhere."""
         return bool(self.snap_at)
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """The balance of moments at one ring position, in coordinates in which the sweep goes forward."""
-
-    model: ContactModel
-    probe: Probe
-    ring_m: float
-    indentation_m: float
-    direction: float
-
-    @property
-    def restoring_n_m(self) -> float:
-        return self.probe.spring_n_m(self.ring_m) + self.probe.weight_n_m
-
-    @property
-    def lift_off_rad(self) -> float:
-        return math.acos(1.0 - max(self.indentation_m, 0.0) / self.probe.lever_m)
-
-    def contact(self, stage_m: Float64Array, angle_rad: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return N and the drag U_s against the sweep."""
-        lever_m = self.probe.lever_m
-        offset_m = self.direction * (stage_m - lever_m * np.sin(angle_rad))
-        normal_n, lateral_n = self.model.force(
-            offset_m, self.indentation_m - lever_m * (1.0 - np.cos(angle_rad))
-        )
-        return normal_n, self.direction * lateral_n
-
-    def residual(self, stage_m: Float64Array, angle_rad: Float64Array) -> Float64Array:
-        """Return the moment that pushes q back, in N m: negative where the joint yields further."""
-        probe, lever_m = self.probe, self.probe.lever_m
-        normal_n, lateral_n = self.contact(stage_m, angle_rad)
-        cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-        pushing = probe.friction * normal_n * (lever_m * cosine + probe.tip_radius_m)
-        pushing += lever_m * (lateral_n * cosine + normal_n * sine)
-        return self.restoring_n_m * sine - pushing
 
 
 def sweep(
@@ -117,76 +86,170 @@ def sweep(
         MechanicsError: There is no equilibrium with a lagging tip.
     """
     positions = np.atleast_1d(np.asarray(stage_m, dtype=np.float64))
-    steps = np.diff(positions)
-    if (
-        positions.ndim != 1
-        or not (np.all(steps > 0.0) or np.all(steps < 0.0))
-        or not np.isfinite(positions).all()
-    ):
+    steps = np.diff(positions) if positions.ndim == 1 else np.zeros(1)
+    if not (np.all(steps > 0.0) or np.all(steps < 0.0)) or not np.isfinite(positions).all():
         raise OutOfRange(
             "stage_m", "positions must be finite and strictly rising or falling; sort them along the sweep"
         )
-    require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
-    highest_m = min(model.indentation_max_m, 0.999 * probe.lever_m)
-    require(
-        "indentation_m", indentation_m, -1.0, highest_m, "press less deep or use a rung with a wider range"
-    )
     direction = -1.0 if steps.size and steps[0] < 0.0 else 1.0
-    joint = _Joint(model, probe, ring_m, indentation_m, direction)
-    if joint.restoring_n_m < 0.0:
-        raise OutOfRange(
-            "ring_m", f"{ring_m:g} m makes the joint unstable; keep the ring at or over the pivot"
-        )
-    forward_m = direction * positions
-    if joint.restoring_n_m == 0.0 or indentation_m <= 0.0:
+    joint = joint_at(model, probe, ring_m, indentation_m, direction)
+    if joint.restoring_n_m == 0.0 or indentation_m <= 0.0 or positions.size == 0:
         return _lifted(joint, positions)
-    grid = np.linspace(0.0, joint.lift_off_rad, _ANGLES)
-    residual = joint.residual(forward_m[:, None], grid)
-    residual[:, -1] = joint.restoring_n_m * math.sin(grid[-1])  # no contact at lift-off, free of round-off
-    index, snap_at = _follow(residual, positions)
-
-    def pushed_back(angle_rad: Float64Array, /, *at: Float64Array) -> Float64Array:
-        return joint.residual(at[0], angle_rad)
-
-    found = find_root(
-        pushed_back,
-        (grid[index], grid[index + 1]),
-        args=(forward_m,),
-        tolerances={"xatol": _ANGLE_TOLERANCE_RAD},
-    )
-    if not np.all(found.success):
-        raise MechanicsError("the joint's angle did not converge; is the contact force a number everywhere?")
-    angle_rad: Float64Array = found.x
+    forward_m = direction * positions
+    angle_rad, root_count, snap_at, guards = _angles(joint, forward_m)
     normal_n, lateral_n = joint.contact(forward_m, angle_rad)
-    torque_n_m = probe.joint_torque(ring_m, angle_rad) + probe.base_m * (
-        probe.friction * normal_n + lateral_n
-    )
+    offset_m, depth_m = joint.place(forward_m, angle_rad)
+    lifted = normal_n <= 0.0
+    if lifted.any():
+        guards += (
+            f"lift-off at {np.count_nonzero(lifted)} of {lifted.size} positions: the force there is 0",
+        )
     return Sweep(
         stage_m=positions,
         angle_rad=direction * angle_rad,
-        torque_n_m=direction * torque_n_m,
+        torque_n_m=direction * joint.torque(angle_rad, normal_n, lateral_n),
         normal_n=normal_n,
         lateral_n=direction * lateral_n,
-        lifted=normal_n <= 0.0,
-        root_count=np.count_nonzero(np.diff(residual >= 0.0, axis=1), axis=1),
+        offset_m=direction * offset_m,
+        indentation_m=depth_m,
+        lifted=lifted,
+        root_count=root_count,
         snap_at=snap_at,
+        guards=guards,
     )
 
 
-def _lifted(joint: _Joint, stage_m: Float64Array) -> Sweep:
+def _angles(
+    joint: Joint, forward_m: Float64Array
+) -> tuple[Float64Array, NDArray[np.int64], tuple[int, ...], tuple[str, ...]]:
+    """Return the followed angles, the number of roots, the positions reached by a jump, the guards."""
+    grid = np.linspace(0.0, joint.lift_off_rad, _ANGLES)
+    sampled = _anchors(forward_m)
+    residual = _sample(joint, forward_m[sampled], grid)
+    dense = _dense(joint, forward_m, sampled, residual, grid)
+    if dense.size:
+        more = np.setdiff1d(dense, sampled)
+        sampled, residual = _merged(sampled, residual, more, _sample(joint, forward_m[more], grid))
+    cells, snaps = _follow(residual, joint.direction * forward_m[sampled])
+    guess = inverse_guess(residual, cells, grid[1])
+    rows = np.arange(len(sampled))
+    slope = (residual[rows, cells + 1] - residual[rows, cells]) / grid[1]
+    if len(sampled) < len(forward_m):
+        at_m = forward_m[sampled]
+        curve = (PchipInterpolator if snaps else CubicSpline)(at_m, guess)
+        start, slopes = curve(forward_m), np.interp(forward_m, at_m, slope)
+        start[sampled], slopes[sampled] = guess, slope
+    else:
+        start, slopes = guess, slope
+    angle_rad, settled = polish(lambda q: joint.residual(forward_m, q), start, slopes, 2.0 * float(grid[1]))
+    settled[sampled] &= np.abs(angle_rad[sampled] - grid[cells] - 0.5 * grid[1]) <= 0.5 * grid[1] + 1e-12
+    settled &= (angle_rad >= 0.0) & (angle_rad <= joint.lift_off_rad)
+    guards: tuple[str, ...] = ()
+    if not settled.all():
+        angle_rad = _rescued(joint, forward_m, angle_rad, settled, grid, sampled, cells)
+    counts = np.ones(len(forward_m), dtype=np.int64)
+    counts[sampled] = np.count_nonzero(np.diff(residual >= 0.0, axis=1), axis=1)
+    if counts.max() > 1:
+        several = int(np.count_nonzero(counts > 1))
+        guards += (
+            f"several equilibria at {several} of {counts.size} positions: the stable branch is followed",
+        )
+    if snaps:
+        guards += (f"{len(snaps)} snap(s): the torque jumps and depends on the direction of the sweep",)
+    return angle_rad, counts, tuple(int(sampled[i]) for i in snaps), guards
+
+
+def _anchors(forward_m: Float64Array) -> NDArray[np.int64]:
+    """Return the positions to sample: the first, the last, and between them one per millimetre."""
+    count = len(forward_m)
+    wanted = forward_m[0] + _ANCHOR_M * np.arange(math.ceil((forward_m[-1] - forward_m[0]) / _ANCHOR_M))
+    found = np.searchsorted(forward_m, wanted - 1e-12) if len(wanted) < count else np.arange(count)
+    chosen = np.unique(np.append(found, [0, count - 1]))
+    return chosen if len(chosen) > 3 else np.arange(count)
+
+
+def _sample(joint: Joint, forward_m: Float64Array, grid: Float64Array) -> Float64Array:
+    residual = joint.residual(forward_m[:, None], grid)
+    residual[:, -1] = joint.restoring_n_m * math.sin(grid[-1])  # no contact at lift-off, free of round-off
+    if not np.isfinite(residual).all():
+        raise MechanicsError("the joint's angle did not converge; is the contact force a number everywhere?")
+    return residual
+
+
+def _dense(
+    joint: Joint,
+    forward_m: Float64Array,
+    sampled: NDArray[np.int64],
+    residual: Float64Array,
+    grid: Float64Array,
+) -> NDArray[np.int64]:
+    """Return the positions around which the samples show several roots or a steep branch."""
+    back = residual >= 0.0
+    several = np.count_nonzero(back[:, 1:] != back[:, :-1], axis=1) != 1
+    first = grid[np.argmax(back, axis=1)]
+    steep = joint.probe.lever_m * np.abs(np.diff(first)) > _STEEP * np.diff(forward_m[sampled]) + (
+        joint.probe.lever_m * grid[1]
+    )
+    between = several[1:] | several[:-1] | steep
+    if not between.any():
+        return np.empty(0, dtype=np.int64)
+    return np.concatenate([np.arange(sampled[i], sampled[i + 1] + 1) for i in np.flatnonzero(between)])
+
+
+def _merged(
+    sampled: NDArray[np.int64], residual: Float64Array, more: NDArray[np.int64], added: Float64Array
+) -> tuple[NDArray[np.int64], Float64Array]:
+    together = np.concatenate([sampled, more])
+    order = np.argsort(together)
+    return together[order], np.concatenate([residual, added])[order]
+
+
+def _rescued(
+    joint: Joint,
+    forward_m: Float64Array,
+    angle_rad: Float64Array,
+    settled: NDArray[np.bool_],
+    grid: Float64Array,
+    sampled: NDArray[np.int64],
+    cells: NDArray[np.int64],
+) -> Float64Array:
+    """Solve again, in their brackets, the positions from which the polish strayed."""
+    lost = np.flatnonzero(~settled)
+    known = np.full(len(forward_m), -1, dtype=np.int64)
+    known[sampled] = cells
+    unknown = lost[known[lost] < 0]
+    if unknown.size:  # between two samples with one root each: there is one here, or the nearest is meant
+        residual = _sample(joint, forward_m[unknown], grid)
+        rising = (residual[:, :-1] < 0.0) & (residual[:, 1:] >= 0.0)
+        expected = np.interp(unknown, sampled, cells)
+        distance = np.abs(np.arange(len(grid) - 1) - expected[:, None])
+        known[unknown] = np.argmin(np.where(rising, distance, np.inf), axis=1)
+    at_m = forward_m[lost]
+    angle_rad = angle_rad.copy()
+    low, high = grid[known[lost]], grid[known[lost] + 1]
+    angle_rad[lost] = bracketed_newton(lambda q: joint.residual(at_m, q), low, high)
+    return angle_rad
+
+
+def _lifted(joint: Joint, stage_m: Float64Array) -> Sweep:
     """Return the sweep of a tip in the air: hanging free, or held at lift-off by nothing."""
     zero = np.zeros(stage_m.shape)
-    angle_rad = joint.direction * joint.lift_off_rad if joint.restoring_n_m == 0.0 else 0.0
-    torque_n_m = joint.probe.joint_torque(joint.ring_m, angle_rad)
+    held = joint.restoring_n_m == 0.0
+    angle_rad = zero + (joint.direction * joint.lift_off_rad if held else 0.0)
+    offset_m, depth_m = joint.place(stage_m, angle_rad)
+    why = "neither spring nor weight holds the tip down" if held else "the stage holds it above the surface"
     return Sweep(
         stage_m=stage_m,
-        angle_rad=zero + angle_rad,
-        torque_n_m=zero + torque_n_m,
+        angle_rad=angle_rad,
+        torque_n_m=joint.probe.joint_torque(joint.ring_m, angle_rad),
         normal_n=zero,
         lateral_n=zero,
+        offset_m=offset_m,
+        indentation_m=depth_m,
         lifted=np.ones(stage_m.shape, dtype=np.bool_),
         root_count=np.zeros(stage_m.shape, dtype=np.int64),
         snap_at=(),
+        guards=(f"lift-off everywhere: {why}",),
     )
 
 
@@ -203,7 +266,9 @@ def _follow(residual: Float64Array, stage_m: Float64Array) -> tuple[NDArray[np.i
     """
     back = residual >= 0.0
     roots = back[:, 1:] != back[:, :-1]
-    followed = np.empty(len(residual), dtype=np.int64)
+    followed = np.argmax(back, axis=1) - 1
+    if not back[:, 0].any() and np.all(np.count_nonzero(roots, axis=1) == 1):
+        return followed, ()
     jumps: list[int] = []
     cell = 0
     for i, pushed_back in enumerate(back):

@@ -1,4 +1,4 @@
-"""Phantoms by code, from a YAML file.
+"""Phantoms by code, from a YAML file; each as under ``phantom`` in a scene.
 
 ::
 
@@ -8,14 +8,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+import dataclasses
 
-import msgspec
-import yaml
-
-from palp_core.errors import MechanicsError
 from palp_core.mechanics.phantom import Bead, Phantom
+from palp_core.mechanics.scene_file import phantom_of, read_mapping
 
 __all__ = ["PAPER_PHANTOMS", "load_phantoms"]
 
@@ -25,39 +21,27 @@ PAPER_PHANTOMS = {
 """The published three: 30 mm of gel, a bead of 15 mm at 2, 4 and 8 mm."""
 
 
-def load_phantoms(path: str) -> dict[str, Phantom]:
+def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
     """Return the phantoms of a file by code, in its order; the paper's three for an empty path.
+
+    Args:
+        path: The file, or nothing.
+        gel: Gel and bead radius in which the paper's three depths are put where no file is given.
 
     Raises:
         MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
     """
-    if not path:
+    if path:
+        root = read_mapping(path, "phantoms")
+        entries = root.items("the file of phantoms")
+        if not entries:
+            raise root.error("give phantoms by code, as in 'A: {bead: {depth_m: 0.002}}'")
+        return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
+    if gel is None:
         return dict(PAPER_PHANTOMS)
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise MechanicsError(f"{path}: cannot read the phantoms: {error}") from error
-    if not isinstance(content, dict) or not content:
-        raise MechanicsError(f"{path}: give phantoms by code, as in 'A: {{bead: {{depth_m: 0.002}}}}'")
-    return {str(code): _phantom(path, str(code), entry) for code, entry in content.items()}
-
-
-def _phantom(path: str, code: str, entry: Any) -> Phantom:
-    if not isinstance(entry, dict):
-        raise MechanicsError(
-            f"{path}: phantom '{code}' must be a mapping of modulus_pa, poisson, height_m, bead"
-        )
-    unknown = set(entry) - set(Phantom.__dataclass_fields__)
-    bead = entry.get("bead")
-    if isinstance(bead, dict):
-        unknown |= {f"bead.{key}" for key in set(bead) - set(Bead.__dataclass_fields__)}
-    if unknown:
-        raise MechanicsError(f"{path}: phantom '{code}': unknown {', '.join(sorted(unknown))}")
-    if bead == "none":
-        entry = {**entry, "bead": None}
-    try:
-        return msgspec.convert(entry, Phantom)
-    except msgspec.ValidationError as error:
-        raise MechanicsError(f"{path}: phantom '{code}': {error}") from error
-    except MechanicsError as error:
-        raise MechanicsError(f"{path}: phantom '{code}': {error}") from error
+    radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
+    return {
+        code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
+        for code, paper in PAPER_PHANTOMS.items()
+        if paper.bead is not None
+    }

@@ -1,21 +1,26 @@
-"""A scene: the path of the stage over a phantom, and the contact rung that is good enough for it."""
+"""A scene: phantom, probe, path and ring positions, and how right which of its outputs must be."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-import palp_core.mechanics.contact  # noqa: F401 -- declares the rungs
 from palp_core.errors import OutOfRange
-from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.limits import require
-from palp_core.mechanics.phantom import Phantom
-from palp_core.methods import Choice, choose
+from palp_core.mechanics.phantom import Bead, Phantom
+from palp_core.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["Path", "contact_model"]
+__all__ = ["OUTPUTS", "Path", "Scene", "Tolerance"]
+
+OUTPUTS = ("peak", "contrast", "separation", "decision")
+"""Largest torque; that minus its local base; smallest gap between the peaks of named depths; share of depth
+decisions that differ."""
+
+PAPER_DEPTHS_M = (0.002, 0.004, 0.008)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,28 +64,96 @@ class Path:
         return positions
 
 
-def contact_model(
-    phantom: Phantom,
-    tip_radius_m: float,
-    output: str = "peak",
-    tolerance: float = 0.02,
-    indentation_m: float | None = None,
-) -> tuple[ContactModel, Choice]:
-    """Return the cheapest contact rung that is good enough, ready to use, and why it was chosen.
+@dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """How right which output must be.
 
-    Args:
-        phantom: What is touched.
-        tip_radius_m: Radius of the ball.
-        output: What must be right: ``peak`` (largest torque) or ``contrast`` (peak minus local base).
-        tolerance: Largest acceptable relative error of it.
-        indentation_m: Nominal indentation; None leaves it out of the choice.
+    Attributes:
+        output: One of :data:`OUTPUTS`.
+        relative: Largest relative error; of ``decision`` the share of decisions that may differ.
+        depths_m: Depths told apart, for ``separation`` and ``decision``; the paper's three if empty.
 
     Raises:
-        MethodError: No declared rung is good enough in this scene; the message says what each vouches for.
+        OutOfRange: An unknown output, a tolerance that is not positive, or fewer than two different depths.
     """
-    scene = phantom.scene() | {"tip_radius_m": tip_radius_m}
-    if indentation_m is not None:
-        scene["indentation_m"] = indentation_m
-    choice = choose("contact", output, tolerance, scene)
-    model: ContactModel = choice.method.target(phantom, tip_radius_m)
-    return model, choice
+
+    output: str = "peak"
+    relative: float = 0.02
+    depths_m: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.output not in OUTPUTS:
+            raise OutOfRange("output", f"'{self.output}' is none of {', '.join(OUTPUTS)}")
+        require("relative", self.relative, 1e-9, 1e3, "give a positive share, as in 0.05")
+        for depth_m in self.depths_m:
+            require("depths_m", depth_m, 1e-6, 1.0, "give metres of gel over the bead, as in 0.004")
+        if self.depths_m and len(set(self.depths_m)) < max(2, len(self.depths_m)):
+            raise OutOfRange("depths_m", "give two or more depths, each once")
+
+    @property
+    def compared_m(self) -> tuple[float, ...]:
+        """Depths that the output compares; none for ``peak`` and ``contrast``."""
+        return (self.depths_m or PAPER_DEPTHS_M) if self.output in ("separation", "decision") else ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is swept over what, and how right it must be.
+
+    Attributes:
+        phantom: What is touched.
+        probe: With what.
+        path: Along which way.
+        ring_m: Ring positions r_a, each swept.
+        tolerance: How right which output must be.
+        budget_s: Seconds of CPU that set-up and sweeps may take; None for as many as it takes.
+
+    Raises:
+        OutOfRange: No ring position, one that is no number, or a budget that is not positive.
+    """
+
+    phantom: Phantom = field(default_factory=lambda: Phantom(bead=Bead(depth_m=0.004)))
+    probe: Probe = field(default_factory=Probe)
+    path: Path = field(default_factory=Path)
+    ring_m: tuple[float, ...] = (0.004, 0.016)
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    budget_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.ring_m:
+            raise OutOfRange("ring_m", "give at least one ring position in metres, as in [0.008]")
+        for ring_m in self.ring_m:
+            require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
+        try:
+            _ = self.phantoms
+        except OutOfRange as error:
+            raise OutOfRange("tolerance", f"its depths_m do not fit the phantom: {error}") from error
+        if self.budget_s is not None:
+            require(
+                "budget_s", self.budget_s, 1e-6, 1e9, "give the seconds that it may take, or leave it out"
+            )
+
+    @property
+    def phantoms(self) -> tuple[Phantom, ...]:
+        """What the output needs: the phantom, or it at each of the depths to compare."""
+        depths_m = self.tolerance.compared_m
+        if not depths_m:
+            return (self.phantom,)
+        bead = self.phantom.bead or Bead(depth_m=depths_m[0])
+        return tuple(replace(self.phantom, bead=replace(bead, depth_m=d)) for d in depths_m)
+
+    def quantities(self) -> dict[str, float | tuple[float, ...]]:
+        """Return the quantities by which methods are chosen, SI; several values where there are several."""
+        found: dict[str, float | tuple[float, ...]] = dict(self.phantoms[0].scene())
+        if len(self.phantoms) > 1:
+            found["depth_m"] = self.tolerance.compared_m
+            found["depth_ratio"] = min(
+                b / a for a, b in itertools.pairwise(sorted(self.tolerance.compared_m))
+            )
+        return found | {
+            "tip_radius_m": self.probe.tip_radius_m,
+            "friction": self.probe.friction,
+            "tip_mass_kg": self.probe.tip_mass_kg,
+            "indentation_m": self.path.indentation_m,
+            "ring_m": self.ring_m,
+        }

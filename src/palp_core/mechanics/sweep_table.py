@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 from palp_core.errors import OutOfRange
 from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.equilibrium import Sweep, sweep
+from palp_core.mechanics.guard import stage_step
 from palp_core.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
@@ -94,7 +95,8 @@ def solve(
         indentation_m: Nominal indentation of the upright probe.
         from_m: Stage position at which the sweep starts.
         to_m: Stage position at which it ends; smaller than ``from_m`` for a sweep towards -Y.
-        step_m: Spacing of the grid; a jump is placed within 1/32 of it.
+        step_m: Spacing of the grid; a jump is placed within 1/32 of it. One that would miss the peak is
+            replaced by 1 mm, which ``solved.guards`` says.
 
     Raises:
         OutOfRange: The stretch is shorter than four steps.
@@ -104,6 +106,7 @@ def solve(
         raise OutOfRange(
             "step_m", f"{step_m:g} does not divide [{from_m:g}, {to_m:g}] in four; use a smaller step"
         )
+    step_m, coarse = stage_step(step_m)
     count = int(np.ceil(abs(to_m - from_m) / step_m - 1e-9)) + 1
     solved = sweep(model, probe, ring_m, indentation_m, np.linspace(from_m, to_m, count))
     if solved.snapped:
@@ -114,6 +117,8 @@ def solve(
         ]
         finer = np.unique(np.concatenate([solved.stage_m, *between]))
         solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
+    if coarse:
+        solved = replace(solved, guards=(*solved.guards, coarse))
     return SweepTable(solved, _curve(solved))
 
 

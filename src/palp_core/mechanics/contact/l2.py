@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.mechanics.contact.l2_bounds import BOUNDS
 from palp_core.mechanics.limits import require
 from palp_core.mechanics.phantom import Phantom
-from palp_core.methods import Bound, method
+from palp_core.methods import method
 from palp_core.units import Float64Array
 
 __all__ = ["LayeredHertz", "layer_series"]
@@ -47,14 +48,8 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     task="contact",
     name="l2",
     cost_s=0.01,
-    bounds=[
-        Bound("peak", 0.01, within={"depth_m": (0.002, 0.012)}),
-        Bound("contrast", 0.10, within={"depth_m": (0.002, 0.004)}),
-    ],
-    evidence=(
-        "stated from prototypes of finer rungs, to be re-established when those are added; tests/mechanics/"
-        "test_l2.py has laws, limits and small-strain finite elements on the bead's axis"
-    ),
+    bounds=BOUNDS,
+    evidence="palp study run contact-validity: against L4 on random scenes; tests/mechanics/test_picker.py",
     valid={
         "depth_m": (0.0015, 0.015),
         "modulus_pa": (1e3, 1e6),
@@ -64,7 +59,7 @@ def layer_series(poisson: float) -> tuple[float, ...]:
         "tip_radius_m": (0.003, 0.010),
         "indentation_m": (0.0, 0.005),
     },
-    fails="contrast over a deep bead; forces where the indentation nears the bead's depth (small strain)",
+    fails="beads and balls unlike the paper's, contrast over a deep bead, a soft gel under a light touch",
     survivor="l4",
 )
 @dataclass(frozen=True)
@@ -219,4 +214,6 @@ class LayeredHertz:
             layer_m = np.maximum(layer_m - step, 0.0)
             if np.all(np.abs(step) <= 1e-14 * indentation_m):
                 return layer_m
-        raise MechanicsError("the layer under the ball has no equilibrium; check the phantom's numbers")
+        raise MechanicsError(
+            "the layer under the ball has no equilibrium: its series does not reach this thin a layer; use l4"
+        )

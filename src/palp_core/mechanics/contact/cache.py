@@ -1,0 +1,161 @@
+"""Expensive set-ups kept on disk under a hash of what they depend on: the inputs and this package's source.
+
+Entries are files of arrays in ``$PALP_CACHE``, else ``$XDG_CACHE_HOME/palp``, else ``~/.cache/palp``. They
+are written beside their place and renamed into it, so a reader sees a whole entry or none. A lock per entry,
+held by the kernel and thus freed when its holder dies, keeps two processes from computing the same thing. A
+damaged entry is computed again; a place that cannot be written to is done without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["CacheInfo", "cached", "clear", "info", "location"]
+
+Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
+
+_LAYOUT = 1  # changes when entries are laid out differently
+_UNREADABLE = (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile)
+
+
+@dataclass(frozen=True)
+class CacheInfo:
+    """What is in the cache.
+
+    Attributes:
+        path: Its directory.
+        entry_count: Number of set-ups kept.
+        size_bytes: Their size on disk.
+    """
+
+    path: Path
+    entry_count: int
+    size_bytes: int
+
+
+def location() -> Path:
+    """Return the cache's directory, which need not exist."""
+    if own := os.environ.get("PALP_CACHE"):
+        return Path(own)
+    if shared := os.environ.get("XDG_CACHE_HOME"):
+        return Path(shared) / "palp"
+    return Path("~/.cache/palp").expanduser()
+
+
+def info() -> CacheInfo:
+    """Count what the cache holds."""
+    sizes = []
+    for path in location().glob("*.npz"):
+        with contextlib.suppress(FileNotFoundError):  # another process has cleared it
+            sizes.append(path.stat().st_size)
+    return CacheInfo(location(), len(sizes), sum(sizes))
+
+
+def clear() -> int:
+    """Remove every entry and return how many there were; entries being computed come back."""
+    count = 0
+    for path in location().glob("*.npz"):
+        with contextlib.suppress(FileNotFoundError):
+            path.unlink()
+            count += 1
+    for pattern in ("*.lock", "*.part"):
+        for path in location().glob(pattern):
+            _remove_idle(path)
+    return count
+
+
+def cached(kind: str, inputs: Mapping[str, float | int | str], compute: Callable[[], Arrays]) -> Arrays:
+    """Return ``compute()``, from the cache if the same inputs and code have been there before.
+
+    Args:
+        kind: What it is, as in ``l4-bead``; the first part of the file's name.
+        inputs: Everything that the result depends on.
+        compute: Called at most once, in this process or another one that asks at the same time.
+    """
+    path = location() / f"{kind}-{_digest(kind, inputs)}.npz"
+    found = _load(path)
+    if found is not None:
+        return found
+    with _locked(path.with_suffix(".lock")):
+        found = _load(path)  # somebody else may have finished while we waited
+        if found is None:
+            found = compute()
+            _store(path, found)
+    return found
+
+
+def _digest(kind: str, inputs: Mapping[str, float | int | str]) -> str:
+    exact = {k: float(v).hex() if isinstance(v, float) else v for k, v in sorted(inputs.items())}
+    text = json.dumps([_LAYOUT, kind, exact])
+    return hashlib.sha256(text.encode() + _code()).hexdigest()[:32]
+
+
+@cache
+def _code() -> bytes:
+    """Return a digest of this package's source: a changed model never reads an old result."""
+    total = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        total.update(path.name.encode() + b"\0" + path.read_bytes())
+    return total.digest()
+
+
+def _load(path: Path) -> Arrays | None:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except _UNREADABLE:
+        return None
+
+
+def _store(path: Path, arrays: Arrays) -> None:
+    with contextlib.suppress(OSError):
+        handle, part = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(file, **arrays)  # type: ignore[arg-type]
+                file.flush()
+                os.fsync(file.fileno())
+            Path(part).replace(path)
+        except BaseException:
+            Path(part).unlink(missing_ok=True)
+            raise
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock of an entry; without one where nothing can be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError:
+        yield
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _remove_idle(path: Path) -> None:
+    """Remove a lock or an unfinished file that nobody holds."""
+    with contextlib.suppress(OSError):
+        handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+        finally:
+            os.close(handle)

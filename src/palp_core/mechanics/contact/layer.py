@@ -1,0 +1,132 @@
+"""A bonded elastic layer under a normal surface load, exactly, by Hankel transform.
+
+With depth z pointing down and zeta = k z, the fields that vary as J_m(kr) cos(m theta) on the surface are::
+
+    u_z = W(k, z) J_m(kr) cos(m theta)
+    u_r + u_theta = U(k, z) J_(m+1)(kr),    u_r - u_theta = -U(k, z) J_(m-1)(kr)
+
+(u_r with the cosine, u_theta with the sine). U and W combine four solutions of Navier's equation, two that
+decay from the surface and two that decay from the floor::
+
+    U = a + b zeta,    W = a + b (3 - 4 nu + zeta),    times exp(-zeta)
+
+so that nothing overflows for any k (Sneddon, Fourier Transforms, 1951, chapter 10, with scaled exponentials).
+Everything is for Young's modulus 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import j0, j1
+
+from palp_core.units import Float64Array
+
+__all__ = ["BondedLayer", "hankel_nodes"]
+
+
+def hankel_nodes(
+    k_max_1_m: float, longest_m: float, per_wave: float = 3.5
+) -> tuple[Float64Array, Float64Array]:
+    """Return nodes and weights on [0, k_max] for integrands that oscillate like cos(k * longest).
+
+    Composite Gauss rules of 16 nodes; ``per_wave`` nodes to a wavelength converge to round-off.
+    """
+    waves = k_max_1_m * longest_m / (2.0 * np.pi)
+    panels = max(6, int(np.ceil(waves * per_wave / 16.0)))
+    x, w = np.polynomial.legendre.leggauss(16)
+    edges = np.linspace(0.0, k_max_1_m, panels + 1)
+    half = 0.5 * np.diff(edges)
+    nodes = (edges[:-1] + half)[:, None] + half[:, None] * x
+    return nodes.ravel(), (half[:, None] * w).ravel()
+
+
+@dataclass(frozen=True)
+class BondedLayer:
+    """Bonded layer of Young's modulus 1 on a rigid floor, loaded normally on its free surface.
+
+    Attributes:
+        poisson: Poisson's ratio, 0 to 0.5 inclusive.
+        height_m: Thickness.
+    """
+
+    poisson: float
+    height_m: float
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus for Young's modulus 1."""
+        return 0.5 / (1.0 + self.poisson)
+
+    def _coefficients(self, k_1_m: Float64Array) -> Float64Array:
+        """Return (a, b, a~, b~) of unit normal pressure per wavenumber, shape (n_k, 4)."""
+        mu, depth = self.shear_modulus, k_1_m * self.height_m
+        decay = np.exp(-depth)
+        p, s, t = 3.0 - 4.0 * self.poisson, 2.0 * (1.0 - 2.0 * self.poisson), 2.0 * (1.0 - self.poisson)
+        one, zero = np.ones_like(depth), np.zeros_like(depth)
+        # Rows: no shear on the surface, unit pressure there, no displacement along and across the floor.
+        system = np.stack(
+            [
+                np.stack([-2.0 * one, -s * one, 2.0 * decay, (s + 2.0 * depth) * decay], axis=-1),
+                np.stack([one, t * one, decay, (t + depth) * decay], axis=-1),
+                np.stack([decay, depth * decay, one, zero], axis=-1),
+                np.stack([decay, (p + depth) * decay, -one, -p * one], axis=-1),
+            ],
+            axis=-2,
+        )
+        load = np.zeros((*depth.shape, 4, 1))
+        load[:, 1, 0] = 0.5 / (mu * k_1_m)
+        solved: Float64Array = np.linalg.solve(system, load)[..., 0]
+        return solved
+
+    def fields(
+        self, k_1_m: Float64Array, depth_m: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
+        """Return what a unit pressure of wavenumber k makes at depth z, each of shape (n_z, n_k).
+
+        Returns:
+            ``(along, down, shear, normal, spread)``: U and W in metres; the amplitudes of the shear stress
+            sigma_z. and of sigma_zz in Pa; lambda times the divergence, finite at nu = 0.5.
+        """
+        mu, nu = self.shear_modulus, self.poisson
+        p, s, t = 3.0 - 4.0 * nu, 2.0 * (1.0 - 2.0 * nu), 2.0 * (1.0 - nu)
+        a, b, c, d = self._coefficients(k_1_m).T
+        down, up = np.outer(depth_m, k_1_m), np.outer(self.height_m - depth_m, k_1_m)
+        sinking, rising = np.exp(-down), np.exp(-up)
+        along = (a + b * down) * sinking + (c + d * up) * rising
+        across = (a + b * (p + down)) * sinking - (c + d * (p + up)) * rising
+        shear = (2.0 * a + (s + 2.0 * down) * b) * sinking - (2.0 * c + (s + 2.0 * up) * d) * rising
+        normal = (a + (t + down) * b) * sinking + (c + (t + up) * d) * rising
+        spread = -4.0 * mu * nu * k_1_m * (b * sinking + d * rising)
+        return along, across, -mu * k_1_m * shear, -2.0 * mu * k_1_m * normal, spread
+
+    def _surface(self, longest_m: float) -> tuple[Float64Array, Float64Array]:
+        """Return nodes k and weights of the correction to the half-space on the surface."""
+        k_1_m, weight = hankel_nodes(24.0 / self.height_m, max(longest_m, 8.0 * self.height_m))
+        a, b, c, d = self._coefficients(k_1_m).T
+        depth = k_1_m * self.height_m
+        p = 3.0 - 4.0 * self.poisson
+        down = a + p * b - (c + d * (p + depth)) * np.exp(-depth)
+        half_space = (1.0 - self.poisson) / (self.shear_modulus * k_1_m)
+        return k_1_m, weight * (down - half_space) * k_1_m / (2.0 * np.pi)
+
+    def surface_correction(self, distance_m: Float64Array) -> Float64Array:
+        """Return how much less than a half-space the surface sinks under a unit point force, in m/N (E = 1).
+
+        Args:
+            distance_m: Distance from the force, shape (n,); the result is negative near the force.
+        """
+        distance_m = np.asarray(distance_m, dtype=np.float64)
+        k_1_m, amplitude = self._surface(float(distance_m.max()))
+        return np.asarray(j0(np.outer(distance_m, k_1_m)) @ amplitude)
+
+    def disc_compliance(self, radius_m: float) -> float:
+        """Return the mean sinking of a disc under a unit force spread evenly over it, in m/N for E = 1.
+
+        The half-space's is 16 (1 - nu^2) / (3 pi^2 a); Johnson, Contact Mechanics, 1985, equation (3.29).
+        """
+        k_1_m, amplitude = self._surface(radius_m)
+        spread = 2.0 * j1(k_1_m * radius_m) / (k_1_m * radius_m)
+        half_space = 16.0 * (1.0 - self.poisson**2) / (3.0 * np.pi**2 * radius_m)
+        return float(half_space + spread**2 @ amplitude)

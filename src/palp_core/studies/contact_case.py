@@ -1,0 +1,74 @@
+"""A case of the stability map: a method that fails, where it does, beside its survivor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.units import Float64Array
+
+__all__ = ["Case"]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Symptom of a failing method and of the survivor over the same range.
+
+    Attributes:
+        name: Stem of its files.
+        failing: The method that fails.
+        survivor: The method that does not.
+        parameter: What is varied, with its unit.
+        values: Of the parameter, shape (n,).
+        symptom: What is measured, with its unit.
+        of_failing: Symptom of the failing method, shape (n,); infinite where it gave no answer at all.
+        of_survivor: Symptom of the survivor, shape (n,).
+        limit: Symptom from which on a value counts as failed.
+        why: What happens, in a sentence.
+        logarithmic: Draw the parameter on a logarithmic axis.
+    """
+
+    name: str
+    failing: str
+    survivor: str
+    parameter: str
+    values: Float64Array
+    symptom: str
+    of_failing: Float64Array
+    of_survivor: Float64Array
+    limit: float
+    why: str
+    logarithmic: bool = False
+
+    @property
+    def failed(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Where the failing method fails."""
+        return ~(self.of_failing < self.limit)
+
+    @property
+    def survived(self) -> bool:
+        """Whether the survivor stays below the limit over the whole range."""
+        return bool(np.all(self.of_survivor < self.limit))
+
+    @property
+    def threshold(self) -> str:
+        """Where the failing method fails, in words."""
+        failed = self.failed
+        if failed.all():
+            return "everywhere in the range"
+        if not failed.any():
+            return "nowhere in the range"
+        flips = np.flatnonzero(failed[1:] != failed[:-1])
+        if len(flips) == 1:
+            at = int(flips[0])
+            side = "from" if failed[-1] else "up to"
+            return f"{side} {self.values[at + 1 if failed[-1] else at]:.4g}"
+        spans, start = [], None
+        for i, bad in enumerate([*failed.tolist(), False]):
+            if bad and start is None:
+                start = i
+            elif not bad and start is not None:
+                spans.append(f"{self.values[start]:.4g} to {self.values[i - 1]:.4g}")
+                start = None
+        return ", ".join(spans)
