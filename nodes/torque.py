@@ -8,6 +8,7 @@ import numpy as np
 from msgs.torque import Contact, TorqueBlock
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.registry import open_device
+from palp_core.devices.sim.torque import SimTorque
 from palp_core.devices.sim.torque import TorqueState as DeviceState
 from palp_core.units import Ratio
 
@@ -63,6 +64,8 @@ class Torque(Node):
 
     @on(contact)
     def measure(self, contact: Contact) -> None:
+        if not isinstance(self.device, SimTorque):
+            raise TypeError(f"torque device '{self.params.device}' is real; leave its input contact unwired")
         times_ns = contact.start_ns + np.rint(np.arange(len(contact.torque_n_m)) * (1e9 / contact.rate_hz))
         block = self.device.read(contact.torque_n_m, times_ns.astype(np.int64), self.state.device, self.rng)
         self.block.publish(

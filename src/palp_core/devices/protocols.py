@@ -13,16 +13,19 @@ nothing on the host takes ``object``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palp_core.devices.health import Health
 from palp_core.units import Float64Array
 
 __all__ = [
+    "BoolArray",
+    "ClockFit",
     "EmgBlock",
     "EmgSource",
     "Int64Array",
@@ -36,7 +39,41 @@ __all__ = [
 ]
 
 Int64Array = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 S = TypeVar("S", contravariant=True)
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """A device's clock on the host's: host time = ``offset_ns`` + (1 + ``drift``) device time.
+
+    Attributes:
+        offset_ns: Host time of the device's time 0.
+        drift: Host seconds per device second, minus 1.
+        residual_s: Root mean square of what the line leaves over.
+        span_s: Device time that the estimate rests on; 0 where host times are exact (a simulation, a poll).
+    """
+
+    offset_ns: int
+    drift: float
+    residual_s: float
+    span_s: float
+
+
+EXACT = ClockFit(0, 0.0, 0.0, 0.0)
+"""The clock of a device that is stamped by the host itself."""
+
+
+def _no_index() -> Int64Array:
+    return np.empty(0, dtype=np.int64)
+
+
+def _no_gap() -> BoolArray:
+    return np.empty(0, dtype=np.bool_)
+
+
+def _no_wrench() -> Float64Array:
+    return np.empty((0, 6))
 
 
 class SweepTimes(msgspec.Struct, frozen=True):
@@ -69,20 +106,42 @@ class RingReading:
 
 @dataclass(frozen=True, eq=False)
 class TorqueBlock:
-    """Torque about x, arrays of shape (n,); a saturated sample is clipped to the range and counted."""
+    """Torque about x, arrays of shape (n,); a saturated sample is clipped to the range and counted.
+
+    Attributes:
+        times_ns: Host times.
+        torque_n_m: Torque about the sensor's axis that the joint turns about.
+        saturated_count: Samples at the end of the range.
+        index: Number of each sample since the first open, lost ones counted.
+        gap: Whether samples are missing just before this one.
+        faulty: Whether a sample must not be used: saturated, or the device says so.
+        wrench: Forces in N and torques in N m about x, y, z, shape (n, 6); (0, 6) for a one-axis source.
+        clock: The device's clock.
+    """
 
     times_ns: Int64Array
     torque_n_m: Float64Array
     saturated_count: int
+    index: Int64Array = field(default_factory=_no_index)
+    gap: BoolArray = field(default_factory=_no_gap)
+    faulty: BoolArray = field(default_factory=_no_gap)
+    wrench: Float64Array = field(default_factory=_no_wrench)
+    clock: ClockFit = EXACT
 
 
 @dataclass(frozen=True, eq=False)
 class EmgBlock:
-    """Raw EMG of the finger flexor (FDS) and extensor (EDC), arrays of shape (n,)."""
+    """Raw EMG of the finger flexor (FDS) and extensor (EDC), arrays of shape (n,).
+
+    ``index``, ``gap`` and ``clock`` are as in :class:`TorqueBlock`.
+    """
 
     times_ns: Int64Array
     fds_v: Float64Array
     edc_v: Float64Array
+    index: Int64Array = field(default_factory=_no_index)
+    gap: BoolArray = field(default_factory=_no_gap)
+    clock: ClockFit = EXACT
 
 
 class StageDevice(Protocol[S]):
@@ -90,6 +149,7 @@ class StageDevice(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
+    def health(self, now_ns: int) -> Health: ...
 
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep over [from_m, to_m] has the room to reach its speed, in m."""
@@ -111,6 +171,7 @@ class RingDevice(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
+    def health(self, now_ns: int) -> Health: ...
 
     def command(self, target_m: float, now_ns: int, state: S, rng: np.random.Generator) -> int:
         """Go to ``target_m``; return the time at which it will have settled, in ns."""
@@ -129,11 +190,10 @@ class TorqueSensor(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
+    def health(self, now_ns: int) -> Health: ...
 
-    def read(
-        self, true_torque_n_m: Float64Array, times_ns: Int64Array, state: S, rng: np.random.Generator
-    ) -> TorqueBlock:
-        """Return the samples since the last call; a simulated sensor feels the torque it is passed."""
+    def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> TorqueBlock:
+        """Return every sample received since the last call; a simulated sensor is unloaded here."""
 
     def tare(self, block: TorqueBlock, state: S) -> None:
         """Make the mean of ``block``, read unloaded, the new zero."""
@@ -147,6 +207,7 @@ class EmgSource(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
+    def health(self, now_ns: int) -> Health: ...
 
     def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> EmgBlock:
         """Return every sample since the last call up to and including ``now_ns``."""

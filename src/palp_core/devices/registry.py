@@ -13,10 +13,25 @@ from palp_core.errors import DeviceError
 __all__ = ["known_devices", "open_device"]
 
 _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
-    "stage": {"sim": "palp_core.devices.sim.stage:SimStage"},
-    "ring": {"sim": "palp_core.devices.sim.ring:SimRing"},
-    "torque": {"sim": "palp_core.devices.sim.torque:SimTorque"},
-    "emg": {"sim": "palp_core.devices.sim.emg:SimEmg"},
+    "stage": {
+        "sim": "palp_core.devices.sim.stage:SimStage",
+        "aerotech": "palp_core.devices.aerotech:AerotechStage",
+    },
+    "ring": {
+        "sim": "palp_core.devices.sim.ring:SimRing",
+        "maestro": "palp_core.devices.maestro:MaestroRing",
+    },
+    "torque": {
+        "sim": "palp_core.devices.sim.torque:SimTorque",
+        "ati": "palp_core.devices.ati:AtiTorque",
+        "netft": "palp_core.devices.netft:NetFtTorque",
+    },
+    "emg": {
+        "sim": "palp_core.devices.sim.emg:SimEmg",
+        "noraxon": "palp_core.devices.noraxon:NoraxonEmg",
+        "lsl": "palp_core.devices.lsl:LslEmg",
+        "spikershield": "palp_core.devices.spikershield:SpikerShieldEmg",
+    },
 }
 
 

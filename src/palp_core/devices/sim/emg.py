@@ -18,6 +18,7 @@ from scipy.signal import butter, sosfilt
 from scipy.special import ndtr
 
 from palp_core.devices.checks import check_range
+from palp_core.devices.health import HEALTHY, Health
 from palp_core.devices.protocols import EmgBlock
 from palp_core.errors import DeviceError
 from palp_core.units import Float64Array
@@ -153,6 +154,10 @@ class SimEmg:
     def close(self) -> None:
         """Do nothing: there is no link."""
 
+    def health(self, now_ns: int) -> Health:
+        """Return that all is well."""
+        return HEALTHY
+
     def drain(self, now_ns: int, state: EmgState, rng: np.random.Generator) -> EmgBlock:
         """Return every sample since the last call up to and including ``now_ns``.
 
@@ -171,7 +176,8 @@ class SimEmg:
             raise DeviceError("emg: not started; open it before the first drain")
         first, due = state.sample_count, self._due_count(now_ns, state)
         if due <= first:
-            return EmgBlock(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+            none = np.empty(0, dtype=np.int64)
+            return EmgBlock(none, np.empty(0), np.empty(0), none, none.astype(np.bool_))
         draws = rng.standard_normal((due - first, 6))
         envelope = self._envelope(first, draws[:, 4:], state)
         noise = self._noise(draws[:, :2], state)
@@ -180,7 +186,8 @@ class SimEmg:
         times_ns = state.start_ns + np.rint(np.arange(first, due) * _NS / self.rate_hz).astype(np.int64)
         fds_v = self.fds_mvc_v * envelope * noise[:, 0] + sensor[:, 0]
         edc_v = self.edc_mvc_v * envelope * noise[:, 1] + sensor[:, 1]
-        return EmgBlock(times_ns, fds_v, edc_v)
+        index = np.arange(first, due)
+        return EmgBlock(times_ns, fds_v, edc_v, index, np.zeros(due - first, dtype=np.bool_))
 
     def _count(self, duration_s: float) -> int:
         return round(duration_s * self.rate_hz)

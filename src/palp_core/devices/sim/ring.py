@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from palp_core.devices.checks import check_range
+from palp_core.devices.health import HEALTHY, Health
 from palp_core.devices.protocols import RingReading
 from palp_core.errors import DeviceError
 
@@ -104,6 +105,10 @@ class SimRing:
 
     def close(self) -> None:
         """Do nothing: there is no link."""
+
+    def health(self, now_ns: int) -> Health:
+        """Return that all is well."""
+        return HEALTHY
 
     def command(self, target_m: float, now_ns: int, state: RingState, rng: np.random.Generator) -> int:
         """Go to ``target_m`` with a new landing error; the present target is no move and keeps its error.

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from palp_core.devices.checks import check_range
+from palp_core.devices.health import HEALTHY, Health
 from palp_core.devices.protocols import Int64Array, StageReading, SweepTimes
 from palp_core.devices.sim.profile import MotionProfile
 from palp_core.errors import DeviceError
@@ -90,6 +91,10 @@ class SimStage:
 
     def close(self) -> None:
         """Do nothing: there is no link."""
+
+    def health(self, now_ns: int) -> Health:
+        """Return that all is well."""
+        return HEALTHY
 
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from palp_core.devices.checks import check_range
+from palp_core.devices.health import HEALTHY, Health
 from palp_core.devices.protocols import Int64Array, TorqueBlock
 from palp_core.errors import DeviceError
 from palp_core.units import Float64Array
@@ -25,6 +26,7 @@ class TorqueState(msgspec.Struct):
         gain: Present gain, 1 for a true sensor.
         tare_n_m: What the host subtracts.
         last_ns: Time of the last sample.
+        sample_count: Samples delivered so far.
     """
 
     started: bool = False
@@ -32,6 +34,7 @@ class TorqueState(msgspec.Struct):
     gain: float = 1.0
     tare_n_m: float = 0.0
     last_ns: int = 0
+    sample_count: int = 0
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class SimTorque:
         gain_error: Gain minus 1 at the start (0: calibrated).
         bias_drift_n_m_per_sqrt_s: Random walk of the bias (0: not known).
         gain_drift_per_sqrt_s: Random walk of the gain (0: not known).
+        rate_hz: Sampling rate of :meth:`drain`; :meth:`read` samples when it is told to.
 
     Raises:
         DeviceError: A parameter is not finite or negative where it cannot be.
@@ -61,6 +65,7 @@ class SimTorque:
     gain_error: float = 0.0
     bias_drift_n_m_per_sqrt_s: float = 0.0
     gain_drift_per_sqrt_s: float = 0.0
+    rate_hz: float = 1000.0
 
     def __post_init__(self) -> None:
         check_range("torque", "range_n_m", self.range_n_m, 1e-9, 1e3)
@@ -69,6 +74,7 @@ class SimTorque:
         check_range("torque", "bias_n_m", self.bias_n_m, -self.range_n_m, self.range_n_m)
         check_range("torque", "gain_error", self.gain_error, -1.0, 1.0)
         check_range("torque", "gain_drift_per_sqrt_s", self.gain_drift_per_sqrt_s, 0.0, 1.0)
+        check_range("torque", "rate_hz", self.rate_hz, 1.0, 1e5)
 
     def open(self, now_ns: int, state: TorqueState, rng: np.random.Generator) -> None:
         """Start a fresh sensor with its bias and gain error; leave one that was started before as it is."""
@@ -79,6 +85,16 @@ class SimTorque:
 
     def close(self) -> None:
         """Do nothing: there is no link."""
+
+    def health(self, now_ns: int) -> Health:
+        """Return that all is well."""
+        return HEALTHY
+
+    def drain(self, now_ns: int, state: TorqueState, rng: np.random.Generator) -> TorqueBlock:
+        """Return the samples of the unloaded sensor since the last one, up to and including ``now_ns``."""
+        period_ns = round(1e9 / self.rate_hz)
+        times_ns = np.arange(state.last_ns + period_ns, now_ns + 1, period_ns, dtype=np.int64)
+        return self.read(np.zeros(times_ns.size), times_ns, state, rng)
 
     def read(
         self,
@@ -116,10 +132,14 @@ class SimTorque:
         torque_n_m = gain * true_torque_n_m + bias_n_m + self.noise_sd_n_m * draws[:, 0]
         if self.resolution_n_m > 0.0:
             torque_n_m = np.rint(torque_n_m / self.resolution_n_m) * self.resolution_n_m
-        saturated_count = int(np.count_nonzero(np.abs(torque_n_m) >= self.range_n_m))
+        saturated = np.abs(torque_n_m) >= self.range_n_m
+        saturated_count = int(np.count_nonzero(saturated))
         if saturated_count:
             torque_n_m = np.clip(torque_n_m, -self.range_n_m, self.range_n_m)
-        return TorqueBlock(times_ns, torque_n_m - state.tare_n_m, saturated_count)
+        index = np.arange(state.sample_count, state.sample_count + times_ns.size)
+        state.sample_count += times_ns.size
+        gap = np.zeros(times_ns.size, dtype=np.bool_)
+        return TorqueBlock(times_ns, torque_n_m - state.tare_n_m, saturated_count, index, gap, saturated)
 
     def tare(self, block: TorqueBlock, state: TorqueState) -> None:
         """Make the mean of ``block``, read unloaded, the new zero.

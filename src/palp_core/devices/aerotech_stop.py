@@ -1,0 +1,118 @@
+"""A second link to the stage's controller, for stopping it: the safety process's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic_ns
+
+from palp_core.devices.aerotech_link import AerotechLink
+from palp_core.devices.wire import aerotech as wire
+from palp_core.errors import DeviceError
+
+__all__ = ["AerotechStop", "AxisReport", "StopTimes"]
+
+
+@dataclass(frozen=True)
+class StopTimes:
+    """Monotonic times of a stop: ABORT written, all axes at rest as far as is known, all disabled."""
+
+    written_ns: int
+    resting_ns: int
+    disabled_ns: int
+
+
+@dataclass(frozen=True)
+class AxisReport:
+    """What an axis says of itself."""
+
+    axis: str
+    fault: wire.Fault
+    moving: bool
+    enabled: bool
+
+
+class AerotechStop:
+    """Abort and disable, and nothing that moves.
+
+    Every command is written past whatever the link was waiting for. The controller closes an idle TCP
+    connection: call :meth:`poll` at least once a second, which also notices a lost link.
+
+    Args:
+        url: Address, as a rule another TCP port of the controller than the driver's.
+        axes: The controller's names.
+        baud: Of a serial line.
+        timeout_s: Longest wait for an answer.
+        rest_s: How long to wait for rest between ABORT and DISABLE.
+
+    Raises:
+        DeviceError: Nobody answers there.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        axes: tuple[str, ...] = ("X", "Y"),
+        baud: int = 115200,
+        timeout_s: float = 0.1,
+        rest_s: float = 0.2,
+        clock: Callable[[], int] = monotonic_ns,
+    ) -> None:
+        self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
+        self._link = AerotechLink(url, baud, timeout_s)
+        self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
+        self._disable = b"".join(wire.command(f"DISABLE {axis}") for axis in axes)
+
+    def poll(self) -> list[AxisReport]:
+        """Return what every axis says.
+
+        Raises:
+            DeviceError: No answer, or the link is lost: the rig must not move.
+        """
+        return [self._report(axis) for axis in self._axes]
+
+    def abort(self) -> int:
+        """Write ABORT for every axis; return when it was written, in ns.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._link.shout(self._abort)
+        return self._clock()
+
+    def disable(self) -> None:
+        """Write DISABLE for every axis.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._link.shout(self._disable)
+
+    def trip(self) -> StopTimes:
+        """Abort, wait a little for rest, disable whatever the answers were.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        written_ns = self.abort()
+        while self._clock() - written_ns < self._rest_ns and self._moves():
+            pass
+        resting_ns = self._clock()
+        self.disable()
+        return StopTimes(written_ns, resting_ns, self._clock())
+
+    def close(self) -> None:
+        """Release the link."""
+        self._link.close()
+
+    def _report(self, axis: str) -> AxisReport:
+        status = self._link.bits(f"AXISSTATUS({axis})")
+        fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
+        return AxisReport(axis, fault, bool(status & wire.Status.MOVING), bool(status & wire.Status.ENABLED))
+
+    def _moves(self) -> bool:
+        """Tell whether an axis is known to move; no answer is no reason to wait."""
+        try:
+            return any(report.moving for report in self.poll())
+        except DeviceError:
+            return False

@@ -1,0 +1,236 @@
+"""One connection to an ATI NETCANOEM: set-up questions, then one exchange per sample."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import can
+import numpy as np
+
+from palp_core.devices.health import Condition, Watch
+from palp_core.devices.host_time import HostTime
+from palp_core.devices.wire import netcanoem as wire
+from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.units import Float64Array
+
+__all__ = ["AtiSession", "Calibration", "RawSample"]
+
+RawSample = tuple[int, int, bool, bytes, bytes]
+"""Host time, number, gap, and the data of both frames."""
+
+_SET_UP_S = 0.5
+_LOST_AFTER = 50
+_MOST_FRAMES = 16  # of other devices on the bus, while waiting for two
+_BAD = int(wire.CRITICAL | wire.Status.ANY_ERROR)
+_LOW, _HIGH = wire.SATURATED
+_FIRST, _SECOND = struct.Struct(">H3h").unpack, struct.Struct(">3h").unpack
+
+
+class Calibration:
+    """What the sensor says of itself.
+
+    Attributes:
+        per_count: Forces in N and torques in N m per count of each gauge, shape (6, 6).
+        serial_number: Of the sensor.
+        firmware: Major, minor, build.
+    """
+
+    def __init__(self, per_count: Float64Array, serial_number: str, firmware: tuple[int, int, int]) -> None:
+        self.per_count, self.serial_number, self.firmware = per_count, serial_number, firmware
+
+
+class AtiSession:
+    """Poll the sensor at a rate, or as fast as it answers.
+
+    The sensor streams nothing and numbers nothing: a sample is one request and two replies, stamped in the
+    middle between the two times. Replies count only if both arrive before the next request; what comes late
+    is thrown away before it, since a late reply looks like a prompt one.
+
+    Args:
+        bus_options: For :class:`can.Bus`.
+        base_id: Bits 4 to 10 of the sensor's identifiers.
+        calibration: Number of the calibration to use.
+        rate_hz: Of the samples; 0 for as fast as possible.
+        gap_s: A longer interval between samples is a gap.
+        samples: Where samples go.
+        first: Number of the first sample.
+        gap: Whether samples are missing before the first.
+
+    Raises:
+        DeviceError: The bus cannot be opened or the sensor does not answer.
+    """
+
+    def __init__(
+        self,
+        bus_options: Mapping[str, Any],
+        base_id: int,
+        calibration: int,
+        rate_hz: float,
+        gap_s: float,
+        samples: deque[RawSample],
+        watch: Watch,
+        host: HostTime,
+        first: int,
+        gap: bool,
+    ) -> None:
+        self._id = base_id << 4
+        self._samples, self._watch, self._host, self._now_ns = samples, watch, host, host.now_ns
+        self._period_ns = round(1e9 / rate_hz) if rate_hz else 0
+        self._gap_ns, self._rate_hz = round(gap_s * 1e9), rate_hz
+        self._timeout_s = max(1.0 / rate_hz, 0.002) if rate_hz else 0.1
+        self.next, self._gap = first, gap
+        self._due_ns = self.last_ns = 0
+        self._missed = 0
+        self._request = can.Message(arbitration_id=self._id, is_extended_id=False, data=b"")
+        self._bus = _open_bus(bus_options)
+        try:
+            self.calibration = self._set_up(calibration)
+        except BaseException:
+            self._bus.shutdown()
+            raise
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+    def step(self, stop: threading.Event) -> None:
+        """Wait for the next sample's time and take it."""
+        if self._period_ns:
+            wait_ns = self._due_ns - self._host.now_ns()
+            if wait_ns > 0:
+                if stop.wait(wait_ns * 1e-9):
+                    return
+            elif wait_ns < -self._period_ns:
+                self._due_ns = self._host.now_ns()
+            self._due_ns += self._period_ns
+        asked_ns = self._now_ns()
+        first, second = self._exchange()
+        now_ns = self._now_ns()
+        if first is None or second is None:
+            self._missed += 1
+            if self._missed >= _LOST_AFTER:
+                raise DeviceTimeout(
+                    f"ati: no answer to {self._missed} requests; check power, bit rate and identifier"
+                )
+            self._drop_late()
+            return
+        self._missed = 0
+        self._keep((asked_ns + now_ns) // 2, first, second)
+        self._judge(first, second, now_ns)
+
+    def _exchange(self) -> tuple[bytes | None, bytes | None]:
+        """Ask, and return the data of both replies; None for what did not come in time."""
+        first: bytes | None = None
+        receive, timeout_s, identifier = self._bus.recv, self._timeout_s, self._id
+        try:
+            self._bus.send(self._request)
+            for _ in range(_MOST_FRAMES):
+                message = receive(timeout_s)
+                if message is None:
+                    break
+                data = message.data
+                if message.arbitration_id == identifier and len(data) == 8:  # our own request has 0
+                    first = bytes(data)
+                elif message.arbitration_id == identifier + 1 and len(data) == 6 and first is not None:
+                    return first, bytes(data)
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        return first, None
+
+    def _keep(self, stamp_ns: int, first: bytes, second: bytes) -> None:
+        late, gap = stamp_ns - self.last_ns > self._gap_ns, self._gap
+        if late and self.last_ns:
+            gap = True
+            self.next += max(0, round((stamp_ns - self.last_ns) * 1e-9 * self._rate_hz) - 1)
+        self._samples.append((stamp_ns, self.next, gap, first, second))
+        self.next += 1
+        self.last_ns, self._gap = stamp_ns, False
+
+    def _judge(self, first: bytes, second: bytes, now_ns: int) -> None:
+        status, *left = _FIRST(first)
+        if status & _BAD:
+            self._watch.touch(now_ns)
+            words = wire.Status(status).words
+            self._watch.report(Condition.DEVICE_FAULT, now_ns, f"status: {words}")
+            return
+        values = (*left, *_SECOND(second))
+        if _HIGH in values or _LOW in values:
+            self._watch.touch(now_ns)
+            self._watch.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
+            return
+        self._watch.fresh(now_ns)
+
+    def _drop_late(self) -> None:
+        try:
+            while self._bus.recv(0.0) is not None:
+                pass
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"ati: the bus is lost: {error}") from error
+
+    def _ask(self, operation: wire.Operation, data: bytes, lengths: list[int]) -> bytes:
+        """Return the data of the replies to a set-up question, whose identifiers go up by one."""
+        identifier = self._id | operation
+        replies: list[bytes] = []
+        try:
+            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+            until_ns = self._host.now_ns() + round(_SET_UP_S * 1e9)
+            while len(replies) < len(lengths) and self._host.now_ns() < until_ns:
+                message = self._bus.recv(_SET_UP_S / 10)
+                wanted = (identifier + len(replies), lengths[len(replies)])
+                if message is not None and (message.arbitration_id, len(message.data)) == wanted:
+                    replies.append(bytes(message.data))
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        if len(replies) < len(lengths):
+            raise DeviceTimeout(
+                f"ati: no answer to {operation.name} on identifier {identifier:#x} within {_SET_UP_S:g} s;"
+                " check power, identifier, and that the bus has the sensor's bit rate (new: 250 kbit/s)"
+            )
+        return b"".join(replies)
+
+    def _set_up(self, number: int) -> Calibration:
+        operation = wire.Operation
+        self._ask(operation.SET_CALIBRATION, bytes([number]), [1])
+        major, minor, build = struct.unpack(">BBH", self._ask(operation.FIRMWARE, b"", [4]))
+        serial_number = self._ask(operation.SERIAL_NUMBER, b"", [8]).decode("ascii", "replace").strip()
+        units = self._ask(operation.UNITS, b"", [2])
+        if units[0] not in wire.FORCE_UNIT_N or units[1] not in wire.TORQUE_UNIT_N_M:
+            raise DeviceError(f"ati: units {units[0]} and {units[1]} are not known; check the calibration")
+        counts = (1_000_000, 1_000_000)
+        if (major, minor) >= (3, 7):
+            counts = struct.unpack(">II", self._ask(operation.COUNTS_PER_UNIT, b"", [8]))
+        rows = [
+            struct.unpack(">6f", self._ask(operation.MATRIX_ROW, bytes([i]), [8, 8, 8])) for i in range(6)
+        ]
+        scale = [wire.FORCE_UNIT_N[units[0]] / counts[0]] * 3 + [
+            wire.TORQUE_UNIT_N_M[units[1]] / counts[1]
+        ] * 3
+        per_count = np.array(rows) * np.array(scale)[:, None]
+        if not np.all(np.isfinite(per_count)) or np.linalg.matrix_rank(per_count) < 6:
+            raise DeviceError(
+                f"ati: calibration {number} is not a regular matrix; choose another calibration"
+            )
+        return Calibration(per_count, serial_number, (major, minor, build))
+
+
+def _open_bus(options: Mapping[str, Any]) -> Any:
+    """Open the bus.
+
+    For socketcand python-can would try for ten seconds without a pause; a look at the port comes first.
+
+    Raises:
+        DeviceError: It cannot be opened.
+    """
+    try:
+        if options.get("interface") == "socketcand":
+            socket.create_connection((options["host"], options["port"]), timeout=1.0).close()
+        return can.Bus(**options)
+    except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError, TimeoutError) as error:
+        raise DeviceError(
+            f"ati: cannot open the bus {options.get('interface')} {options.get('channel')}: {error};"
+            " check interface, channel and options"
+        ) from error

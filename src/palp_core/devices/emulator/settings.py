@@ -1,0 +1,43 @@
+"""How the devices of an emulated rig are set up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from palp_core.devices.emulator.maestro import MaestroSettings
+from palp_core.devices.emulator.world import WorldSettings
+
+__all__ = ["RigSettings"]
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """How the emulated devices are set up.
+
+    Attributes:
+        world: What the rig is made of.
+        maestro: The ring's controller.
+        stage_serial: Whether the stage is on a terminal instead of TCP.
+        stage_baud: Of that terminal; 0 for no pacing.
+        stage_always_ends: Whether a bare acknowledgement ends with a line feed.
+        maestro_baud: Of the ring's terminal; 0 for no pacing (USB).
+        can_bitrate: Of the sensor's bus; 0 for no pacing.
+        netft_rate_hz: Rate of the UDP records.
+        emg_rate_hz: Rate of Noraxon and LSL.
+        aerotech_port: TCP port; 0 for a free one, as for the next two.
+        can_port: TCP port of socketcand.
+        noraxon_port: TCP port of HTTP.
+    """
+
+    world: WorldSettings = field(default_factory=WorldSettings)
+    maestro: MaestroSettings = field(default_factory=MaestroSettings)
+    stage_serial: bool = False
+    stage_baud: int = 115200
+    stage_always_ends: bool = True
+    maestro_baud: int = 115200
+    can_bitrate: int = 500_000
+    netft_rate_hz: float = 1000.0
+    emg_rate_hz: float = 1500.0
+    aerotech_port: int = 0
+    can_port: int = 0
+    noraxon_port: int = 0

@@ -1,0 +1,185 @@
+"""The rig behind the emulated wires: stage, ring, phantom and muscles, one truth for all devices.
+
+The force follows from the stage's position and the ring by the same mechanics as the simulated rig. Above the
+scanning height the contact fades with indentation to the power 1.5 (Hertz, sphere on a half space) and ends
+where the ball leaves the surface; at the ends of the solved stretch it stays as it is. While the ring moves,
+the contact is that of the place it goes to: on a rig that palpates, the probe is raised then.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palp_core.devices.emulator.axis import Axis, AxisSettings
+from palp_core.devices.sim.emg import SimEmg
+from palp_core.devices.sim.ring import RingState, SimRing
+from palp_core.errors import DeviceError
+from palp_core.mechanics import ContactModel, Probe, contact_model, solve
+from palp_core.mechanics.phantom_file import load_phantoms
+from palp_core.units import Float64Array
+
+__all__ = ["World", "WorldSettings"]
+
+_STEP_M = 50e-6
+_EQUAL = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
+
+
+@dataclass(frozen=True)
+class WorldSettings:
+    """What the emulated rig is made of.
+
+    Attributes:
+        seed: Of every random number.
+        phantoms: File of phantoms by code; empty for the paper's three.
+        code: The phantom that is mounted first.
+        height_offset_m: How much higher than nominal it is mounted.
+        indentation_m: Indentation at scanning height (assumed, as in the simulated rig).
+        from_m: Lower end of the solved stretch.
+        to_m: Upper end.
+        y_axis: The axis along the sweep.
+        z_axis: The axis that lifts the probe.
+        ring_zero_m: Extension of the actuator at ring position 0.
+        repeatability_m: Of the actuator's landing (data sheet).
+        torque_noise_sd_n_m: Noise of each torque (assumed: one step of the sensor's resolution).
+        force_noise_sd_n: Noise of each force (assumed: one step of the sensor's resolution).
+    """
+
+    seed: int = 1
+    phantoms: str = ""
+    code: str = "A"
+    height_offset_m: float = 0.0
+    indentation_m: float = 0.004
+    from_m: float = -0.032
+    to_m: float = 0.052
+    y_axis: AxisSettings = field(default_factory=AxisSettings)
+    z_axis: AxisSettings = field(default_factory=lambda: AxisSettings(soft_low_m=-0.001))
+    ring_zero_m: float = 0.001
+    repeatability_m: float = 0.3e-3
+    torque_noise_sd_n_m: float = 1e-3 / 64
+    force_noise_sd_n: float = 1.0 / 320
+
+
+class World:
+    """The state of the emulated rig. Used by one thread; a second one solves sweeps ahead of need."""
+
+    def __init__(self, settings: WorldSettings) -> None:
+        self.settings = settings
+        self.axes = {"y": Axis(settings.y_axis), "z": Axis(settings.z_axis)}
+        self.ring = SimRing(
+            speed_m_per_s=5e-3, zero_m=0.0, repeatability_m=settings.repeatability_m, settle_s=0.0
+        )
+        self.ring_state = RingState()
+        self.ring_stalled = False
+        self.saturated_gauges: tuple[int, ...] = ()
+        self.sensor_status = 0
+        self._rng = np.random.default_rng(settings.seed)
+        self._noise_rng = np.random.default_rng((settings.seed, 1))
+        self.emg = SimEmg(matrix=_EQUAL)
+        self._probe = Probe()
+        self._phantoms = load_phantoms(settings.phantoms)
+        self._solver = ThreadPoolExecutor(1, thread_name_prefix="palp-emulator-mechanics")
+        self.ring.open(0, self.ring_state, self._rng)
+        self.mount(settings.code, settings.height_offset_m)
+
+    def mount(self, code: str, height_offset_m: float) -> None:
+        """Put a phantom under the probe.
+
+        Raises:
+            DeviceError: There is none of that code.
+        """
+        if code not in self._phantoms:
+            raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(self._phantoms))}")
+        self._indentation_m = self.settings.indentation_m + height_offset_m
+        self._model, _ = contact_model(
+            self._phantoms[code], self._probe.tip_radius_m, indentation_m=self.settings.indentation_m
+        )
+        self._solve()
+
+    def extend(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
+        """Send the actuator to an extension; the true landing error is drawn here."""
+        if self.ring_stalled:
+            return
+        ring = SimRing(
+            speed_m_per_s=speed_m_per_s,
+            zero_m=0.0,
+            repeatability_m=self.settings.repeatability_m,
+            settle_s=0.0,
+        )
+        self.ring = ring
+        ring.command(min(max(extension_m, 0.0), ring.stroke_m), now_ns, self.ring_state, self._rng)
+        self._solve()
+
+    def stall(self, now_ns: int) -> None:
+        """Block the actuator where it is."""
+        self.ring.stop(now_ns, self.ring_state)
+        self.ring_stalled = True
+        self._solve()
+
+    def extension_m(self, now_ns: int) -> float:
+        """Return where the rod is by its own potentiometer."""
+        state = self.ring_state
+        if now_ns >= state.settled_ns:
+            return state.nominal_m[-1]
+        return float(np.interp((now_ns - state.start_ns) * 1e-9, state.after_s, state.nominal_m))
+
+    def true_ring_m(self, now_ns: int) -> float:
+        """Return where the ring is in truth."""
+        return self.ring.true_position_m(now_ns, self.ring_state) - self.settings.ring_zero_m
+
+    def true_wrench(self, now_ns: int) -> Float64Array:
+        """Return forces in N and torques in N m about x, y, z at the sensor, shape (6,)."""
+        wrench = np.zeros(6)
+        share = 1.0 - self.axes["z"].position_m(now_ns) / self._indentation_m
+        if share > 0.0:
+            contact = self._contact.result()
+            place = (self.axes["y"].position_m(now_ns) - self.settings.from_m) / _STEP_M
+            place = min(max(place, 0.0), len(contact) - 1.001)
+            below, part = int(place), place % 1.0
+            wrench[1:4] = contact[below] * (1.0 - part) + contact[below + 1] * part
+            wrench *= min(share, 1.0) ** 1.5
+        return wrench
+
+    def truth(self, now_ns: int) -> dict[str, float]:
+        """Return where everything is and the true torque, by name."""
+        return {
+            "y_m": self.axes["y"].position_m(now_ns),
+            "z_m": self.axes["z"].position_m(now_ns),
+            "ring_m": self.true_ring_m(now_ns),
+            "torque_n_m": float(self.true_wrench(now_ns)[3]),
+        }
+
+    def wrench(self, now_ns: int) -> Float64Array:
+        """Return what the sensor feels, with its noise, shape (6,)."""
+        settings = self.settings
+        noise = self._noise_rng.standard_normal(6)
+        noise[:3] *= settings.force_noise_sd_n
+        noise[3:] *= settings.torque_noise_sd_n_m
+        return self.true_wrench(now_ns) + noise
+
+    def close(self) -> None:
+        """End the solver's thread."""
+        self._solver.shutdown(wait=True, cancel_futures=True)
+
+    def _solve(self) -> None:
+        ring_m = max(0.0, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
+        arguments = (self._model, self._probe, ring_m, self._indentation_m)
+        self._contact: Future[Float64Array] = self._solver.submit(
+            _contact, *arguments, self.settings.from_m, self.settings.to_m
+        )
+
+
+def _contact(
+    model: ContactModel, probe: Probe, ring_m: float, indentation_m: float, from_m: float, to_m: float
+) -> Float64Array:
+    """Return lateral and normal force and torque at every step of the stretch, shape (n, 3).
+
+    A straight line over 50 um misses a curve of the nodule's width by a few nN m.
+    """
+    table = solve(model, probe, ring_m, indentation_m, from_m, to_m)
+    stage_m = np.clip(
+        from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), table.low_m, table.high_m
+    )
+    return np.column_stack([table.lateral_n(stage_m), table.normal_n(stage_m), table.torque_n_m(stage_m)])

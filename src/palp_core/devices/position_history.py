@@ -1,0 +1,54 @@
+"""Where two axes were at the polls, and from that where they were in between."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from palp_core.devices.protocols import Int64Array
+from palp_core.errors import DeviceTimeout
+from palp_core.units import Float64Array
+
+__all__ = ["PositionHistory"]
+
+_LENGTH = 4096
+
+
+class PositionHistory:
+    """The last polls of two positions, written by one thread and read by another."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[int, float, float]] = deque(maxlen=_LENGTH)
+
+    def append(self, stamp_ns: int, first: float, second: float) -> None:
+        """Add a poll."""
+        self._rows.append((stamp_ns, first, second))
+
+    @property
+    def last(self) -> tuple[float, float]:
+        """The latest positions."""
+        _, first, second = self._rows[-1]
+        return first, second
+
+    def at(self, times_ns: Int64Array, beyond_s: float, *, moving: bool) -> tuple[Float64Array, Float64Array]:
+        """Return both positions at times: straight between polls, past the last by its speed if it moves.
+
+        Raises:
+            DeviceTimeout: A time is more than ``beyond_s`` past the last poll.
+        """
+        rows = list(self._rows)
+        stamps = np.array([row[0] for row in rows], dtype=np.int64)
+        late_ns = int(times_ns[-1] - stamps[-1]) if len(times_ns) else 0
+        if late_ns > beyond_s * 1e9:
+            raise DeviceTimeout(f"stage: the last position is {late_ns * 1e-6:.0f} ms old; see its health")
+        since_s, after_s = (stamps - stamps[-1]) * 1e-9, (times_ns - stamps[-1]) * 1e-9
+        result = []
+        for column in (1, 2):
+            values = np.array([row[column] for row in rows])
+            speed = 0.0
+            if moving and len(rows) > 1 and since_s[-2] < 0.0:
+                speed = float((values[-1] - values[-2]) / -since_s[-2])
+            between = np.interp(after_s, since_s, values)
+            result.append(np.where(after_s > 0.0, values[-1] + speed * after_s, between))
+        return result[0], result[1]

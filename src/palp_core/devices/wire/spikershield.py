@@ -1,0 +1,57 @@
+"""Backyard Brains' SpikerShield: frames of 10-bit samples that mark their first byte."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from palp_core.units import Float64Array
+
+__all__ = ["BAUD", "Decoder", "configuration"]
+
+BAUD = 230400
+_ESCAPE = re.compile(rb"\xff\xff\x01\x01\x80\xff.*?\xff\xff\x01\x01\x81\xff", re.DOTALL)
+_ESCAPE_BEGIN = b"\xff\xff\x01\x01\x80\xff"
+
+
+def configuration(total_rate_hz: int, channel_count: int) -> bytes:
+    """Return the command that sets the sum of the channels' rates, and their number."""
+    return f"conf s:{total_rate_hz};c:{channel_count};\n".encode("ascii")
+
+
+class Decoder:
+    """Turn bytes into samples; what is no frame is dropped and counted.
+
+    A frame is two bytes per channel, v >> 7 and v & 0x7F; the very first has bit 7 set, all others not.
+    """
+
+    def __init__(self, channel_count: int) -> None:
+        self._frame = 2 * channel_count
+        self._rest = b""
+        self.dropped_count = 0
+
+    def feed(self, data: bytes) -> tuple[Float64Array, bool]:
+        """Return the samples that are complete now, shape (n, channels), and whether bytes were dropped."""
+        text = _ESCAPE.sub(b"", self._rest + data)
+        held = text.find(_ESCAPE_BEGIN)
+        text, self._rest = (text, b"") if held < 0 else (text[:held], text[held:])
+        array = np.frombuffer(text, dtype=np.uint8)
+        starts = np.flatnonzero(array & 0x80)
+        ends = np.append(starts[1:], len(array))
+        whole = ends - starts >= self._frame
+        good = starts[whole]
+        kept = len(good) * self._frame
+        tail = 0
+        if held < 0 and len(starts) and not whole[-1]:
+            tail = len(array) - int(starts[-1])
+            self._rest = text[len(text) - tail :]
+        dropped = len(array) - kept - tail
+        self.dropped_count += dropped
+        frames = (
+            array[good[:, None] + np.arange(self._frame)]
+            if len(good)
+            else np.empty((0, self._frame), np.uint8)
+        )
+        values = (frames[:, 0::2].astype(np.float64) % 128.0) * 128.0 + frames[:, 1::2]
+        return values, dropped > 0

@@ -1,0 +1,113 @@
+"""Limits that hold before anything is sent."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.devices.aerotech import AerotechStage, AerotechState
+from palp_core.devices.aerotech_stop import AerotechStop
+from palp_core.devices.limits import DutyCycle, Level, TravelLimits, WrenchLimits
+from palp_core.devices.maestro import MaestroRing, MaestroState
+from palp_core.devices.unverified import UnverifiedWarning
+from palp_core.errors import DeviceError
+
+RNG = np.random.default_rng(0)
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
+
+
+@settings(deadline=None)
+@given(from_m=numbers, to_m=numbers, speed=numbers)
+def test_no_move_that_is_let_through_leaves_the_window(from_m: float, to_m: float, speed: float) -> None:
+    limits = TravelLimits(y_m=(-0.03, 0.05))
+    try:
+        limits.check("y", from_m, to_m, speed)
+    except DeviceError:
+        return
+    assert -0.0301 < from_m < 0.0501
+    assert -0.03 <= to_m <= 0.05
+    assert 0.0 < speed <= 0.050
+
+
+@settings(deadline=None)
+@given(torque=st.lists(numbers, max_size=6), force=st.lists(numbers, max_size=6))
+def test_a_load_over_a_limit_or_no_number_stops(torque: list[float], force: list[float]) -> None:
+    level = WrenchLimits().level(np.array(torque), np.array(force))
+    worst = [abs(t) >= 0.100 or t != t for t in torque] + [abs(f) >= 10.0 or f != f for f in force]
+    assert (level is Level.STOP) == any(worst)
+
+
+def test_a_load_between_the_limits_warns() -> None:
+    assert WrenchLimits().level(np.array([0.09]), np.zeros(0)) is Level.WARN
+    assert WrenchLimits().level(np.array([-0.02]), np.array([1.0])) is Level.FINE
+
+
+@settings(deadline=None, max_examples=60)
+@given(runs=st.lists(st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 5.0)), max_size=12))
+def test_no_window_holds_more_running_than_the_share(runs: list[tuple[float, float]]) -> None:
+    share, window_s = 0.2, 60.0
+    duty, done, now_ns = DutyCycle(share, window_s), [], 0
+    for pause_s, run_s in runs:
+        now_ns += round(pause_s * 1e9)
+        run_ns = round(run_s * 1e9)
+        start_ns = duty.start_ns(now_ns, run_ns)
+        assert start_ns >= now_ns
+        duty.ran(start_ns, start_ns + run_ns)
+        done.append((start_ns, start_ns + run_ns))
+        now_ns = start_ns + run_ns
+    for _, end_ns in done:
+        begin_ns = end_ns - round(window_s * 1e9)
+        used_ns = sum(max(0, min(end, end_ns) - max(start, begin_ns)) for start, end in done)
+        assert used_ns <= share * window_s * 1e9 + 1
+
+
+def test_a_run_longer_than_the_whole_budget_is_refused() -> None:
+    with pytest.raises(DeviceError, match="run_ns"):
+        DutyCycle(0.2, 10.0).start_ns(0, 3_000_000_000)
+
+
+def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any) -> None:
+    rig = quick_rig("maestro")
+    ring = MaestroRing(**rig.options["maestro"], duty=0.2, duty_window_s=5.0)
+    state = MaestroState()
+    ring.open(time.monotonic_ns(), state, RNG)
+    now_ns = time.monotonic_ns()
+    settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
+    assert settled_ns > now_ns + 3_000_000_000
+    assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 3_000_000_000  # takes its place
+    ring.close()
+
+
+def test_what_nobody_verified_is_said_aloud_once_each() -> None:
+    stage = AerotechStage("socket://127.0.0.1:1", verified=("baud", "axes", "origin_m", "sign"))
+    with pytest.warns(UnverifiedWarning, match="limits is not verified"), pytest.raises(DeviceError):
+        stage.open(0, AerotechState(), RNG)
+    with pytest.raises(DeviceError, match="what can be verified: axes, baud"):
+        AerotechStage("socket://127.0.0.1:1", verified=("bauds",)).open(0, AerotechState(), RNG)
+
+
+def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(quick_rig: Any, wait: Any) -> None:
+    rig = quick_rig("aerotech")
+    stage, state = AerotechStage(**rig.options["aerotech"], lift_m=0.002), AerotechState()
+    stage.open(time.monotonic_ns(), state, RNG)
+    stop = AerotechStop(rig.addresses["aerotech"])
+    stage.return_to(-0.05, time.monotonic_ns(), state)
+    wait.until(lambda: rig.on_world(lambda world, t: world.truth(t))["y_m"] < -0.002)
+    times = stop.trip()
+    assert times.written_ns <= times.resting_ns <= times.disabled_ns
+    assert not any(report.enabled or report.moving for report in stop.poll())
+    at_m = rig.on_world(lambda world, t: world.truth(t))["y_m"]
+    wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
+    with pytest.raises(DeviceError, match="disabled"):
+        stage.return_to(0.0, time.monotonic_ns(), state)
+    assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == at_m
+    stage.acknowledge(time.monotonic_ns(), state)
+    wait.until(lambda: stage.health(time.monotonic_ns()).ok and not stage.moving)
+    stage.return_to(0.0, time.monotonic_ns(), state)
+    stop.close()
+    stage.close()
