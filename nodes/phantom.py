@@ -9,11 +9,8 @@ from msgs.torque import Contact
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.sim.mount import MountVariation
 from palp_core.mechanics.contact.model import ContactModel
-from palp_core.mechanics.phantom_file import load_phantoms
-from palp_core.mechanics.probe import Probe
-from palp_core.mechanics.scene import contact_model
+from palp_core.mechanics.scene_rig import rig
 from palp_core.mechanics.sweep_table import SweepTable, solve
-from palp_core.methods import Choice
 from palp_core.units import Metres, Millimetres, Probability, Ratio
 
 MARGIN_M = 0.002
@@ -23,12 +20,14 @@ class PhantomParams(Params):
     """Set in the launch file.
 
     ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``output`` and
-    ``tolerance`` choose the contact rung. ``height_sd_mm`` is the spread of the surface's height over
-    remounts (assumed: set down by hand against a stop). Friction, tip mass and indentation are assumed, as
-    the paper gives none.
+    ``tolerance`` choose the contact rung. ``scene`` is a scene file: where given, gel, probe, indentation and
+    tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
+    the surface's height over remounts (assumed: set down by hand against a stop). Friction, tip mass and
+    indentation are assumed, as the paper gives none.
     """
 
     phantoms: str = ""
+    scene: str = ""
     output: str = "peak"
     tolerance: Probability = 0.02
     from_m: Metres = -0.03
@@ -62,30 +61,29 @@ class Phantom(Node):
 
     def on_configure(self) -> None:
         params = self.params
-        self.phantoms = load_phantoms(params.phantoms)
-        self.probe = Probe(friction=params.friction, tip_mass_kg=params.tip_mass_kg)
-        self.models: dict[str, tuple[ContactModel, Choice]] = {
-            code: contact_model(
-                phantom,
-                self.probe.tip_radius_m,
-                params.output,
-                params.tolerance,
-                indentation_m=params.indentation_mm * 1e-3,
-            )
-            for code, phantom in self.phantoms.items()
-        }
+        self.rig = rig(
+            phantoms=params.phantoms,
+            scene=params.scene,
+            output=params.output,
+            tolerance=params.tolerance,
+            indentation_m=params.indentation_mm * 1e-3,
+            friction=params.friction,
+            tip_mass_kg=params.tip_mass_kg,
+        )
+        self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
         self.table: SweepTable | None = None
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
-        if mount.code not in self.phantoms:
-            raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(self.phantoms))}")
+        phantoms = self.rig.phantoms
+        if mount.code not in phantoms:
+            raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(phantoms))}")
         variation = MountVariation(height_sd_m=self.params.height_sd_mm * 1e-3)
         state = self.state
         state.code, state.remount = mount.code, mount.remount
         state.height_offset_m = variation.draw(self.rng).height_m
         self.table = None
-        bead, choice = self.phantoms[mount.code].bead, self.models[mount.code][1]
+        bead, choice = phantoms[mount.code].bead, self.rig.choices[mount.code]
         self.truth.publish(
             PhantomTruth(
                 stamp_ns=self.now_ns(),
@@ -94,7 +92,7 @@ class Phantom(Node):
                 depth_m=bead.depth_m if bead is not None else 0.0,
                 height_offset_m=state.height_offset_m,
                 rung=choice.method.name,
-                bound=choice.bound,
+                bound=choice.bound or 0.0,
             )
         )
 
@@ -123,10 +121,10 @@ class Phantom(Node):
         if not state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
         return solve(
-            self.models[state.code][0],
-            self.probe,
+            self.models[state.code],
+            self.rig.probe,
             state.ring_m,
-            params.indentation_mm * 1e-3 + state.height_offset_m,
+            self.rig.indentation_m + state.height_offset_m,
             params.from_m - MARGIN_M,
             params.to_m + MARGIN_M,
         )

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from palp_core.runtime.bench import Bench
-    from palp_core.runtime.builtin import Progress
+    from palp_core.runtime.builtin import NodeEvent, Progress
+    from palp_core.runtime.events import QosEvent
     from palp_core.runtime.message import Message
-    from palp_core.runtime.node import Node, Params, State
-    from palp_core.runtime.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
+    from palp_core.runtime.node import Node, Params, ReadOnly, State
+    from palp_core.runtime.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, on_event, serve
     from palp_core.runtime.qos import Qos
 
 __version__ = "0.1.0"
@@ -25,16 +26,20 @@ __all__ = [
     "Client",
     "Message",
     "Node",
+    "NodeEvent",
     "Params",
     "Progress",
     "Pub",
     "Qos",
+    "QosEvent",
+    "ReadOnly",
     "Srv",
     "State",
     "Sub",
     "Timer",
     "every",
     "on",
+    "on_event",
     "serve",
 ]
 
@@ -43,9 +48,12 @@ _HOME = {
     "Progress": "builtin",
     "Message": "message",
     "Node": "node",
+    "NodeEvent": "builtin",
     "Params": "node",
+    "ReadOnly": "node",
     "State": "node",
     "Qos": "qos",
+    "QosEvent": "events",
 }
 
 

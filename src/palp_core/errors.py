@@ -6,6 +6,7 @@
     ├── GraphError            a launch file, an edge or an argument is wrong; a node failed to start
     ├── SchemaMismatch        two ends of an edge disagree about a message type; bytes are not the type they
     claim ├── LifecycleError        a transition that the node's state does not allow
+    ├── SecurityError         a key is missing, exposed to others or not accepted
     ├── NodeError             a node's handler raised, or its process ended
     ├── MethodError           no declared method meets a tolerance in a scene
     ├── MechanicsError        the mechanics have no valid answer here
@@ -38,6 +39,10 @@ class SchemaMismatch(PalpError):
 
 class LifecycleError(PalpError):
     """A lifecycle transition that is not allowed from the present state."""
+
+
+class SecurityError(PalpError):
+    """A key is missing, exposed to others, malformed or not accepted by the other end."""
 
 
 class NodeError(PalpError):

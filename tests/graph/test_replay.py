@@ -41,14 +41,14 @@ def test_a_changed_node_is_caught_at_its_first_different_output(palp: Palp, chai
     relay = launch.parents[1] / "nodes" / "relay.py"
     same = palp.run("bag", "replay", bag, "--nodes", "source,relay", "--launch", launch)
     assert same.returncode == 0, same.stdout + same.stderr
-    assert "relay: 300 outputs equal to the recorded ones, byte for byte" in same.stdout
+    assert "relay: 301 outputs equal to the recorded ones, byte for byte" in same.stdout
     text = relay.read_text()
     assert "self.params.gain," in text
     relay.write_text(text.replace("self.params.gain,", "self.params.gain + (sample.index == 123),"))
     changed = palp.run("bag", "replay", bag, "--nodes", "relay", "--launch", launch, "--json")
     assert changed.returncode == 1
     (node,) = json.loads(changed.stdout)
-    assert node["compared"] == 123
+    assert node["compared"] == 124
     assert node["divergence"]["topic"] == "/relay/amplified"
     assert node["divergence"]["sequence"] == 124
     assert node["divergence"]["what"].startswith("torque_n_m: recorded")

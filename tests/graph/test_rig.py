@@ -76,16 +76,16 @@ def test_a_label_never_leaves_the_experiment_in_estimation(palp: Palp, tmp_path:
     assert readers == {"phantom", "experiment"}
 
 
-def test_contrast_over_a_deep_bead_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
+def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
     target = ROOT / "launch" / "contrast_for_a_test.yaml"
     text = SIM.read_text()
-    assert "output: peak, tolerance: 0.02" in text
-    target.write_text(text.replace("output: peak, tolerance: 0.02", "output: contrast, tolerance: 0.1"))
+    assert "output: peak\n      tolerance: 0.02" in text
+    wanted = "output: contrast\n      tolerance: 0.001"
+    target.write_text(text.replace("output: peak\n      tolerance: 0.02", wanted))
     try:
         done = palp.run("launch", target, f"out:={tmp_path / 'out'}", "trials:=1", "--compose")
     finally:
         target.unlink()
     assert done.returncode == 1
-    said = "phantom: on_configure failed: no contact method gives 'contrast' within 10.0%"
+    said = "phantom: on_configure failed: no contact method gives 'contrast' within 0.1%"
     assert done.stderr.startswith(said)
-    assert "l4 would be the next finer one" in done.stderr

@@ -312,7 +312,7 @@ def test_rehoming_does_not_count_as_a_ring_command() -> None:
 def test_a_changed_stop_rule_holds_from_the_next_probe_on() -> None:
     bench = trained()
     assert probe(bench, MEAN_N_M[0.002][0.016]).verdict == "continue"
-    bench.executor.set_parameters({"stop": "posterior_threshold"})
+    bench.set_parameters(stop="posterior_threshold")
     assert probe(bench, MEAN_N_M[0.002][0.016], 2).verdict == "decided"
 
 

@@ -58,7 +58,7 @@ def test_it_keeps_the_ring_where_it_was_told() -> None:
 def test_a_changed_ring_position_holds_from_the_next_trial_on() -> None:
     bench = Bench(Fixed)
     bench.feed(Policy.trial, trial(0))
-    bench.executor.set_parameters({"ring_mm": 4.0})
+    bench.set_parameters(ring_mm=4.0)
     bench.feed(Policy.belief, belief(0, 1))
     bench.feed(Policy.trial, trial(1))
     assert rings_m(bench) == [0.016, 0.016, 0.004]

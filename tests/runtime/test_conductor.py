@@ -167,6 +167,9 @@ class Split:
             replies[index] = part.work({local: rounds[index]})[local]
         return replies
 
+    def knocks(self) -> set[int]:
+        return set()
+
     def shutdown(self, index: int, now_ns: int) -> Done:
         part, local = self._home[index]
         return part.shutdown(local, now_ns)

@@ -12,6 +12,7 @@ import pytest
 
 from palp_core.errors import GraphError, LifecycleError, NodeError
 from palp_core.runtime.clock import SimClock
+from palp_core.runtime.commands import set_parameters
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.lifecycle import Lifecycle, Transition
 from palp_core.runtime.message import Message, decode, encode
@@ -138,20 +139,20 @@ def test_time_stands_still_within_a_handler() -> None:
 def test_parameters_are_replaced_as_a_whole_or_not_at_all() -> None:
     drive = Drive(Everything, **WIRED)
     before = drive.node.params
-    drive.executor.set_parameters({"name": "y", "a_hz": 20.0})
+    set_parameters(drive.executor, {"name": "y", "a_hz": 20.0})
     assert drive.node.params == Rates(name="y", a_hz=20.0)
     assert before == Rates()
     assert drive.executor.next_due_ns() == 50_000_000
     for bad in ({"name": 3}, {"nam": "z"}, {"name": "z", "a_hz": -1.0}, {"name": "z", "a_hz": 0.0}):
         with pytest.raises(GraphError, match="n: parameters"):
-            drive.executor.set_parameters(bad)
+            set_parameters(drive.executor, bad)
         assert drive.node.params == Rates(name="y", a_hz=20.0)
 
 
 def test_changing_one_parameter_at_the_instant_of_a_tick_does_not_swallow_it() -> None:
     drive = Drive(Everything, **WIRED)
     drive.clock.set(100_000_000)
-    drive.executor.set_parameters({"name": "y"})
+    set_parameters(drive.executor, {"name": "y"})
     drive.executor.run_timers()
     assert drive.node.state.log == ["first"]
 
@@ -189,7 +190,7 @@ def test_bad_frames_are_counted_and_logged_but_harm_nothing(caplog: pytest.LogCa
     with caplog.at_level(logging.WARNING):
         for frame in bad:
             drive.executor.consume(frame)
-    assert drive.executor.rejected_count == len(bad)
+    assert drive.executor.events.rejected_count == len(bad)
     assert drive.node.state.log == []
     assert len(caplog.records) == 4
     drive.consume("/p/word", Word(n=5))
@@ -347,7 +348,7 @@ def test_an_input_that_is_not_wired_is_no_input() -> None:
     drive = Drive(Everything)
     assert drive.executor.counters == {}
     drive.consume("/p/word", Word(n=1))
-    assert drive.executor.rejected_count == 1
+    assert drive.executor.events.rejected_count == 1
 
 
 def test_only_the_declared_type_can_be_published() -> None:
@@ -407,7 +408,8 @@ def test_messages_wait_in_the_inbox_of_a_node_that_is_not_active() -> None:
     drive.consume("/p/word", Word(n=2), 2)
     drive.executor.transition(Transition.CONFIGURE)
     drive.executor.transition(Transition.ACTIVATE)
-    drive.executor.drain()
+    while drive.executor.inbox:
+        drive.executor.consume(drive.executor.inbox.popleft())
     assert drive.node.state.log == ["word 1 of x", "word 2 of x"]
     with pytest.raises(LifecycleError):
         drive.executor.transition(Transition.CONFIGURE)

@@ -16,6 +16,7 @@ from palp_core.errors import LifecycleError, SchemaMismatch
 from palp_core.runtime.bench import Bench
 from palp_core.runtime.builtin import Order
 from palp_core.runtime.clock import SimClock
+from palp_core.runtime.commands import set_parameters
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.handover import HandOver, Predecessor, adopt_state
 from palp_core.runtime.lifecycle import Transition
@@ -166,7 +167,8 @@ class Run:
         self.executor = self.fresh()
         hand_over = decode_any(HandOver, data)
         self.executor.take_over(hand_over)
-        self.executor.drain()
+        while self.executor.inbox:
+            self.executor.consume(self.executor.inbox.popleft())
         return hand_over
 
     def frame(self, topic: str, n: int) -> bytes:
@@ -195,12 +197,12 @@ class Run:
         what, n, ms = step
         self.wait(ms)
         if what == "params":
-            self.executor.set_parameters({"pause_s": 0.001 * n})
+            set_parameters(self.executor, {"pause_s": 0.001 * n})
         elif what != "wait":
             self.executor.consume(self.frame(what, n))
 
     def outputs(self) -> list[bytes]:
-        return [frame for frame in self.frames if parse(frame).topic != "/busy/_order"]
+        return [frame for frame in self.frames if parse(frame).topic not in ("/busy/_order", "/busy/_events")]
 
 
 def _straight(script: list[Step]) -> Run:
@@ -219,11 +221,11 @@ def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Ste
     for index, step in enumerate(script):
         if index in swaps:
             run.swap()
-            run.executor.set_parameters({"pause_s": pause_s})
+            set_parameters(run.executor, {"pause_s": pause_s})
         run.step(step)
         pause_s = run.executor.node.params.pause_s  # type: ignore[attr-defined]
     run.swap()
-    run.executor.set_parameters({"pause_s": pause_s})
+    set_parameters(run.executor, {"pause_s": pause_s})
     run.wait(500)
     straight = _straight(script)
     assert run.outputs() == straight.outputs()
@@ -260,16 +262,16 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
         for source, sequence, now_ns in zip(order.source, order.sequence, order.now_ns, strict=True):
             name = order.sources[source]
             clock.set(now_ns)
-            if name == "activate":
-                executor.transition(Transition.ACTIVATE)
+            if name in list(Transition):
+                executor.transition(Transition(name))
             elif name == "parameters":
-                executor.set_parameters(json.loads(order.changes[sequence]))
+                set_parameters(executor, json.loads(order.changes[sequence]))
             elif name.startswith("timer:"):
                 assert executor.ring(name.removeprefix("timer:")) == sequence
             else:
                 topic = topics.get(name) or name.removeprefix("call:sum_up")
                 executor.consume(fed[topic, sequence])
-    return [frame for frame in frames if parse(frame).topic != "/busy/_order"]
+    return [frame for frame in frames if parse(frame).topic not in ("/busy/_order", "/busy/_events")]
 
 
 @settings(deadline=None, max_examples=100)

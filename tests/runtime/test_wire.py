@@ -37,7 +37,7 @@ def test_a_parsed_frame_is_what_was_packed(
     topic: str, kind: Kind, epoch: int, sequence: int, stamp_ns: int, type_hash: int, payload: bytes
 ) -> None:
     data = pack(topic.encode(), kind, epoch, sequence, stamp_ns, type_hash, payload)
-    assert tuple(parse(data)) == (topic, kind, epoch, sequence, stamp_ns, type_hash, payload)
+    assert tuple(parse(data)) == (topic, kind, epoch, sequence, stamp_ns, type_hash, payload, ())
     assert topic_of(data) == topic.encode()
     assert sequence_of(data, len(topic)) == sequence
     assert len(data) == len(topic) + 1 + HEADER_BYTES + len(payload)

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.launch import print_text
+from palp_core.cli.output import print_text
+from palp_core.cli.replay import replay
 
 if TYPE_CHECKING:
     from palp_core.bag.info import BagInfo
 
 __all__ = ["app"]
 
-app = typer.Typer(help="Recordings.", no_args_is_help=True)
+app = typer.Typer(help="Recordings.", no_args_is_help=True, rich_markup_mode=None)
+app.command("replay")(replay)
 
 
 class Form(StrEnum):

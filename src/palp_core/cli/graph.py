@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.launch import print_text
+from palp_core.cli.output import print_text
 
 __all__ = ["graph"]
 
@@ -20,7 +20,7 @@ def graph(
     *,
     png: Annotated[Path | None, typer.Option("--png", "-o", help="Draw to this PNG file.")] = None,
 ) -> None:
-    """Print a launch file's graph as mermaid text, and draw it as a picture."""
+    """Print a launch file's graph as mermaid text; --png draws it."""
     from palp_core.launch.graph import check_file
     from palp_core.launch.picture import draw_png, mermaid
 

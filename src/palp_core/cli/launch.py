@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
 
 if TYPE_CHECKING:
+    from palp_core.launch.checked import CheckedGraph
     from palp_core.launch.conductor import Observer
+    from palp_core.launch.recording import RunRecorder
 
 __all__ = ["launch"]
 
@@ -32,6 +35,9 @@ def launch(
         Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag (simulated time).")
     ] = None,
     digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
+    listen: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
+    ] = None,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
 
@@ -59,20 +65,31 @@ def launch(
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
-    sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record))
+    sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record, listen=listen))
 
 
-def print_text(text: str) -> None:
-    """Write a line to standard output, unwrapped."""
-    sys.stdout.write(text + "\n")
+def _recorder(checked: CheckedGraph, folder: Path) -> RunRecorder:
+    from palp_core.launch.recording import RunRecorder
+
+    return RunRecorder(checked, folder)
 
 
-def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None, record: Path | None) -> int:
+def _run(
+    file: Path,
+    overrides: list[str],
+    *,
+    compose: bool,
+    digest: Path | None,
+    record: Path | None,
+    listen: str | None,
+) -> int:
+    from palp_core.launch.fork_start import start_fork_server
+
+    started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.view import LaunchView
     from palp_core.launch.digest import TopicDigest
     from palp_core.launch.graph import Graph
     from palp_core.launch.interrupt import Interrupted
-    from palp_core.launch.recording import RunRecorder
 
     digests = TopicDigest() if digest is not None else None
     if digest is not None:
@@ -89,8 +106,11 @@ def _run(file: Path, overrides: list[str], *, compose: bool, digest: Path | None
 
     recorded = (True, "")
     try:
-        with Graph(file, compose=compose, observe=observe, overrides=overrides) as graph:
-            recorder = RunRecorder(graph.checked, record) if record is not None else None
+        with Graph(
+            file, compose=compose, observe=observe, overrides=overrides, started=started, listen=listen
+        ) as graph:
+            graph.door.speak(note)
+            recorder = _recorder(graph.checked, record) if record is not None else None
             observers += [recorder] if recorder is not None else []
             view.start(graph.checked)
             try:

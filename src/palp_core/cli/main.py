@@ -1,31 +1,42 @@
-"""``palp``: launch a graph, look at a running one. Heavy imports wait until a verb needs them."""
+"""``palp``: launch a graph, look at a running one. Every import waits until a verb needs it."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-import typer
-
-from palp_core.cli import bag, graph, launch, node, replay, topic
+from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.errors import PalpError
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
-    name="palp",
-    help="Robotic palpation as a graph of processes.",
-    no_args_is_help=True,
+_CLI = "palp_core.cli"
+
+app = lazy_app(
+    "Robotic palpation as a graph of processes.",
+    {
+        "launch": Verb(f"{_CLI}.launch:launch", "Check a launch file, run its graph, end it cleanly."),
+        "run": Verb(f"{_CLI}.run:run", "Run one node on the machine's clock, or add it to a graph."),
+        "graph": Verb(f"{_CLI}.graph:graph", "Print a launch file's graph as mermaid text; --png draws it."),
+        "topic": Verb(f"{_CLI}.topic:app", "Topics of the running graph."),
+        "node": Verb(f"{_CLI}.node:app", "Nodes of the running graph."),
+        "service": Verb(f"{_CLI}.service:app", "Services of the running graph."),
+        "param": Verb(f"{_CLI}.param:app", "Parameters of running nodes."),
+        "lifecycle": Verb(f"{_CLI}.lifecycle:app", "States of running nodes."),
+        "interface": Verb(f"{_CLI}.interface:app", "Types of messages and services."),
+        "bag": Verb(f"{_CLI}.bag:app", "Recordings."),
+        "scene": Verb(f"{_CLI}.scene:app", "Scenes: which model, why, and what comes out."),
+        "cache": Verb(f"{_CLI}.cache:app", "Set-ups of contact models, kept on disk."),
+        "study": Verb(f"{_CLI}.study:app", "Studies: speed against accuracy, where methods fail."),
+        "emg": Verb(f"{_CLI}.emg:app", "Recorded EMG: co-contraction, bursts, levels, quality."),
+        "logs": Verb(f"{_CLI}.logs:logs", "Show what nodes have printed."),
+        "top": Verb(f"{_CLI}.top:top", "Show live how the nodes of a graph do."),
+        "doctor": Verb(f"{_CLI}.doctor:doctor", "Look for what is wrong with host and graph."),
+        "wtf": Verb(f"{_CLI}.doctor:doctor", "The same as doctor.", hidden=True),
+        "keys": Verb(f"{_CLI}.keys:app", "Keys for graphs that reach beyond this host."),
+    },
     add_completion=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("launch", help="Check a launch file, run its graph, end it cleanly.")(launch.launch)
-app.command("graph", help="Draw a launch file's graph.")(graph.graph)
-app.add_typer(node.app, name="node")
-app.add_typer(topic.app, name="topic")
-bag.app.command("replay")(replay.replay)
-app.add_typer(bag.app, name="bag")
 
 
 def main() -> None:
@@ -35,7 +46,7 @@ def main() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     try:
-        app()
+        app(prog_name="palp")
     except PalpError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)

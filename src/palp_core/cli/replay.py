@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.launch import print_text
+from palp_core.cli.output import print_text
 
 __all__ = ["replay"]
 

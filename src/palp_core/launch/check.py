@@ -11,7 +11,7 @@ from palp_core.launch.describe import DescribeRequest, NodeDescription, PortDesc
 from palp_core.launch.description import Description, GraphNode, InputEntry, Variant
 from palp_core.launch.problems import GraphProblems, Problems, hint, nearest
 from palp_core.launch.reader import read
-from palp_core.runtime.qos import incompatibility
+from palp_core.runtime.qos import incompatibility, on_edge
 from palp_core.runtime.spec import NodeSpec, topic
 
 __all__ = ["CheckedGraph", "DescribeFunction", "GraphProblems", "check", "load", "resolved_yaml"]
@@ -123,6 +123,11 @@ def _source(port: PortDescription, candidates: _Candidates) -> str:
 def _check_wire(
     reader: _Candidate, port: PortDescription, wire: InputEntry, candidates: _Candidates, problems: Problems
 ) -> None:
+    if wire.external:
+        if port.kind == "client":
+            message = f"{reader}: client '{port.name}' cannot be external; name the service that answers it"
+            problems.add(wire.mark, message)
+        return
     if wire.node not in candidates:
         what = f"node '{reader.entry.name}': input '{port.name}'"
         message = f"{what} comes from a node '{wire.node}' that is not there{hint(wire.node, candidates)}"
@@ -212,10 +217,17 @@ def _build(description: Description, candidates: _Candidates) -> CheckedGraph:
         for port in node.ports("pub").values():
             topics[topic(name, port.name)] = _topic_info(name, port, 0)
         for port_name, wire in node.variant.inputs.items():
-            port, source = node.declared.ports[port_name], topic(wire.node, wire.port)
+            port = node.declared.ports[port_name]
+            source = topic(name, port_name) if wire.external else topic(wire.node, wire.port)
             readings[name][port_name] = Reading(
-                topic=source, qos=wire.requested(port.qos), stated=wire.stated
+                topic=source,
+                qos=wire.requested(port.qos),
+                stated=wire.stated,
+                action=wire.action,
+                external=wire.external,
             )
+            if wire.external:
+                topics[source] = _topic_info(name, port, 0)
             if port.kind == "sub":
                 edges.setdefault(source, []).append([name, port_name])
                 continue
@@ -225,7 +237,9 @@ def _build(description: Description, candidates: _Candidates) -> CheckedGraph:
             edges[source + own] = [[name, port_name]]
             topics[own] = _topic_info(name, port, 0)
             topics[source + own] = _topic_info(wire.node, chosen[wire.node].declared.ports[wire.port], 1)
-    nodes = [_spec(node, description.seed, readings[name], requests[name]) for name, node in chosen.items()]
+    nodes = [
+        _spec(node, description.seed, readings[name], requests[name], topics) for name, node in chosen.items()
+    ]
     return CheckedGraph(
         graph=description.graph,
         file=str(description.file.resolve()),
@@ -239,26 +253,27 @@ def _build(description: Description, candidates: _Candidates) -> CheckedGraph:
         topics=topics,
         docs={name: node.declared.doc for name, node in chosen.items()},
         report=description.report.value if description.report else "",
+        listen=description.listen,
     )
 
 
 def _topic_info(node: str, port: PortDescription, index: int) -> TopicInfo:
     kind = port.types[index]
     return TopicInfo(
-        node=node,
-        port=port.name,
-        type=kind.name,
-        type_hash=kind.type_hash,
-        ros_text=kind.ros_text,
-        json_schema=kind.json_schema,
-        qos=port.qos,
-    )
+        node=node, port=port.name, qos=port.qos, type=kind.name, type_hash=kind.type_hash,
+        ros_text=kind.ros_text, json_schema=kind.json_schema,
+    )  # fmt: skip
 
 
 def _spec(
-    node: _Candidate, seed: int, readings: dict[str, Reading], requests: dict[str, list[str]]
+    node: _Candidate,
+    seed: int,
+    readings: dict[str, Reading],
+    requests: dict[str, list[str]],
+    topics: dict[str, TopicInfo],
 ) -> NodeSpec:
     entry = node.entry
+    subs = {name: reading for name, reading in readings.items() if node.declared.ports[name].kind == "sub"}
     defaults = {name: known.default for name, known in node.declared.params.items() if not known.required}
     return NodeSpec(
         name=entry.name,
@@ -272,4 +287,10 @@ def _spec(
         backoff_s=entry.restart.backoff_s,
         shutdown_on_exit=entry.shutdown_on_exit,
         moves=node.declared.moves,
+        qos={port: on_edge(r.qos, topics[r.topic].qos) for port, r in subs.items()},
+        actions={port: reading.action for port, reading in readings.items() if reading.action != "warn"},
+        external=[port for port, reading in readings.items() if reading.external],
+        cpus=list(entry.cpus),
+        realtime_priority=entry.realtime_priority,
+        joined=entry.joined,
     )

@@ -40,11 +40,15 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         topic: What it reads; for a client, the service's topic.
         qos: What it requests.
         stated: The part of ``qos`` that the launch file states.
+        action: What the supervisor does when the edge breaks its promise.
+        external: The messages come from outside the graph, on a topic of the reader's.
     """
 
     topic: str
     qos: Qos = Qos()
     stated: dict[str, Any] = {}
+    action: str = "warn"
+    external: bool = False
 
 
 class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,6 +68,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         topics: What each topic carries, read or not.
         docs: First line of each node class's docstring, by node.
         report: ``module:function`` to run at the end; "" for none.
+        listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
     """
 
     graph: str
@@ -78,6 +83,17 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     topics: dict[str, TopicInfo]
     docs: dict[str, str] = {}
     report: str = ""
+    listen: str = ""
+
+    @property
+    def spawned(self) -> list[NodeSpec]:
+        """The nodes whose processes are the launcher's."""
+        return [spec for spec in self.nodes if not spec.joined]
+
+    @property
+    def expected(self) -> list[NodeSpec]:
+        """The others: those that join from other hosts."""
+        return [spec for spec in self.nodes if spec.joined]
 
 
 def resolved_yaml(graph: CheckedGraph) -> str:
@@ -98,9 +114,17 @@ def resolved_yaml(graph: CheckedGraph) -> str:
             node["restart"] = rule
         if spec.shutdown_on_exit:
             node["on_exit"] = "shutdown"
+        if spec.cpus:
+            node["cpus"] = spec.cpus
+        if spec.joined:
+            node["joined"] = True
+        if spec.realtime_priority:
+            node["realtime_priority"] = spec.realtime_priority
         tree["nodes"][spec.name] = node
     if graph.report:
         tree["report"] = graph.report
+    if graph.listen:
+        tree["listen"] = graph.listen
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )
@@ -109,7 +133,12 @@ def resolved_yaml(graph: CheckedGraph) -> str:
 
 def _wire(reading: Reading) -> Any:
     source = reading.topic.removeprefix("/")
-    return {"from": source, **reading.stated} if reading.stated else source
+    more = dict(reading.stated)
+    if reading.action != "warn":
+        more["on_event"] = reading.action
+    if reading.external:
+        return {"external": True, **more}
+    return {"from": source, **more} if more else source
 
 
 def _show(value: Any) -> str:

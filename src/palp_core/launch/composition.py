@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from palp_core.runtime.birth import load_class
 from palp_core.runtime.clock import SimClock
+from palp_core.runtime.commands import CHANGING, NodeCommands
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.lifecycle import Transition
 from palp_core.runtime.link import Done, Round
-from palp_core.runtime.node_main import describe_running, follow_round
+from palp_core.runtime.lockstep_main import follow_round
 from palp_core.runtime.spec import NodeSpec
 from palp_core.runtime.zmq_bus import Broadcast
 
@@ -44,9 +45,7 @@ class Composition:
             executor.transition(Transition.CONFIGURE)
             if broadcast is not None:
                 broadcast.offer(executor.outlets.values())
-        if broadcast is not None:
-            by_name = {executor.name: executor for executor in self._executors}
-            broadcast.answer("info", lambda request: describe_running(by_name[request["node"]]))
+                broadcast.answer(executor.name, NodeCommands(executor).operations(), CHANGING)
 
     def _send(self, frame: bytes) -> None:
         self._frames.append(frame)
@@ -70,9 +69,17 @@ class Composition:
             self._broadcast.poll()
         replies = {}
         for index, message in rounds.items():
+            self._clock.set(message.now_ns)
+            if self._broadcast is not None and self._broadcast.waiting:
+                self._broadcast.perform(self.names[index])
             follow_round(self._executors[index], self._clock, message)
             replies[index] = self._done(self._executors[index])
         return replies
+
+    def knocks(self) -> set[int]:
+        """Return the nodes for which a command from outside waits."""
+        waiting = self._broadcast.waiting if self._broadcast is not None else ()
+        return {self.names.index(name) for name in waiting}
 
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and end it."""

@@ -38,6 +38,9 @@ class Crew(Protocol):
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let several nodes do their part of a round, in parallel where they can."""
 
+    def knocks(self) -> set[int]:
+        """Return the nodes for which a command from outside waits, since last asked."""
+
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and end it."""
 
@@ -128,6 +131,8 @@ class Conductor:
                     if index not in self._finished:
                         inbox.setdefault(index, []).append((topic, sequence_of(frame, len(topic)), frame))
             active = {i for i, due_ns in self._due.items() if due_ns <= now_ns}.union(inbox)
+            if count == 0:
+                active |= self._crew.knocks()
             if not active:
                 return
             if count == MAX_ROUNDS:

@@ -19,11 +19,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from palp_core.launch.describe_params import ParamDescription, describe_params, param_errors
+from palp_core.launch.describe_params import param_errors
 from palp_core.launch.problems import hint, nearest
 from palp_core.runtime.birth import enter_workspace, load_module
 from palp_core.runtime.message import Message
 from palp_core.runtime.node import Node, declaration_of
+from palp_core.runtime.param_description import ParamDescription, describe_params
 from palp_core.runtime.ports import Client, Port, Pub, Srv, Sub
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.schema import json_schema, ros_text, schema_of

@@ -41,6 +41,9 @@ class InputEntry:
         node: Publishing node.
         port: Its port.
         stated: Quality of service that the launch file asks for, by name.
+        action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
+            ``shutdown``.
+        external: The messages come from outside the graph; then there is no node and no port.
     """
 
     mark: Mark
@@ -48,6 +51,8 @@ class InputEntry:
     node: str
     port: str
     stated: dict[str, Any]
+    action: str = "warn"
+    external: bool = False
 
     def requested(self, declared: Qos) -> Qos:
         """Return what the reader requests: its port's declaration with what the launch file states."""
@@ -96,6 +101,9 @@ class GraphNode:
         restart: When it is started again.
         shutdown_on_exit: Its end ends the run.
         complete: Its description has no mistake of its own.
+        cpus: Cores its process may run on; empty: all.
+        realtime_priority: SCHED_FIFO priority; 0: none.
+        joined: Its process is on another host and joins from there.
     """
 
     name: str
@@ -105,6 +113,9 @@ class GraphNode:
     restart: Restart
     shutdown_on_exit: bool
     complete: bool
+    cpus: tuple[int, ...] = ()
+    realtime_priority: int = 0
+    joined: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,6 +134,7 @@ class Description:
         nodes: Nodes, the included ones first, in the files' order.
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
+        listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
     """
 
     file: Path
@@ -136,6 +148,7 @@ class Description:
     nodes: dict[str, GraphNode]
     report: Located | None
     problems: tuple[Problem, ...]
+    listen: str = ""
 
 
 def find_workspace(path: Path) -> Path:

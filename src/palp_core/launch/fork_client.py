@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import select
 import signal
-import socket
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +13,7 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
+from palp_core.launch.fork_start import ServerProcess, start_fork_server
 from palp_core.launch.interrupt import Interrupt
 from palp_core.runtime.birth import NodeProcess
 from palp_core.runtime.link import Link, LinkClosed
@@ -24,7 +22,6 @@ from palp_core.runtime.message import decode_any
 __all__ = ["ForkServer"]
 
 CLOSE_TIMEOUT_S = 5.0
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class ForkServer:
@@ -32,21 +29,13 @@ class ForkServer:
 
     Args:
         interrupt: Raises when the user wants the end while node classes are looked at.
+        started: Its process, if it was started before.
     """
 
-    def __init__(self, interrupt: Interrupt | None = None) -> None:
+    def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
-        ours, theirs = socket.socketpair()
-        environment = {**os.environ, **ONE_THREAD, "PYTHONHASHSEED": "0", "PYTHONUNBUFFERED": "1"}
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "palp_core.launch.fork_server", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        theirs.close()
-        self._line = Link(ours, msgspec.msgpack.Decoder(News))
+        self._process, line = started or start_fork_server()
+        self._line = Link(line, msgspec.msgpack.Decoder(News))
 
     @property
     def descriptor(self) -> int:
@@ -121,6 +110,10 @@ class ForkServer:
                 described = decode_any(list[NodeDescription], answer.read_bytes())
                 answer.unlink()
                 return described
+
+    def wake(self) -> None:
+        """Let it go on, should it have been stopped: the end needs it."""
+        self._process.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         """End every child and the server; returns when they are gone."""

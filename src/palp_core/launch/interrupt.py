@@ -32,9 +32,14 @@ class Interrupted(BaseException):
 
 
 class Interrupt:
-    """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable."""
+    """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
+
+    Attributes:
+        insisted: The user has asked a second time.
+    """
 
     def __init__(self) -> None:
+        self.insisted = False
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
@@ -65,10 +70,15 @@ class Interrupt:
         insisted = self._received is not None and monotonic_ns() - self._received_ns > INSIST_NS
         if self._received is None:
             self._received, self._received_ns = signal.Signals(number), monotonic_ns()
+        self.insisted = self.insisted or insisted
         with contextlib.suppress(BlockingIOError):
             os.write(self._write, b"!")
         if insisted and not self._raised:
             self.check()
+
+    def request(self) -> None:
+        """Ask for the end as Ctrl-C does."""
+        self._note(signal.SIGINT, None)
 
     def check(self) -> None:
         """Raise :class:`Interrupted` if a signal has come."""

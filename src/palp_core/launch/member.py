@@ -2,69 +2,82 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from pathlib import Path
 
 import msgspec
 
+from palp_core.launch.logs import note, tail
 from palp_core.runtime.spec import NodeSpec
 
-__all__ = ["Member", "how_it_ended"]
+__all__ = ["FORGIVE_NS", "Member", "how_it_ended"]
 
-LOG_LINES = 12
-LOG_TAIL_BYTES = 1 << 16
+LOG_LINES = 20
+FORGIVE_NS = 30_000_000_000
+"""Work without failure after which earlier restarts count no more (assumed: no crash loop takes so long)."""
 
 
 class Member:
-    """One node as the supervisor sees it."""
+    """One node as the supervisor sees it.
+
+    Attributes:
+        restart_count: Restarts that count against the rule's limit.
+        respawn_at_ns: When its next process is due; None if none is.
+        reason: Why its process is being ended, where the supervisor itself does it.
+        begun_ns: When its process was asked for, and when it was activated.
+    """
 
     def __init__(self, spec: NodeSpec, log: Path) -> None:
         self.spec = spec
         self.log = log
         self.restart_count = 0
-        self.begin()
+        self.begin(0)
 
-    def begin(self) -> None:
+    def begin(self, now_ns: int) -> None:
         """Forget the process, before a start or a restart."""
         self.pid = 0
-        self.configured = self.matched = self.active = self.ended = False
+        self.configured = self.matched = self.active = self.done = self.ended = False
+        self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
 
-    def plan_restart(self, now_ns: int, cause: str) -> bool:
+    def activate(self, now_ns: int) -> None:
+        """Note that it is told to work."""
+        self.active, self.active_ns = True, now_ns
+
+    def may_restart(self) -> bool:
+        """Tell whether its rule allows another start; it must have been active once."""
+        was_active = self.active or self.spec.epoch > 0
+        return (
+            was_active and self.spec.restart == "on_failure" and self.restart_count < self.spec.max_restarts
+        )
+
+    def plan_restart(self, now_ns: int, cause: str) -> str:
         """Plan a new process after a back-off that doubles each time, and say so in the log.
 
         Returns:
-            False if the node was never active or its rule does not allow another start.
+            What is planned, in words; "" if the node was never active or its rule allows no other start.
         """
+        if self.active and now_ns - self.active_ns >= FORGIVE_NS:
+            self.restart_count = 0
+        if not self.may_restart():
+            return ""
         spec = self.spec
-        was_active = self.active or self.restart_count > 0
-        if not was_active or spec.restart != "on_failure" or self.restart_count >= spec.max_restarts:
-            return False
         self.restart_count += 1
         self.spec = msgspec.structs.replace(spec, epoch=spec.epoch + 1)
         backoff_s = spec.backoff_s * 2 ** (self.restart_count - 1)
         self.respawn_at_ns = now_ns + round(backoff_s * 1e9)
-        with self.log.open("a") as log:
-            log.write(
-                f"[WARNING] [supervisor]: {spec.name} {cause}; restart {self.restart_count} of "
-                f"{spec.max_restarts} in {backoff_s:g} s\n"
-            )
-        return True
+        text = f"{cause}; restart {self.restart_count} of {spec.max_restarts} in {backoff_s:g} s"
+        note(self.log, "WARNING", f"{spec.name} {text}")
+        return text
 
     def last_words(self) -> str:
         """Return where the log is and its last lines."""
-        try:
-            with self.log.open("rb") as log:
-                log.seek(max(log.seek(0, os.SEEK_END) - LOG_TAIL_BYTES, 0))
-                lines = log.read().decode(errors="replace").strip().splitlines()[-LOG_LINES:]
-        except OSError:
-            lines = []
-        return f" (log: {self.log})" + "".join(f"\n    {line}" for line in lines)
+        return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))
 
 
 def how_it_ended(status: int) -> str:
     """Say in words how a process ended."""
     if status < 0:
-        return f"was killed by {signal.Signals(-status).name}"
+        named = -status in {int(number) for number in signal.Signals}
+        return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
     return f"ended with status {status}"

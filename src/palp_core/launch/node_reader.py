@@ -11,19 +11,20 @@ from palp_core.launch.description import GraphNode, InputEntry, Located, Restart
 from palp_core.launch.problems import Problems, nearest
 from palp_core.launch.selection import Selection, assignments, read_selection
 from palp_core.launch.substitution import UNKNOWN, Scope, evaluate
+from palp_core.launch.values import NAME, flat, read_flag, read_number, read_word
+from palp_core.launch.wire_reader import read_wire
 from palp_core.launch.yaml_tree import Entry, Mapping, Scalar, Tree
 
-__all__ = ["NAME", "NodeReader"]
+__all__ = ["NodeReader"]
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
-_KEYS = ("run", "params", "inputs", "restart", "on_exit")
-_CHOICES = {
-    "reliability": ("best_effort", "reliable"),
-    "durability": ("volatile", "transient_local"),
-}
-_NUMBERS = {"depth": int, "deadline_ms": float, "lifespan_ms": float}
+_KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
 _RESTART = ("never", "on_failure")
+HIGHEST_PRIORITY = 99
+RESERVED = {
+    "graph": "/graph/events and /graph/health are the launcher's",
+    "merged": "merged.log has the lines of all nodes",
+}
 T = TypeVar("T", int, float)
 
 
@@ -52,6 +53,9 @@ class NodeReader:
         if NAME.fullmatch(name) is None:
             advice = "use letters, digits and _, at most 32"
             self._problems.add(entry.mark, f"'{name}' cannot be a node's name; {advice}")
+        if name in ("graph", "gateway"):
+            message = f"'{name}' cannot be a node's name: it is the launcher's own; choose another"
+            self._problems.add(entry.mark, message)
         if not isinstance(entry.value, Mapping):
             self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
             return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)
@@ -64,8 +68,14 @@ class NodeReader:
         shutdown = "on_exit" in fields and self._word(
             fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
         )
+        cpus, priority = self._scheduling(what, fields)
+        joined = "joined" in fields and read_flag(
+            fields["joined"].value, f"joined of {what}", self._scope, self._problems
+        )
         complete = len(self._problems) == before and not self._hidden
-        return GraphNode(name, entry.mark, variants, present, restart, bool(shutdown), complete)
+        return GraphNode(
+            name, entry.mark, variants, present, restart, bool(shutdown), complete, cpus, priority, joined
+        )
 
     def _variants(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[Variant, ...], Variant | None]:
         run = self._select(f"run of {what}", fields.get("run"))
@@ -147,36 +157,26 @@ class NodeReader:
         return {port: wire for port, wire in read.items() if wire is not None}
 
     def _input(self, what: str, entry: Entry) -> InputEntry | None:
-        source, stated = entry.value, {}
-        if isinstance(source, Mapping):
-            known = ("from", *_CHOICES, *_NUMBERS)
-            fields = unknown_keys(source, known, what, self._problems)
-            stated = self._qos(what, {name: item for name, item in fields.items() if name != "from"})
-            if "from" not in fields:
-                if nearest("from", set(source.items) - set(fields)) is None:
-                    self._problems.add(
-                        entry.mark, f"{what} does not say where it comes from; add from: node/port"
-                    )
-                return None
-            source = fields["from"].value
-        text = self._evaluate(source)
-        if text is UNKNOWN:
-            return None
-        parts = text.split("/") if isinstance(text, str) else []
-        if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
-            self._problems.add(source.mark, f"{what} comes from '{_flat(text)}'; write node/port")
-            return None
-        return InputEntry(entry.mark, source.mark, parts[0], parts[1], stated)
+        wire = read_wire(entry, what, self._scope, self._problems)
+        self._hidden = self._hidden or (wire is None)
+        return wire
 
-    def _qos(self, what: str, fields: dict[str, Entry]) -> dict[str, Any]:
-        stated: dict[str, Any] = {}
-        for name, entry in fields.items():
-            if name in _CHOICES:
-                stated[name] = self._word(entry.value, f"{name} of {what}", _CHOICES[name])
-            else:
-                low = 1 if name == "depth" else 0
-                stated[name] = self._number(entry.value, f"{name} of {what}", _NUMBERS[name], low)
-        return {name: value for name, value in stated.items() if value is not None}
+    def _scheduling(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[int, ...], int]:
+        cpus: tuple[int, ...] = ()
+        if "cpus" in fields:
+            value = self._evaluate(fields["cpus"].value)
+            if isinstance(value, list) and all(type(core) is int and core >= 0 for core in value):
+                cpus = tuple(value)
+            elif value is not UNKNOWN:
+                message = f"cpus of {what} is '{flat(value)}'; write a list of core numbers, as in [0, 1]"
+                self._problems.add(fields["cpus"].value.mark, message)
+        priority = 0
+        if "realtime_priority" in fields:
+            tree = fields["realtime_priority"].value
+            priority = self._number(tree, f"realtime_priority of {what}", int, 1) or 0
+            if priority > HIGHEST_PRIORITY:
+                self._problems.add(tree.mark, f"realtime_priority of {what} is at most {HIGHEST_PRIORITY}")
+        return cpus, priority
 
     def _restart(self, what: str, tree: Tree) -> Restart:
         what = f"restart of {what}"
@@ -207,37 +207,5 @@ class NodeReader:
         return read_number(tree, what, kind, low, self._scope, self._problems)
 
 
-def read_word(tree: Tree, what: str, words: tuple[str, ...], scope: Scope, problems: Problems) -> str | None:
-    """Return a value that must be one of some words, or None after reporting it."""
-    value = evaluate(tree, scope, problems)
-    if value is UNKNOWN or (isinstance(value, str) and value in words):
-        return None if value is UNKNOWN else str(value)
-    text = _flat(value)
-    match = nearest(text, words)
-    suggestion = f"; did you mean '{match}'?" if match else ""
-    problems.add(tree.mark, f"{what} is '{text}'; it must be {' or '.join(words)}{suggestion}")
-    return None
-
-
-def read_number(tree: Tree, what: str, kind: type[T], low: int, scope: Scope, problems: Problems) -> T | None:
-    """Return a value that must be a number of a kind and at least ``low``, or None after reporting it."""
-    value = evaluate(tree, scope, problems)
-    if value is UNKNOWN:
-        return None
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is kind and value >= low:
-        return value
-    noun = "a whole number" if kind is int else "a number"
-    problems.add(
-        tree.mark, f"{what} is '{_flat(value)}'; it must be {noun} of at least {low}, without quotes"
-    )
-    return None
-
-
 def _is_empty(tree: Tree) -> bool:
     return isinstance(tree, Scalar) and tree.value is None
-
-
-def _flat(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

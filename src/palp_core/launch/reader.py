@@ -10,15 +10,17 @@ from pathlib import Path
 
 from palp_core.launch.arguments import Argument, Given, assign, declare, from_command_line, unknown_keys
 from palp_core.launch.description import Description, GraphNode, Located, find_workspace
-from palp_core.launch.node_reader import NAME, NodeReader, read_number, read_word
+from palp_core.launch.node_reader import NodeReader
 from palp_core.launch.problems import GraphProblems, Mark, Problems, nearest
 from palp_core.launch.substitution import UNKNOWN, Scope, evaluate, sole_variable
+from palp_core.launch.values import NAME, read_number, read_word
 from palp_core.launch.yaml_tree import Entry, Mapping, Tree, read_tree
 from palp_core.launch.yaml_tree import Sequence as TreeSequence
 
 __all__ = ["read"]
 
-_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report")
+_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen")
+_ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _REPORT = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
@@ -63,13 +65,17 @@ class _Reader:
         if "seed" in fields:
             seed = read_number(fields["seed"].value, "seed", int, 0, scope, self.problems) or 0
         report = self._report(fields["report"].value, scope) if "report" in fields else None
+        listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
+        for node in self.nodes.values():
+            if node.joined and clock != "wall":
+                self.problems.add(node.mark, f"node '{node.name}' is to join: that takes clock: wall")
         self._unused(arguments, scope)
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):
             self.problems.add(place, "the graph has no nodes; add at least one under nodes")
         return Description(
             path, self.workspace, place, graph, clock, seed, arguments, scope.values, self.nodes, report,
-            self.problems.listed(),
+            self.problems.listed(), listen,
         )  # fmt: skip
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:
@@ -181,6 +187,17 @@ class _Reader:
             tree.mark, f"graph is '{text}'; a name begins with a letter and has letters, digits and _"
         )
         return None
+
+    def _listen(self, tree: Tree, clock: str, scope: Scope) -> str:
+        text = evaluate(tree, scope, self.problems)
+        if text in (UNKNOWN, ""):
+            return ""
+        if not isinstance(text, str) or _ADDRESS.fullmatch(text) is None:
+            self.problems.add(tree.mark, f"listen is '{text}'; write tcp://HOST:PORT")
+            return ""
+        if clock != "wall":
+            self.problems.add(tree.mark, "only a graph with clock: wall can be joined; remove listen")
+        return text
 
     def _report(self, tree: Tree, scope: Scope) -> Located | None:
         text = evaluate(tree, scope, self.problems)

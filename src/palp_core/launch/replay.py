@@ -18,10 +18,11 @@ from palp_core.errors import BagError
 from palp_core.runtime.birth import load_class
 from palp_core.runtime.builtin import Order
 from palp_core.runtime.clock import SimClock, monotonic_ns
+from palp_core.runtime.commands import read_request, serve_outside, set_parameters
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.lifecycle import Transition
 from palp_core.runtime.message import decode, decode_any
-from palp_core.runtime.order import ACTIVATE, ORDER_PORT, PARAMETERS
+from palp_core.runtime.order import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.runtime.spec import NodeSpec, topic
 from palp_core.runtime.wire import Kind, pack, parse
 
@@ -96,7 +97,7 @@ class _Replay:
         self._clock = SimClock()
         self._frames: list[bytes] = []
         self._executor = Executor(node_class, spec, self._clock, self._frames.append)
-        self._topic_of = self._executor.topic_of_source
+        self._topic_of = self._executor.ends.topic_of_source
         self._inputs: dict[str, Iterator[RecordedMessage]] = {}
         self._outputs: dict[str, Iterator[RecordedMessage]] = {}
         self._last_input: tuple[str, int, int] | None = None
@@ -140,12 +141,17 @@ class _Replay:
     def _consume(self, order: Order, entry: int) -> None:
         source, sequence = order.sources[order.source[entry]], order.sequence[entry]
         self._after = f"{source} {sequence} at {order.now_ns[entry] / 1e9:.6f} s"
-        if source == ACTIVATE:
-            self._executor.transition(Transition.ACTIVATE)
+        executor = self._executor
+        if source in TRANSITIONS:
+            executor.transition(Transition(source))
         elif source == PARAMETERS:
-            self._executor.set_parameters(json.loads(order.changes[sequence]))
+            set_parameters(executor, json.loads(order.changes[sequence]))
+        elif source.startswith(OUTSIDE):
+            service = source.removeprefix(OUTSIDE)
+            written = json.loads(order.changes[sequence])["request"]
+            serve_outside(executor, service, read_request(executor, service, written))
         elif source.startswith("timer:"):
-            self._executor.ring(source.removeprefix("timer:"))
+            executor.ring(source.removeprefix("timer:"), sequence)
         else:
             name = self._topic_of[source]
             this = (name, order.epoch[entry], sequence)
@@ -186,8 +192,9 @@ class _Replay:
 
     def _missing(self) -> Divergence | None:
         """Return the first output that was recorded and not replayed."""
+        taken_in = {ORDER_PORT, *self._spec.external}
         for name in self._executor.outlets:
-            if name != topic(self._spec.name, ORDER_PORT):
+            if name not in {topic(self._spec.name, port) for port in taken_in}:
                 left = next(self._outputs.setdefault(name, self._bag.recorded([name])), None)
                 if left is not None:
                     return self._diverged(name, left.sequence, "recorded, but not replayed")

@@ -13,12 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import psutil
 
 from palp_core.errors import GraphError
 from palp_core.runtime.clock import unix_ns
 
-__all__ = ["NodeEntry", "RunDirectory", "RunRecord", "TopicEntry", "find_running", "running"]
+__all__ = [
+    "NodeEntry",
+    "RunDirectory",
+    "RunRecord",
+    "TopicEntry",
+    "base_folder",
+    "find_running",
+    "locked",
+    "running",
+    "runs",
+]
 
 KEEP_ENDED = 10
 LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
@@ -46,26 +55,21 @@ class TopicEntry(msgspec.Struct, frozen=True):
 
 
 class RunRecord(msgspec.Struct, frozen=True):
-    """What ``graph.json`` holds."""
+    """What ``graph.json`` holds: ``serve`` is where the launcher answers, ``listen`` where others call."""
 
     graph: str
     file: str
     clock: str
     pid: int
-    pid_start_s: float
     start_unix_ns: int
+    serve: str
     nodes: list[NodeEntry]
     topics: list[TopicEntry]
-
-    def alive(self) -> bool:
-        """Tell whether the supervisor that wrote this still runs."""
-        try:
-            return abs(psutil.Process(self.pid).create_time() - self.pid_start_s) < 1.0
-        except psutil.NoSuchProcess:
-            return False
+    listen: str = ""
 
 
-def _base() -> Path:
+def base_folder() -> Path:
+    """Return the folder of this user's run directories."""
     own = f"palp-{os.getuid()}"
     for folder, name in ((os.environ.get("XDG_RUNTIME_DIR"), "palp"), (os.environ.get("TMPDIR"), own)):
         if folder and os.access(folder, os.W_OK | os.X_OK):
@@ -83,7 +87,7 @@ class RunDirectory:
     """
 
     def __init__(self, graph: str) -> None:
-        base = _base()
+        base = base_folder()
         try:
             base.mkdir(mode=0o700, parents=True, exist_ok=True)
             owned = base.lstat()
@@ -92,11 +96,11 @@ class RunDirectory:
                     f"{base} is not a folder of this user; set XDG_RUNTIME_DIR to a folder of your own"
                 )
             base.chmod(0o700)
-            _prune(base)
+            _prune()
             prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
             self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
             self._lock = os.open(self.path, os.O_RDONLY)
-            fcntl.flock(self._lock, fcntl.LOCK_SH)
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
             (self.path / "log").mkdir()
         except OSError as error:
             raise GraphError(
@@ -126,11 +130,10 @@ class RunDirectory:
 
 
 def record_for(
-    graph: str, file: str, clock: str, nodes: list[NodeEntry], topics: list[TopicEntry]
+    graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[TopicEntry]
 ) -> RunRecord:
     """Return the record of a graph that this process supervises."""
-    started_s = psutil.Process().create_time()
-    return RunRecord(graph, file, clock, os.getpid(), started_s, unix_ns(), nodes, topics)
+    return RunRecord(graph, file, clock, os.getpid(), unix_ns(), serve, nodes, topics)
 
 
 def _read(folder: Path) -> RunRecord | None:
@@ -139,15 +142,15 @@ def _read(folder: Path) -> RunRecord | None:
     return None
 
 
+def runs() -> list[tuple[Path, RunRecord, bool]]:
+    """Return every run of this user with a record: folder, record, whether it lives; the latest first."""
+    found = [(folder, record, locked(folder)) for folder in _folders() if (record := _read(folder))]
+    return sorted(found, key=lambda run: -run[1].start_unix_ns)
+
+
 def running() -> list[RunRecord]:
     """Return the running graphs of this user, the latest first."""
-    base = _base()
-    if not base.is_dir():
-        return []
-    records = [
-        record for folder in base.iterdir() if (record := _read(folder)) is not None and record.alive()
-    ]
-    return sorted(records, key=lambda record: -record.start_unix_ns)
+    return [record for _, record, lives in runs() if lives]
 
 
 def find_running(name: str | None = None) -> RunRecord:
@@ -163,22 +166,30 @@ def find_running(name: str | None = None) -> RunRecord:
     return found[0]
 
 
-def _prune(base: Path) -> None:
+def _folders() -> list[Path]:
+    base = base_folder()
+    return [folder for folder in base.iterdir() if (folder / "log").is_dir()] if base.is_dir() else []
+
+
+def _prune() -> None:
     """Remove the folders of runs long ended, all but the latest few (their logs may still be wanted)."""
     ended = []
-    for log in base.glob("*/log"):
+    for folder in _folders():
         with contextlib.suppress(OSError):  # another launch may be removing it just now
-            if not _locked(log.parent):
-                ended.append((log.parent.stat().st_mtime, log.parent))
+            if not locked(folder):
+                ended.append((folder.stat().st_mtime, folder))
     for _, folder in sorted(ended, reverse=True)[KEEP_ENDED:]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _locked(folder: Path) -> bool:
-    """Tell whether a run holds its folder."""
-    descriptor = os.open(folder, os.O_RDONLY)
+def locked(folder: Path) -> bool:
+    """Tell whether a run holds its folder: the lock goes with the process that has it, however that ends."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: two who ask do not see each other
     except BlockingIOError:
         return True
     finally:

@@ -12,8 +12,11 @@ from pathlib import Path
 from palp_core.errors import GraphError, NodeError
 from palp_core.launch.fork_client import ForkServer
 from palp_core.launch.fork_server import News, Started
+from palp_core.launch.graph_bus import GraphBus
 from palp_core.launch.interrupt import Interrupt
+from palp_core.launch.keeper import READY_NS, Keeper
 from palp_core.launch.member import Member, how_it_ended
+from palp_core.launch.patience import Patience
 from palp_core.launch.switchboard import Switchboard
 from palp_core.runtime.birth import NodeProcess
 from palp_core.runtime.clock import monotonic_ns
@@ -23,10 +26,12 @@ from palp_core.runtime.link import (
     Done,
     Failed,
     FromNode,
+    Knock,
     LinkClosed,
     Matched,
+    Pulse,
+    Raised,
     Relay,
-    Round,
     Shutdown,
     ToNode,
 )
@@ -34,8 +39,6 @@ from palp_core.runtime.spec import NodeSpec
 
 __all__ = ["Supervisor"]
 
-START_TIMEOUT_NS = 60_000_000_000
-LADDER_STEP_NS = 5_000_000_000
 PATIENCE_S = 10.0
 _LOG = logging.getLogger("palp.supervisor")
 
@@ -51,9 +54,12 @@ class Supervisor:
         server: Parent of the processes.
         interrupt: Raises when the user wants the end.
         observe: Wall clock: is shown every message for the launch view.
+        bus: Where the graph's events and health are published.
 
     Attributes:
+        start_ns: The graph's start on the wall clock; 0 before.
         renewed: Called when a node has a new process.
+        watch, forget: As of the switchboard.
     """
 
     def __init__(
@@ -65,24 +71,36 @@ class Supervisor:
         server: ForkServer,
         interrupt: Interrupt,
         observe: Callable[[int, bytes], None],
+        bus: GraphBus,
     ) -> None:
         self.names = [spec.name for spec in specs]
         self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
         self.exit_code: int | None = None
         self.renewed: Callable[[], None] = lambda: None
-        self._clock = clock
-        self._workspace = workspace
-        self._folder = folder
+        self._place = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
         self._server = server
         self._interrupt = interrupt
         self._observe = observe
-        self._ending = False
-        self._patience_ends_ns = 0
-        self._start_ns = 0
+        self._patience = Patience(interrupt)
+        self.start_ns = 0
         self._replies: dict[int, Done] = {}
+        self._knocks: set[int] = set()
+        self._keeper = Keeper(self.members, self, bus, restarts=clock == "wall")
         self._lines = Switchboard(
             folder / "supervisor.sock", self.names, (server.descriptor, interrupt.descriptor)
         )
+        self.watch, self.forget = self._lines.watch, self._lines.forget
+        for descriptor in bus.file_descriptors:
+            self.watch(descriptor, bus.poll)
+
+    def follow(self, until: Callable[[], bool]) -> None:
+        """Handle what happens until something is so.
+
+        Raises:
+            NodeError: A node failed.
+        """
+        while not until():
+            self._pump(1.0)
 
     # Start
 
@@ -93,64 +111,68 @@ class Supervisor:
             NodeError: A node failed or did not get ready in time.
         """
         for member in self.members:
-            self._spawn(member)
-        self._await(lambda: all(m.configured for m in self.members), "configured")
-        self._await(lambda: all(m.matched for m in self.members), "matched with its publishers")
+            self.spawn(member)
+        self._await(lambda m: m.configured, "configured")
+        self._await(lambda m: m.matched, "matched with its publishers")
 
-    def _spawn(self, member: Member) -> None:
-        birth = NodeProcess(
-            spec=member.spec,
-            clock=self._clock,
-            run_dir=str(self._folder),
-            workspace=self._workspace,
-        )
-        self._server.spawn(birth, str(member.log))
-
-    def _await(self, ready: Callable[[], bool], what: str) -> None:
-        deadline_ns = monotonic_ns() + START_TIMEOUT_NS
-        while not ready():
+    def _await(self, ready: Callable[[Member], bool], what: str) -> None:
+        deadline_ns = monotonic_ns() + READY_NS
+        while late := next((member for member in self.members if not ready(member)), None):
             if monotonic_ns() > deadline_ns:
-                late = next(
-                    m for m in self.members if not (m.configured if what == "configured" else m.matched)
-                )
-                raise NodeError(late.spec.name, f"was not {what} within {START_TIMEOUT_NS // 10**9} s")
+                text = f"was not {what} within {READY_NS // 10**9} s{late.last_words()}"
+                raise NodeError(late.spec.name, text)
             self._pump(1.0)
+
+    # Hands of the keeper
+
+    def spawn(self, member: Member) -> None:
+        """Start a node's process."""
+        self._server.spawn(NodeProcess(spec=member.spec, **self._place), str(member.log))
+
+    def signal(self, member: Member, *numbers: signal.Signals) -> None:
+        """Send signals to a node's process."""
+        for number in numbers:
+            self._server.signal(member.pid, number)
+
+    def activate_on_wall(self, index: int) -> None:
+        """Tell a node to work on the wall clock."""
+        self._send(index, Activate(self.start_ns))
 
     # Lockstep crew
 
     def activate(self, index: int) -> Done:
         """Activate one node."""
-        return self._ask({index: Activate(self._start_ns)})[index]
+        return self.work({index: Activate(self.start_ns)})[index]
 
-    def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
-        """Let several nodes do their part of a round, in parallel."""
-        return self._ask(rounds)
+    def knocks(self) -> set[int]:
+        """Return the numbers of the nodes for which commands have come since this was last asked."""
+        knocks, self._knocks = self._knocks, set()
+        return knocks
 
-    def _ask(self, messages: Mapping[int, ToNode]) -> Mapping[int, Done]:
-        for index, message in messages.items():
+    def work(self, rounds: Mapping[int, ToNode]) -> Mapping[int, Done]:
+        """Let several nodes do their part of a round, in parallel; return what each has done."""
+        for index, message in rounds.items():
             self._send(index, message)
         asked_ns = monotonic_ns()
-        while len(self._replies) < len(messages):
+        while len(self._replies) < len(rounds):
             self._pump(PATIENCE_S)
             if monotonic_ns() - asked_ns > PATIENCE_S * 1e9:
-                late = ", ".join(self.names[index] for index in messages if index not in self._replies)
+                late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
                 asked_ns = monotonic_ns()
         replies, self._replies = self._replies, {}
         return replies
 
     def shutdown(self, index: int, now_ns: int) -> Done:
-        """Bring one node to its safe state and end it; one that does not answer is left to :meth:`close`."""
+        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
         member = self.members[index]
-        if not self._ending:
-            self._ending = True
-            self._patience_ends_ns = monotonic_ns() + LADDER_STEP_NS
+        self._patience.begin()
         if not self._lines.connected(index) or member.ended:
             return Done([], -1, None)
         self._replies.clear()
         with contextlib.suppress(NodeError, GraphError, LinkClosed):
             self._lines.send(index, Shutdown(now_ns))
-            while not member.ended and monotonic_ns() < self._patience_ends_ns:
+            while not (member.done or member.ended) and not self._patience.over:
                 self._pump(0.2)
         return self._replies.pop(index, Done([], -1, None))
 
@@ -158,41 +180,30 @@ class Supervisor:
         try:
             self._lines.send(index, message)
         except LinkClosed:
-            self._mourn(index)
+            while not self.members[index].ended:  # the news of how it ended raises
+                self._pump(1.0)
 
     # Wall clock
 
-    def run_wall(self, until_ns: int | None = None) -> int:
+    def run_wall(self, until_ns: int | None = None, start_ns: int | None = None) -> int:
         """Activate in graph order, then watch until the run ends; return the exit code.
+
+        Args:
+            until_ns: When to end, on the graph's clock.
+            start_ns: The graph's start on the machine's monotonic clock; now by default.
 
         Raises:
             NodeError: A node failed and its rule does not restart it.
         """
-        self._start_ns = monotonic_ns()
-        for index, member in enumerate(self.members):
-            self._send(index, Activate(self._start_ns))
-            member.active = True
+        self.start_ns = monotonic_ns() if start_ns is None else start_ns
         while self.exit_code is None:
             now_ns = monotonic_ns()
-            if until_ns is not None and now_ns - self._start_ns >= until_ns:
+            left_s = 1.0 if until_ns is None else (until_ns + self.start_ns - now_ns) / 1e9
+            if left_s <= 0.0:
                 return 0
-            for index, member in enumerate(self.members):
-                if member.respawn_at_ns is not None and now_ns >= member.respawn_at_ns:
-                    self._replace(member, now_ns)
-                if member.matched and not member.active:
-                    self._send(index, Activate(self._start_ns))
-                    member.active = True
-            self._pump(0.1)
+            self._keeper.turn(now_ns)
+            self._pump(min(left_s, self._keeper.patience_s(now_ns)))
         return self.exit_code
-
-    def _replace(self, member: Member, now_ns: int) -> None:
-        """Start a failed node's next process, but never beside the one that has failed."""
-        assert member.respawn_at_ns is not None
-        if member.ended:
-            member.begin()
-            self._spawn(member)
-        elif now_ns > member.respawn_at_ns + LADDER_STEP_NS:
-            self._server.signal(member.pid, signal.SIGKILL)
 
     # Events
 
@@ -204,7 +215,8 @@ class Supervisor:
         """
         heard, others = self._lines.wait(timeout_s)
         failures: list[NodeError] = []
-        events = [partial(self._on_message, *said) for said in heard]
+        events: list[Callable[[], None]] = [partial(self._on_message, *said) for said in heard]
+        events += self._lines.handlers(others)
         if self._server.descriptor in others:
             events += [partial(self._on_news, news) for news in self._server.news()]
         for handle in events:
@@ -215,7 +227,7 @@ class Supervisor:
         if failures:
             raise failures[0]
         if self._interrupt.descriptor in others:
-            if not self._ending:
+            if not self._patience.ending:
                 self._interrupt.check()
             self._interrupt.drain()
 
@@ -223,18 +235,25 @@ class Supervisor:
         member = self.members[index]
         if isinstance(message, Done):
             self._replies[index] = message
+            member.done = self._patience.ending
+        elif isinstance(message, Pulse):
+            self._keeper.pulse(index, message.health)
+        elif isinstance(message, Relay):
+            if message.frame:
+                self._observe(monotonic_ns() - self.start_ns, message.frame)
+            if message.exit_code is not None and member.spec.shutdown_on_exit:
+                self.exit_code = message.exit_code
         elif isinstance(message, Configured):
             member.configured = True
         elif isinstance(message, Matched):
             member.matched = True
-        elif isinstance(message, Relay):
-            if message.frame:
-                self._observe(monotonic_ns() - self._start_ns, message.frame)
-            if message.exit_code is not None and member.spec.shutdown_on_exit:
-                self.exit_code = message.exit_code
-        elif isinstance(message, Failed) and not self._ending:
+        elif isinstance(message, Knock):
+            self._knocks.add(index)
+        elif isinstance(message, Raised) and not self._patience.ending:
+            self._keeper.raised(index, message)
+        elif isinstance(message, Failed) and not self._patience.ending:
             text = message.text.removeprefix(f"{member.spec.name}: ")
-            if not self._restart(index, text):
+            if not self._keeper.restart(index, text):
                 raise NodeError(member.spec.name, f"{text} (log: {member.log})")
 
     def _on_news(self, news: News) -> None:
@@ -242,41 +261,36 @@ class Supervisor:
         member = self.members[index]
         if isinstance(news, Started):
             member.pid = news.pid
-            if member.restart_count:
+            if member.spec.epoch:
                 self.renewed()
             return
         if news.pid != member.pid:
             return
         member.ended = True
+        self._keeper.ended(index)
         for message in self._lines.last_words(index):
             self._on_message(index, message)
-        if self._ending or member.respawn_at_ns is not None:
+        if self._patience.ending or member.respawn_at_ns is not None:
             return
-        cause = how_it_ended(news.status)
-        if not self._restart(index, cause):
-            raise NodeError(member.spec.name, f"its process {cause}{member.last_words()}")
-
-    def _mourn(self, index: int) -> None:
-        """A line is broken: wait for the news of how the process ended, which raises."""
-        while not self.members[index].ended:
-            self._pump(1.0)
-
-    def _restart(self, index: int, cause: str) -> bool:
-        return self._clock == "wall" and self.members[index].plan_restart(monotonic_ns(), cause)
+        cause = f"its process {how_it_ended(news.status)}"
+        if not self._keeper.restart(index, cause):
+            raise NodeError(member.spec.name, f"{cause}{member.last_words()}")
 
     # End
 
     def close(self) -> None:
-        """End every process that is left: SIGTERM, 5 s later SIGKILL; return when all are gone."""
-        self._ending = True
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            left = [m for m in self.members if m.pid and not m.ended]
-            if not left:
-                break
+        """End every process that is left; return when all are gone.
+
+        One that has reached its safe state ends by itself, others with SIGTERM (and SIGCONT, for one that was
+        stopped), 5 s later with SIGKILL; sooner if the user insists.
+        """
+        self._server.wake()
+        for numbers in ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,)):
+            left = [m for m in self.members if m.pid and not m.ended and (numbers or m.done)]
             with contextlib.suppress(GraphError):
                 for member in left:
-                    self._server.signal(member.pid, number)
-                deadline_ns = monotonic_ns() + LADDER_STEP_NS
-                while any(not m.ended for m in left) and monotonic_ns() < deadline_ns:
+                    self.signal(member, *numbers)
+                self._patience.step()
+                while any(not m.ended for m in left) and not self._patience.over:
                     self._pump(0.2)
         self._lines.close()

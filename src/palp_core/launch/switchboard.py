@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import select
 import socket
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -35,9 +35,24 @@ class Switchboard:
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
         self._listener.listen(len(self._names) + 8)
+        self._handlers: dict[int, Callable[[], None]] = {}
         self._poll = select.poll()
         for descriptor in (self._listener.fileno(), *others):
             self._poll.register(descriptor, select.POLLIN)
+
+    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
+        """Wait for one more of the others, too; ``handle`` is whose turn it is when it can be read."""
+        self._handlers[descriptor] = handle
+        self._poll.register(descriptor, select.POLLIN)
+
+    def forget(self, descriptor: int) -> None:
+        """Wait for it no longer."""
+        if self._handlers.pop(descriptor, None) is not None:
+            self._poll.unregister(descriptor)
+
+    def handlers(self, others: Collection[int]) -> list[Callable[[], None]]:
+        """Return whose turn it is, of those that are watched."""
+        return [handle for descriptor, handle in self._handlers.items() if descriptor in others]
 
     def connected(self, index: int) -> bool:
         """Tell whether a node's line is open."""

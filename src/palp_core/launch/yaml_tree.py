@@ -9,13 +9,24 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import yaml
 
 from palp_core.launch.problems import GraphProblems, Mark, Problem, Problems
 
-__all__ = ["Entry", "Mapping", "Plain", "Scalar", "Sequence", "Tree", "parse_scalar", "read_tree"]
+__all__ = [
+    "Entry",
+    "Mapping",
+    "Plain",
+    "Scalar",
+    "Sequence",
+    "Tree",
+    "parse_scalar",
+    "parse_tree",
+    "plain_tree",
+    "read_tree",
+]
 
 Plain: TypeAlias = str | int | float | bool | None
 
@@ -167,6 +178,20 @@ def read_tree(path: Path, problems: Problems) -> Tree:
         ) from error
     except UnicodeDecodeError as error:
         raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
+    tree = parse_tree(text, file, problems)
+    if tree is None:
+        raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])
+    return tree
+
+
+def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
+    """Read YAML from a text that came from ``file``; None if there is nothing in it.
+
+    Duplicate keys are added to ``problems``; the first of them counts.
+
+    Raises:
+        GraphProblems: It is not YAML.
+    """
     try:
         root = _Loader(text).get_single_node()
     except yaml.reader.ReaderError as error:
@@ -183,9 +208,16 @@ def read_tree(path: Path, problems: Problems) -> Tree:
         raise GraphProblems(
             [Problem(file, line, column, message + "; check indentation, quotes, colons")]
         ) from error
-    if root is None:
-        raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])
-    return _Converter(file, problems).convert(root)
+    return None if root is None else _Converter(file, problems).convert(root)
+
+
+def plain_tree(tree: Tree) -> Plain | list[Any] | dict[str, Any]:
+    """Return a tree as Python's own values, without their places."""
+    if isinstance(tree, Mapping):
+        return {name: plain_tree(entry.value) for name, entry in tree.items.items()}
+    if isinstance(tree, Sequence):
+        return [plain_tree(item) for item in tree.items]
+    return tree.value
 
 
 def parse_scalar(text: str) -> Plain:

@@ -14,7 +14,9 @@ from typing import Any, Generic, TypeVar
 
 from palp_core.errors import NodeError
 from palp_core.runtime.builtin import Order
+from palp_core.runtime.calls import CallEnd, Pending
 from palp_core.runtime.clock import SimClock
+from palp_core.runtime.commands import set_parameters
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.lifecycle import Transition
@@ -87,8 +89,13 @@ class Bench(Generic[N]):
         return self._decode(port.reply, topic(self.executor.name, port.name) + topic("bench", port.name))[-1]
 
     def reply(self, port: Client[Any, M], message: M) -> None:
-        """Hand a reply to a client."""
+        """Hand a client the reply to its oldest unanswered call, or to one that it never made."""
         name = topic("bench", port.name) + topic(self.executor.name, port.name)
+        end = self.executor.ends.timers[f"timeout:{port.name}"]
+        assert isinstance(end, CallEnd)
+        if not end.pending:
+            end.pending.append(Pending(self._sequence.get(name, 0) + 1, self.clock.now_ns() + 1, 0, b""))
+        self._sequence[name] = end.pending[0].sequence - 1
         self._feed(port, name, message)
 
     def _feed(self, port: Port, name: str, message: Message) -> None:
@@ -138,6 +145,10 @@ class Bench(Generic[N]):
     def orders(self) -> list[Order]:
         """Return what the node has written down of its consumed order."""
         return self._decode(Order, topic(self.executor.name, "_order"))
+
+    def set_parameters(self, **changes: Any) -> None:
+        """Change parameters, as a command from outside does."""
+        set_parameters(self.executor, changes)
 
     def hand_over(self) -> HandOver:
         """Return the node's hand-over at this instant."""

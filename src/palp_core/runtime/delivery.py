@@ -8,13 +8,25 @@ __all__ = ["EdgeCounter"]
 
 
 class EdgeCounter(msgspec.Struct):
-    """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner)."""
+    """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).
+
+    Attributes:
+        received: Handed to the node.
+        lost: Published, as the sequence shows, but never arrived.
+        repeated: Arrived again, or after its place in the order had passed.
+        late: Older than its deadline or lifespan when it was taken up.
+        dropped: Arrived, but not handed over: past its lifespan, or beyond a best-effort reader's depth.
+        filled: Of those received, how many were missing at first and asked for.
+    """
 
     epoch: int = -1
     sequence: int = 0
     received: int = 0
     lost: int = 0
     repeated: int = 0
+    late: int = 0
+    dropped: int = 0
+    filled: int = 0
 
     def accept(self, epoch: int, sequence: int) -> bool:
         """Account for a message; return False for a repeat or one of an epoch that is over."""
@@ -31,6 +43,12 @@ class EdgeCounter(msgspec.Struct):
         self.epoch, self.sequence = epoch, sequence
         self.received += 1
         return True
+
+    def drop(self, epoch: int, sequence: int) -> None:
+        """Account for a message that has arrived and is not handed over."""
+        if self.accept(epoch, sequence):
+            self.received -= 1
+            self.dropped += 1
 
     def heartbeat(self, epoch: int, sequence: int) -> None:
         """Take a publisher's word for its last sequence: it starts the account and reveals a lost tail."""

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.runtime.calls import Pending
 from palp_core.runtime.delivery import EdgeCounter
 from palp_core.runtime.message import decode_any, encode_any
 from palp_core.runtime.node import State
@@ -38,6 +39,9 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
         timers: Next tick number per periodic timer, and when it is due in ns (None: stopped).
         alarms: Due time per set alarm, in ns.
         rng: State of the random generator.
+        events: How often each quality-of-service event has happened.
+        calls: Unanswered calls per client.
+        idle: Output topics on which nothing is due until the next message.
     """
 
     version: int = VERSION
@@ -54,6 +58,9 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     timers: dict[str, tuple[int, int | None]]
     alarms: dict[str, int]
     rng: str
+    events: dict[str, int] = {}
+    calls: dict[str, list[Pending]] = {}
+    idle: list[str] = []
 
 
 class Predecessor(msgspec.Struct, frozen=True):

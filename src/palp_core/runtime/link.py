@@ -20,10 +20,13 @@ __all__ = [
     "Failed",
     "FromNode",
     "Hello",
+    "Knock",
     "Line",
     "Link",
     "LinkClosed",
     "Matched",
+    "Pulse",
+    "Raised",
     "Relay",
     "Round",
     "Shutdown",
@@ -93,8 +96,31 @@ class Relay(Line, frozen=True):
     exit_code: int | None
 
 
+class Knock(Line, frozen=True):
+    """Lockstep: a command from outside waits for this node's next round."""
+
+
+class Pulse(Line, frozen=True):
+    """Wall clock: the node's loop turns; ``health`` is an encoded :class:`NodeHealth`."""
+
+    health: bytes
+
+
+class Raised(Line, frozen=True):
+    """A quality-of-service event on an input, and what the launch file wants done about it.
+
+    ``action`` is ``warn``, ``restart`` (the publisher, by its rule) or ``shutdown`` (the graph).
+    """
+
+    kind: str
+    port: str
+    topic: str
+    text: str
+    action: str
+
+
 ToNode = Activate | Round | Shutdown
-FromNode = Hello | Configured | Matched | Done | Failed | Relay
+FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised
 
 Received = TypeVar("Received")
 

@@ -7,7 +7,8 @@ not.
 
 from __future__ import annotations
 
-from typing import Any, TypeVar, dataclass_transform, get_origin
+from collections.abc import Callable
+from typing import Any, TypeVar, dataclass_transform
 
 import msgspec
 import numpy as np
@@ -16,11 +17,13 @@ from palp_core.errors import SchemaMismatch
 from palp_core.runtime.schema import MessageMeta, schema_of
 
 __all__ = [
+    "DECODE_ERRORS",
     "Message",
     "decode",
     "decode_any",
     "encode",
     "encode_any",
+    "plain_decoder",
 ]
 
 T = TypeVar("T")
@@ -46,6 +49,8 @@ class Message(msgspec.Struct, metaclass=MessageMeta):
 
 def _to_wire(value: Any) -> Any:
     if isinstance(value, np.ndarray):
+        if value.dtype is FLOAT64 and value.ndim == 1 and value.flags.c_contiguous:
+            return value.data
         if value.ndim != 1:
             raise SchemaMismatch(f"an array of shape {value.shape} cannot travel: arrays are one-dimensional")
         if value.dtype != FLOAT64 and not np.can_cast(value.dtype, FLOAT64, "safe"):
@@ -58,12 +63,12 @@ def _to_wire(value: Any) -> Any:
     )
 
 
-def _from_wire(expected: Any, value: Any) -> Any:
-    if get_origin(expected) is np.ndarray or expected is np.ndarray:
-        if not isinstance(value, bytes) or len(value) % 8:
-            raise SchemaMismatch("an array must be msgpack bin with a whole number of float64")
-        return np.frombuffer(value, dtype=FLOAT64)
-    raise SchemaMismatch(f"no rule to decode {expected}")
+def _from_wire(_expected: Any, value: Any) -> Any:
+    # A field is an array or what msgspec knows itself: the schema admits nothing else.
+    try:
+        return np.frombuffer(value, FLOAT64)
+    except (TypeError, ValueError, BufferError) as error:
+        raise SchemaMismatch("an array must be msgpack bin with a whole number of float64") from error
 
 
 def _from_wire_writable(expected: Any, value: Any) -> Any:
@@ -123,3 +128,12 @@ def decode(cls: type[M], data: bytes | memoryview) -> M:
     if check is not None:
         check(message)
     return message
+
+
+DECODE_ERRORS = (msgspec.DecodeError, UnicodeDecodeError, RecursionError, SchemaMismatch)
+"""What a decoder and a check may raise."""
+
+
+def plain_decoder(cls: type[M]) -> Callable[[bytes | memoryview], M]:
+    """Return the function that decodes a message type and checks no bounds of arrays."""
+    return _decoder(cls, writable=False).decode

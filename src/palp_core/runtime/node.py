@@ -10,17 +10,17 @@ import inspect
 import logging
 import typing
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, dataclass_transform
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.runtime.ports import HANDLES, Alarm, Client, Port, Pub, Srv, Sub, Timer
+from palp_core.runtime.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, Port, Pub, Srv, Sub, Timer
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Declaration", "Node", "Params", "State", "class_name", "declaration_of"]
+__all__ = ["Declaration", "Node", "Params", "ReadOnly", "State", "class_name", "declaration_of"]
 
 
 class _ParamsMeta(msgspec.StructMeta):
@@ -32,7 +32,16 @@ class _ParamsMeta(msgspec.StructMeta):
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class Params(msgspec.Struct, metaclass=_ParamsMeta):
-    """Base of a node's parameters: frozen, validated, replaced as a whole when one of them changes."""
+    """Base of a node's parameters: frozen, validated, replaced as a whole when one of them changes.
+
+    A parameter that is only looked at when the node is configured is marked: ``device: ReadOnly[str] =
+    "sim"``.
+    """
+
+
+T = TypeVar("T")
+ReadOnly = Annotated[T, msgspec.Meta(extra={"read_only": True})]
+"""Marks a parameter that cannot be changed while the node lives."""
 
 
 class _StateMeta(msgspec.StructMeta):
@@ -129,6 +138,9 @@ class Node:
     def on_shutdown(self) -> None:
         """Last words; the process ends afterwards."""
 
+    def on_parameters(self, params: Params) -> None:
+        """Look at changed parameters before they take effect; raise ValueError to refuse them all."""
+
     def on_error(self, error: Exception) -> None:
         """Run after a handler raised, before the node is shut down."""
 
@@ -138,7 +150,7 @@ def class_name(node_class: type[Node]) -> str:
     return f"{node_class.__module__}:{node_class.__qualname__}"
 
 
-class Declaration(msgspec.Struct, frozen=True):
+class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """What a node class declares, in declaration order."""
 
     subs: dict[str, Sub[Any]]
@@ -148,6 +160,7 @@ class Declaration(msgspec.Struct, frozen=True):
     timers: dict[str, Timer]
     alarms: dict[str, Alarm]
     handlers: dict[str, Callable[..., Any]]
+    event_handlers: dict[str, Callable[..., Any]]
     params: type[Params]
     state: type[State]
 
@@ -179,7 +192,15 @@ def _declare(cls: type[Node]) -> Declaration:
         members.update(vars(ancestor))
     ports = {name: value for name, value in members.items() if isinstance(value, Port)}
     handlers: dict[str, Callable[..., Any]] = {}
+    event_handlers: dict[str, Callable[..., Any]] = {}
     for name, value in members.items():
+        watched: Port | None = getattr(value, HANDLES_EVENTS, None)
+        if watched is not None:
+            if ports.get(watched.name) is not watched or watched.name in event_handlers:
+                raise GraphError(
+                    f"{where}.{name} handles events of a port that is not declared here, or twice"
+                )
+            event_handlers[watched.name] = value
         port: Port | None = getattr(value, HANDLES, None)
         if port is None:
             continue
@@ -210,4 +231,15 @@ def _declare(cls: type[Node]) -> Declaration:
     def of(kind: type[Port]) -> dict[str, Any]:
         return {name: port for name, port in ports.items() if isinstance(port, kind)}
 
-    return Declaration(of(Sub), of(Pub), of(Srv), of(Client), of(Timer), of(Alarm), handlers, params, state)
+    return Declaration(
+        subs=of(Sub),
+        pubs=of(Pub),
+        services=of(Srv),
+        clients=of(Client),
+        timers=of(Timer),
+        alarms=of(Alarm),
+        handlers=handlers,
+        event_handlers=event_handlers,
+        params=params,
+        state=state,
+    )

@@ -7,13 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from palp_core.runtime.builtin import Order
+from palp_core.runtime.lifecycle import Transition
 from palp_core.runtime.outlet import Outlet
 
-__all__ = ["ACTIVATE", "ORDER_PORT", "PARAMETERS", "OrderLog"]
+__all__ = ["ORDER_PORT", "OUTSIDE", "PARAMETERS", "TRANSITIONS", "OrderLog"]
 
 ORDER_PORT = "_order"
-ACTIVATE = "activate"
 PARAMETERS = "parameters"
+OUTSIDE = "outside:"
+TRANSITIONS = (Transition.ACTIVATE, Transition.DEACTIVATE, Transition.CLEANUP, Transition.CONFIGURE)
 BATCH = 256
 SNAPSHOT_INTERVAL_NS = 10_000_000_000
 
@@ -23,62 +25,81 @@ class OrderLog:
 
     Args:
         outlet: Where batches go.
-        sources: Everything that the node can consume.
+        sources: Everything that the node can consume, besides transitions and changes of parameters.
         snapshot: Returns the node's encoded hand-over, without inbox and histories.
+
+    Attributes:
+        next_snapshot_ns: When the next snapshot is due.
     """
 
     def __init__(self, outlet: Outlet[Order], sources: list[str], snapshot: Callable[[], bytes]) -> None:
         self._outlet = outlet
-        self._sources = sources
-        self._index = {source: i for i, source in enumerate(sources)}
+        self._sources = [*(transition.value for transition in TRANSITIONS), PARAMETERS, *sources]
+        self._index = {source: i for i, source in enumerate(self._sources)}
+        self._begun = False
         self._snapshot = snapshot
-        self._next_snapshot_ns = SNAPSHOT_INTERVAL_NS
+        self.next_snapshot_ns = SNAPSHOT_INTERVAL_NS
         self._clear()
 
     def _clear(self) -> None:
         self._hand_over = b""
-        self._source: list[int] = []
-        self._epoch: list[int] = []
-        self._sequence: list[int] = []
-        self._now_ns: list[int] = []
+        self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
 
     def begin(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""
         self.flush(now_ns)
         self._hand_over = self._snapshot()
-        self._next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
+        self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
 
     def prepare(self, now_ns: int) -> None:
         """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
-        if now_ns >= self._next_snapshot_ns:
+        if now_ns >= self.next_snapshot_ns:
             self.begin(now_ns)
+
+    def index_of(self, source: str) -> int:
+        """Return the number of a source, for :meth:`note_index`."""
+        return self._index[source]
 
     def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> None:
         """Add an entry, before the node handles what it names."""
-        self._source.append(self._index[source])
-        self._epoch.append(epoch)
-        self._sequence.append(sequence)
-        self._now_ns.append(now_ns)
-        if len(self._source) >= BATCH:
+        self.note_index(self._index[source], epoch, sequence, now_ns)
+
+    def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
+        """Add an entry, of a source by its number."""
+        self._entries.append((index, epoch, sequence, now_ns))
+        if len(self._entries) >= BATCH:
             self.flush(now_ns)
 
-    def note_change(self, changes: Mapping[str, Any], now_ns: int) -> None:
-        """Add a change of parameters."""
-        self._changes.append(json.dumps(dict(changes)))
-        self.note(PARAMETERS, 0, len(self._changes) - 1, now_ns)
+    def note_transition(self, transition: Transition, now_ns: int) -> bool:
+        """Add a transition; the first configuration comes before the record, the shutdown ends it.
+
+        Returns:
+            Whether it is in the record.
+        """
+        self._begun = self._begun or transition is Transition.ACTIVATE
+        noted = self._begun and transition in TRANSITIONS
+        if noted:
+            self.note(transition.value, 0, 0, now_ns)
+        return noted
+
+    def note_change(self, source: str, change: Mapping[str, Any], now_ns: int) -> None:
+        """Add a change of parameters or a call from outside, with what it says."""
+        self._changes.append(json.dumps(dict(change)))
+        self.note(source, 0, len(self._changes) - 1, now_ns)
 
     def flush(self, now_ns: int) -> None:
         """Publish the open batch, if there is anything in it, and begin the next one."""
-        if not self._source and not self._hand_over:
+        if not self._entries and not self._hand_over:
             return
+        source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
         batch = Order(
             stamp_ns=now_ns,
             sources=self._sources,
-            source=self._source,
-            epoch=self._epoch,
-            sequence=self._sequence,
-            now_ns=self._now_ns,
+            source=list(source),
+            epoch=list(epoch),
+            sequence=list(sequence),
+            now_ns=list(at_ns),
             changes=self._changes,
             hand_over=self._hand_over,
         )

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.runtime.message import Message, encode
+from palp_core.runtime.large import CUT_FROM, cut
+from palp_core.runtime.message import Message, encode_any
+from palp_core.runtime.qos import Qos
 from palp_core.runtime.schema import schema_of
-from palp_core.runtime.wire import Kind, pack
+from palp_core.runtime.wire import IN_PIECES, PLAIN_DATA, Kind, pack, parse, quick_pack
 
 __all__ = ["Outlet"]
 
@@ -19,7 +21,13 @@ M = TypeVar("M", bound=Message)
 class _Owner(Protocol):
     publishing: bool
 
+    @property
+    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
+        """Takes the topic and the pieces of a large message; None: it is sent whole."""
+
     def now_ns(self) -> int: ...
+
+    def resend(self, frame: bytes) -> None: ...
 
 
 class Outlet(Generic[M]):
@@ -27,14 +35,16 @@ class Outlet(Generic[M]):
 
     Attributes:
         sequence: Of the last message published; 0 before the first.
-        history: The last ``depth`` frames.
+        history: The last ``depth`` frames, large ones in pieces.
+        listened: Somebody reads the topic; where nobody knows, it counts as read.
+        idle_until_next: Nothing is due until the next message, as the node has declared.
     """
 
     def __init__(
         self,
         topic: str,
         message: type[M],
-        depth: int,
+        qos: Qos,
         epoch: int,
         owner: _Owner,
         send: Callable[[bytes], None],
@@ -43,9 +53,15 @@ class Outlet(Generic[M]):
         self.message = message
         self.epoch = epoch
         self.sequence = 0
-        self.history: deque[bytes] = deque(maxlen=depth)
+        self.listened = True
+        self.idle_until_next = False
+        self.qos = qos
+        self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
+        self._arrays = [field.name for field in schema_of(message).fields if field.packed]
         self._bytes = topic.encode()
+        self._prefix = self._bytes + b"\0"
         self._type_hash = schema_of(message).type_hash
+        self._canonical = schema_of(message).canonical
         self._owner = owner
         self._send = send
 
@@ -63,28 +79,84 @@ class Outlet(Generic[M]):
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
+        self.sequence += 1
+        self.idle_until_next = False
+        self._put(message, self.epoch, self.sequence)
+
+    def reply(self, message: M, epoch: int, sequence: int) -> None:
+        """Send a reply, which carries its request's epoch and sequence."""
+        self.sequence = sequence
+        self._put(message, epoch, sequence)
+
+    def repeat(self, epoch: int, sequence: int) -> bool:
+        """Send a remembered reply again; return False if it is not remembered."""
+        for kept in reversed(self.history):
+            frame = _whole(kept)
+            parsed = parse(frame)
+            if (parsed.epoch, parsed.sequence) == (epoch, sequence):
+                self._owner.resend(frame)
+                return True
+        return False
+
+    def _put(self, message: M, epoch: int, sequence: int) -> None:
         if type(message) is not self.message:
             raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
-        payload = encode(message)
-        self.sequence += 1
-        frame = pack(
-            self._bytes, Kind.DATA, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash, payload
-        )
+        owner, canonical = self._owner, self._canonical
+        now_ns = owner.now_ns()
+        pieces = cut(message) if owner.send_pieces is not None and self._is_large(message) else None
+        if pieces is not None and owner.send_pieces is not None:
+            head = pack(
+                self._bytes, Kind.DATA, epoch, sequence, now_ns, self._type_hash, pieces.head, IN_PIECES
+            )
+            self.history.append((head, pieces.body, pieces.tail))
+            owner.send_pieces(self._bytes, head, pieces.body, pieces.tail)
+            return
+        payload = encode_any(message if canonical is None else canonical(message))
+        header = quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash)
+        frame = b"".join((self._prefix, header, payload))
+        if self.listened:
+            self._send(frame)
         self.history.append(frame)
-        self._send(frame)
 
-    def call(self, request: M) -> None:
-        """Send a request; a client's requests are a topic like any other."""
-        self.publish(request)
+    def _is_large(self, message: M) -> bool:
+        return any(getattr(message, name).nbytes >= CUT_FROM for name in self._arrays)
+
+    def idle(self) -> None:
+        """Declare that nothing is due until the next message."""
+        if not self.idle_until_next:
+            self.idle_until_next = True
+            if self.listened:
+                self._send(self.heartbeat())
 
     def heartbeat(self) -> bytes:
         """Return the frame that states the last sequence."""
-        return pack(
-            self._bytes, Kind.HEARTBEAT, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash
-        )
+        kind = Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT
+        return pack(self._bytes, kind, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash)
+
+    def kept(self, first: int, last: int, now_ns: int) -> list[bytes]:
+        """Return the remembered frames of a range of sequences that are within their lifespan."""
+        lifespan_ns = round(self.qos.lifespan_ms * 1e6)
+        found = []
+        for kept in self.history:
+            head = parse(kept[0] if isinstance(kept, tuple) else kept)
+            if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
+                found.append(_whole(kept))
+        return found
+
+    def remembered(self) -> list[bytes]:
+        """Return all that is remembered, the oldest first."""
+        return [_whole(kept) for kept in self.history]
+
+    def divert(self, send: Callable[[bytes], None]) -> None:
+        """Give frames to somebody else from now on."""
+        self._send = send
 
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
         """Continue a predecessor's epoch and sequence."""
         self.epoch, self.sequence = epoch, sequence
         self.history.clear()
         self.history.extend(history)
+
+
+def _whole(kept: bytes | tuple[bytes, memoryview, bytes]) -> bytes:
+    return b"".join(kept) if isinstance(kept, tuple) else kept

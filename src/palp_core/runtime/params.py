@@ -9,8 +9,9 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.runtime.node import Declaration, Params
+from palp_core.runtime.param_description import describe_params
 
-__all__ = ["load_params"]
+__all__ = ["changed_params", "load_params"]
 
 SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
@@ -32,3 +33,20 @@ def load_params(declared: Declaration, values: Mapping[str, Any], where: str) ->
                 f"{where}: parameters: '{timer.hz}' is the rate of '{name}': {rate_hz:g} is no rate"
             )
     return params
+
+
+def changed_params(declared: Declaration, present: Params, changes: Mapping[str, Any], where: str) -> Params:
+    """Return the parameters with some of them changed.
+
+    Raises:
+        GraphError: As :func:`load_params`, or a change of a parameter that is read-only.
+    """
+    before = msgspec.to_builtins(present)
+    described = describe_params(declared.params)
+    for name, value in changes.items():
+        if name in described and described[name].read_only and value != before[name]:
+            raise GraphError(
+                f"{where}: parameter '{name}' is read-only: it is looked at when the node is configured; "
+                "state it in the launch file"
+            )
+    return load_params(declared, {**before, **changes}, where)

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar, overload
 
+from palp_core.runtime.events import QosEvent
 from palp_core.runtime.message import Message
 from palp_core.runtime.qos import Qos
 
-__all__ = ["Alarm", "Client", "Port", "Pub", "Srv", "Sub", "Timer", "every", "on", "serve"]
+__all__ = ["Alarm", "Client", "Port", "Pub", "Srv", "Sub", "Timer", "every", "on", "on_event", "serve"]
 
 M = TypeVar("M", bound=Message)
 Request = TypeVar("Request", bound=Message)
@@ -21,6 +22,7 @@ Sent = TypeVar("Sent", bound=Message, contravariant=True)
 Handler = TypeVar("Handler", bound=Callable[..., Any])
 
 HANDLES = "__palp_handles__"
+HANDLES_EVENTS = "__palp_handles_events__"
 
 
 class Port:
@@ -46,6 +48,9 @@ class Publisher(Protocol[Sent]):
 
     def publish(self, message: Sent) -> None:
         """Send a message to every reader; its stamp is the node's time."""
+
+    def idle(self) -> None:
+        """Declare that nothing is due until the next message: readers' deadlines are suspended until then."""
 
 
 class Pub(Port, Generic[M]):
@@ -85,11 +90,24 @@ class Caller(Protocol[Sent]):
 
 
 class Client(Port, Generic[Request, Reply]):
-    """The asking end of a service; wired in the launch file like an input."""
+    """The asking end of a service; wired in the launch file like an input.
 
-    def __init__(self, request: type[Request], reply: type[Reply]) -> None:
+    Args:
+        request: What it sends.
+        reply: What it gets.
+        timeout_ms: How long one try may take on the node's clock.
+        retries: How often a request is sent again. The server does what it asks once: it knows a request it
+            has seen by its sequence and repeats its reply. After the last try the method marked
+            ``@on_event(client)`` gets a ``call_timeout``.
+    """
+
+    def __init__(
+        self, request: type[Request], reply: type[Reply], *, timeout_ms: float = 1000.0, retries: int = 2
+    ) -> None:
         self.request = request
         self.reply = reply
+        self.timeout_ms = timeout_ms
+        self.retries = retries
 
     @overload
     def __get__(self, instance: None, owner: type) -> Client[Request, Reply]: ...
@@ -162,6 +180,18 @@ def on(port: Timer | Alarm) -> Callable[[Callable[[Any], None]], Callable[[Any],
 def on(port: Port) -> Callable[[Handler], Handler]:
     """Mark the method that handles a port's messages, a client's replies or a timer's ticks."""
     return _mark(port)
+
+
+def on_event(
+    port: Sub[Any] | Client[Any, Any],
+) -> Callable[[Callable[[Any, QosEvent], None]], Callable[[Any, QosEvent], None]]:
+    """Mark the method that is told when an edge does not keep its promises, or a call is not answered."""
+
+    def mark(handler: Handler) -> Handler:
+        handler.__dict__[HANDLES_EVENTS] = port
+        return handler
+
+    return mark
 
 
 def serve(

@@ -6,17 +6,30 @@ from typing import Literal
 
 import msgspec
 
-__all__ = ["Qos", "incompatibility"]
+__all__ = ["Qos", "incompatibility", "on_edge"]
 
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a publisher offers or a reader requests; 0 means "none stated"."""
+    """What a publisher offers or a reader requests; 0 means "none stated".
+
+    Attributes:
+        reliability: ``reliable``: what went missing is asked for again.
+        durability: ``transient_local``: a late joiner gets the last ``depth`` messages.
+        depth: Messages that the publisher keeps to fill gaps and greet late joiners; a ``best_effort`` reader
+            holds no more than this unread, and drops the oldest.
+        deadline_ms: Longest time between two messages.
+        lifespan_ms: A message older than this is not handed over.
+        liveliness: Who asserts that the publisher lives: its process, or each message (``manual_by_topic``).
+        lease_ms: Longest silence before the publisher counts as dead.
+    """
 
     reliability: Literal["best_effort", "reliable"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
     depth: int = 10
     deadline_ms: float = 0.0
     lifespan_ms: float = 0.0
+    liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
+    lease_ms: float = 0.0
 
 
 def incompatibility(requested: Qos, offered: Qos) -> str | None:
@@ -30,4 +43,17 @@ def incompatibility(requested: Qos, offered: Qos) -> str | None:
             f"the reader's deadline of {requested.deadline_ms:g} ms is shorter than the publisher's "
             f"{offered.deadline_ms:g} ms"
         )
+    if requested.lease_ms and offered.lease_ms > requested.lease_ms:
+        return (
+            f"the reader's lease of {requested.lease_ms:g} ms is shorter than the publisher's "
+            f"{offered.lease_ms:g} ms"
+        )
+    if requested.liveliness == "manual_by_topic" and offered.liveliness == "automatic":
+        return "the reader asks for manual_by_topic liveliness, the publisher offers automatic"
     return None
+
+
+def on_edge(requested: Qos, offered: Qos) -> Qos:
+    """Return what holds between a reader and a publisher: the request, with the shorter of two lifespans."""
+    lifespans = [ms for ms in (requested.lifespan_ms, offered.lifespan_ms) if ms]
+    return msgspec.structs.replace(requested, lifespan_ms=min(lifespans, default=0.0))

@@ -6,6 +6,8 @@ from typing import Any
 
 import msgspec
 
+from palp_core.runtime.qos import Qos
+
 __all__ = ["NodeSpec", "topic"]
 
 
@@ -25,6 +27,13 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
         requests: Topics of the clients of each service port.
         seed: Of the graph; with the name it determines the node's random numbers.
         epoch: How often the node has been restarted.
+        qos: Per input port what holds on its edge: the request, with the offered lifespan where it is
+            shorter.
+        actions: Per input port what the supervisor does about its events: ``restart`` or ``shutdown``.
+        external: Input ports that take messages from outside the graph, on the topic ``/<name>/<port>``.
+        cpus: Cores the process may run on; empty: all.
+        realtime_priority: SCHED_FIFO priority; 0: the ordinary scheduler.
+        joined: Its process is on another host, from where it joins with ``palp run --join``.
     """
 
     name: str
@@ -39,3 +48,9 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     backoff_s: float = 0.2
     shutdown_on_exit: bool = False
     moves: bool = False
+    qos: dict[str, Qos] = {}
+    actions: dict[str, str] = {}
+    external: list[str] = []
+    cpus: list[int] = []
+    realtime_priority: int = 0
+    joined: bool = False

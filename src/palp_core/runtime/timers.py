@@ -17,13 +17,22 @@ class _Owner(Protocol):
 
 
 class TimerEnd:
-    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter."""
+    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
+
+    Attributes:
+        k: Number of the next tick.
+        due_ns: When it is due; None: stopped.
+        tick_count: Ticks since the process began.
+        overrun_count: Those that started after the next one was due.
+    """
 
     def __init__(self, name: str, hz: str, running: bool, owner: _Owner, handle: Callable[[], None]) -> None:
         self.name = name
         self.handle = handle
         self.k = 0
         self.due_ns: int | None = None
+        self.tick_count = 0
+        self.overrun_count = 0
         self._hz = hz
         self._rate_hz = math.nan
         self._running = running
@@ -62,6 +71,8 @@ class TimerEnd:
         k = self.k
         self.k += 1
         self.due_ns = self._grid_ns(self.k)
+        self.tick_count += 1
+        self.overrun_count += self._owner.now_ns() > self.due_ns
         return k
 
     def retime(self, now_ns: int) -> None:

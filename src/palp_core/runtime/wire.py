@@ -2,7 +2,7 @@
 
 ::
 
-    <topic utf-8> 00 | version u8 | kind u8 | reserved u16 | epoch u32 | sequence u64 | stamp_ns i64 |
+    <topic utf-8> 00 | version u8 | kind u8 | flags u16 | epoch u32 | sequence u64 | stamp_ns i64 |
     type_hash u64 <payload>
 
 All little-endian; the header is 32 bytes. The sequence of a topic starts at 1 and grows by 1 with each
@@ -18,13 +18,32 @@ from typing import NamedTuple
 
 from palp_core.errors import SchemaMismatch
 
-__all__ = ["HEADER_BYTES", "VERSION", "Frame", "Kind", "pack", "parse", "topic_of"]
+__all__ = [
+    "HEADER_BYTES",
+    "IN_PIECES",
+    "PLAIN_DATA",
+    "VERSION",
+    "Frame",
+    "Kind",
+    "pack",
+    "parse",
+    "quick_header",
+    "quick_pack",
+    "raw_of",
+    "sequence_of",
+    "topic_of",
+]
 
 VERSION = 1
 _HEADER = struct.Struct("<BBHIQqQ")
+_QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
+
+
+IN_PIECES = 1
+"""Flag: the payload goes on in the frames that follow; joined, they are the message."""
 
 
 class Kind(IntEnum):
@@ -33,10 +52,21 @@ class Kind(IntEnum):
     DATA = 0
     HEARTBEAT = 1  # no payload; sequence is the last one published
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
+    IDLE = 3  # a heartbeat that says: nothing is due until the next message
+
+
+PLAIN_DATA = VERSION
+"""The header's first four bytes as one number, of a message in one frame: version 1, kind DATA, no flags."""
+
+quick_pack = _QUICK.pack
+"""Return a header of (first four bytes, epoch, sequence, stamp, type hash)."""
+
+quick_header = _QUICK.unpack_from
+"""Read (first four bytes, epoch, sequence, stamp, type hash) at an offset."""
 
 
 class Frame(NamedTuple):
-    """A parsed frame; ``payload`` is a view into the received bytes."""
+    """A parsed frame; ``payload`` is a view into the received bytes, ``rest`` those pieces that follow it."""
 
     topic: str
     kind: int
@@ -45,6 +75,12 @@ class Frame(NamedTuple):
     stamp_ns: int
     type_hash: int
     payload: memoryview
+    rest: tuple[memoryview, ...] = ()
+
+    @property
+    def payload_bytes(self) -> int:
+        """Length of the whole payload."""
+        return len(self.payload) + sum(map(len, self.rest))
 
 
 def pack(
@@ -55,10 +91,24 @@ def pack(
     stamp_ns: int,
     type_hash: int,
     payload: bytes | memoryview = b"",
+    flags: int = 0,
 ) -> bytes:
     """Return one frame."""
     return b"".join(
-        (topic, b"\0", _HEADER.pack(VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash), payload)
+        (topic, b"\0", _HEADER.pack(VERSION, kind, flags, epoch, sequence, stamp_ns, type_hash), payload)
+    )
+
+
+def raw_of(frame: Frame) -> bytes:
+    """Return the bytes that :func:`parse` has split."""
+    return pack(
+        frame.topic.encode(),
+        frame.kind,
+        frame.epoch,
+        frame.sequence,
+        frame.stamp_ns,
+        frame.type_hash,
+        b"".join((frame.payload, *frame.rest)),
     )
 
 
@@ -89,7 +139,7 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(
             f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
         )
-    if kind > Kind.MOVED:
+    if kind > Kind.IDLE:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
     if kind == Kind.DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
@@ -97,6 +147,5 @@ def parse(frame: bytes) -> Frame:
         topic = str(frame[:end], "utf-8")
     except UnicodeDecodeError as error:
         raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
-    return Frame(
-        topic, kind, epoch, sequence, stamp_ns, type_hash, memoryview(frame)[end + 1 + HEADER_BYTES :]
-    )
+    payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
+    return Frame(topic, kind, epoch, sequence, stamp_ns, type_hash, payload)

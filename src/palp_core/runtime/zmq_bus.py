@@ -5,25 +5,28 @@ The only module that touches zmq. Subscriptions are to ``topic NUL``, so that no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import msgpack
 import zmq
 
+from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.outlet import Outlet
-from palp_core.runtime.wire import HEADER_BYTES, topic_of
+from palp_core.runtime.request_desk import Operation, RequestDesk
+from palp_core.runtime.wire import topic_of
 
 __all__ = ["Broadcast", "Subscriber", "ask"]
 
-TWO_FRAMES_FROM = 64 * 1024
-HIGH_WATER_MARK = 100_000
+COPY_BELOW = 64 * 1024
+SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
+RECEIVE_QUEUE = 1000  # the rest waits at the publisher
+QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
+_NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
+_EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
 RECONNECT_MS = 10
 MAX_REQUEST_BYTES = 1 << 20
-
-
-def _readable(socket: zmq.Socket[bytes]) -> bool:
-    return bool(int(socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
 
 
 class Broadcast:
@@ -32,51 +35,105 @@ class Broadcast:
     Args:
         publish_endpoint: Where readers subscribe.
         serve_endpoint: Where requests are answered.
+
+    Attributes:
+        file_descriptors: Become readable when :meth:`poll` has something to do.
     """
 
     def __init__(self, publish_endpoint: str, serve_endpoint: str) -> None:
         self._context = zmq.Context()
         self._publish = self._context.socket(zmq.XPUB)
         self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
-        self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
+        self._publish.setsockopt(zmq.SNDHWM, SEND_QUEUE)
         self._publish.setsockopt(zmq.LINGER, 200)
         self._publish.bind(publish_endpoint)
+        self._send_frame = super(zmq.Socket, self._publish).send  # without the costly options
         self._serve = self._context.socket(zmq.ROUTER)
         self._serve.setsockopt(zmq.LINGER, 200)
         self._serve.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         self._serve.bind(serve_endpoint)
         self._subscribed: dict[bytes, int] = {}
         self._outlets: dict[bytes, Outlet[Any]] = {}
-        self._operations: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+        self.file_descriptors = int(self._publish.getsockopt(zmq.FD)), int(self._serve.getsockopt(zmq.FD))
+        self._direct: set[str] = set()
+        self._desk = RequestDesk()
+        self._on_their_way: deque[tuple[zmq.MessageTracker, int]] = deque()
+        self._bytes_on_their_way = 0
+        self._sent = True
 
-    def offer(self, outlets: Iterable[Outlet[Any]]) -> None:
-        """Add topics whose new subscribers are greeted with a heartbeat."""
-        self._outlets.update({outlet.topic.encode(): outlet for outlet in outlets})
+    def offer(self, outlets: Iterable[Outlet[Any]], *, direct: bool = False) -> None:
+        """Add topics whose new subscribers are greeted with a heartbeat.
 
-    def answer(self, operation: str, handle: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        """Answer requests ``{"op": operation, ...}`` by a function from map to map."""
-        self._operations[operation] = handle
+        Args:
+            outlets: One per topic.
+            direct: Nobody but this takes their frames, and it takes only those that somebody reads.
+        """
+        for outlet in outlets:
+            self._outlets[outlet.topic.encode()] = outlet
+            outlet.listened = not direct or outlet.topic.encode() in self._subscribed
+            if direct:
+                outlet.divert(self._transmit)
+                self._direct.add(outlet.topic)
+            else:
+                self._direct.discard(outlet.topic)
+
+    def answer(self, node: str, operations: Mapping[str, Operation], deferred: Collection[str] = ()) -> None:
+        """Answer requests ``{"op": operation, "node": node, ...}`` by functions from map to map.
+
+        Args:
+            node: Whom a request is for; one that names nobody is for the only one there is.
+            operations: By name.
+            deferred: Those that wait for :meth:`perform`.
+        """
+        self._desk.add(node, operations, deferred)
 
     @property
-    def file_descriptors(self) -> tuple[int, int]:
-        """Descriptors that become readable when :meth:`poll` has something to do."""
-        return int(self._publish.getsockopt(zmq.FD)), int(self._serve.getsockopt(zmq.FD))
+    def context(self) -> zmq.Context[zmq.Socket[bytes]]:
+        """The process's context, for what else it opens: one thread moves all its bytes."""
+        return self._context
 
     @property
     def heard(self) -> bool:
         """True while anyone subscribes to anything."""
         return bool(self._subscribed)
 
+    @property
+    def waiting(self) -> Collection[str]:
+        """Nodes for which a deferred request waits."""
+        return self._desk.waiting
+
     def send(self, frame: bytes) -> None:
-        """Publish a frame if anyone subscribes to its topic; large ones as head and body."""
-        if topic_of(frame) not in self._subscribed:
+        """Publish a frame if anyone subscribes to its topic."""
+        topic = topic_of(frame)
+        if topic not in self._subscribed:
             return
-        if len(frame) < TWO_FRAMES_FROM:
-            self._publish.send(frame)
-        else:
-            head = frame.index(0) + 1 + HEADER_BYTES
-            self._publish.send(frame[:head], zmq.SNDMORE)
-            self._publish.send(memoryview(frame)[head:], copy=False)
+        self._transmit(frame)
+
+    def _transmit(self, frame: bytes) -> None:
+        self._sent = True
+        if len(frame) < COPY_BELOW:
+            self._send_frame(frame)
+        elif self._has_room(len(frame)):
+            self._send_large(frame, 0)
+
+    def send_pieces(self, topic: bytes, *pieces: bytes | memoryview) -> None:
+        """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic."""
+        if topic in self._subscribed and self._has_room(len(pieces[1])):
+            self._sent = True
+            self._publish.send(pieces[0], zmq.SNDMORE)
+            self._send_large(pieces[1], zmq.SNDMORE)
+            self._publish.send(pieces[2])
+
+    def _has_room(self, size: int) -> bool:
+        """Tell whether a large message may be sent; one that may not is a gap, and can be asked for."""
+        while self._on_their_way and self._on_their_way[0][0].done:
+            self._bytes_on_their_way -= self._on_their_way.popleft()[1]
+        return self._bytes_on_their_way + size <= QUEUE_BYTES
+
+    def _send_large(self, piece: bytes | memoryview, flags: int) -> None:
+        tracker = self._publish.send(piece, flags, copy=False, track=True)
+        self._on_their_way.append((tracker, len(piece)))
+        self._bytes_on_their_way += len(piece)
 
     def beat(self) -> None:
         """State every subscribed topic's last sequence."""
@@ -84,15 +141,20 @@ class Broadcast:
             outlet = self._outlets.get(name)
             if outlet is not None:
                 self._publish.send(outlet.heartbeat())
+        self._sent = True
+
+    def notice(self) -> None:
+        """Take note that a descriptor was readable."""
+        self._sent = True
 
     def pending(self) -> bool:
-        """Tell whether :meth:`poll` has work; sending may have swallowed the descriptors' signal."""
-        return _readable(self._publish) or _readable(self._serve)
+        """Tell whether :meth:`poll` may have work; sending swallows the descriptors' signal."""
+        return self._sent
 
     def poll(self) -> None:
         """Greet new subscribers and answer requests, without waiting."""
-        while _readable(self._publish):
-            event = self._publish.recv()
+        self._sent = False
+        while (event := _receive(self._publish)) is not None:
             if event[-1:] != b"\0":
                 continue  # not a topic: a stranger's prefix
             name = event[1:-1]
@@ -100,26 +162,40 @@ class Broadcast:
                 self._subscribed[name] = self._subscribed.get(name, 0) + 1
                 outlet = self._outlets.get(name)
                 if outlet is not None:
+                    outlet.listened = True
                     self._publish.send(outlet.heartbeat())
+                    self._sent = True
             elif event[:1] == b"\0":
                 # XPUB reports an unsubscription only when the last subscriber of the topic is gone.
                 self._subscribed.pop(name, None)
-        while _readable(self._serve):
-            identity, *parts = self._serve.recv_multipart()
-            self._serve.send_multipart([identity, *parts[:-1], self._reply(parts)])
+                outlet = self._outlets.get(name)
+                if outlet is not None and outlet.topic in self._direct:
+                    outlet.listened = False
+        while (first := _receive(self._serve)) is not None:
+            parts = [first]
+            while self._serve.getsockopt(zmq.RCVMORE):
+                parts.append(self._serve.recv())
+            answer = self._desk.take(parts[:-1], parts[-1] if len(parts) > 1 else b"")
+            if answer is not None:
+                self._serve.send_multipart([*parts[:-1], answer])
+                self._sent = True
 
-    def _reply(self, parts: list[bytes]) -> bytes:
-        try:
-            request = msgpack.unpackb(parts[-1] if parts else b"")
-            return bytes(msgpack.packb(self._operations[request["op"]](request)))
-        except Exception as error:  # noqa: BLE001 - whatever a stranger sends must harm nothing
-            known = ", ".join(sorted(self._operations))
-            text = f"{type(error).__name__}: {error}; operations: {known}"
-            return bytes(msgpack.packb({"error": text}, unicode_errors="replace"))
+    def perform(self, node: str | None = None) -> None:
+        """Do what was deferred, for one node or for all; a handler's failure passes through."""
+        if self._desk.waiting:
+            self._desk.perform(node, self._reply)
+
+    def _reply(self, envelope: list[bytes], answer: bytes) -> None:
+        self._serve.send_multipart([*envelope, answer])
 
     def close(self) -> None:
         """Send what is queued and let go."""
         self._context.destroy(linger=200)
+
+
+def _receive(socket: zmq.Socket[bytes]) -> bytes | None:
+    # Asking first costs less than the exception that an empty socket raises.
+    return socket.recv() if int(socket.getsockopt(_EVENTS)) & _POLLIN else None
 
 
 class Subscriber:
@@ -127,35 +203,71 @@ class Subscriber:
 
     Args:
         endpoints: Endpoint per topic.
+        context: The process's, if it has one.
+        queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
+
+    Attributes:
+        file_descriptor: Becomes readable when something may have arrived.
     """
 
-    def __init__(self, endpoints: Mapping[str, str]) -> None:
-        self._context = zmq.Context()
+    def __init__(
+        self,
+        endpoints: Mapping[str, str],
+        context: zmq.Context[zmq.Socket[bytes]] | None = None,
+        queue: int = RECEIVE_QUEUE,
+    ) -> None:
+        self._own_context = zmq.Context() if context is None else None
+        self._context = self._own_context or context
+        assert self._context is not None
         self._socket = self._context.socket(zmq.SUB)
-        self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
+        self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for name in endpoints:
             self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
-
-    @property
-    def file_descriptor(self) -> int:
-        """Descriptor that becomes readable when :meth:`receive` may have something."""
-        return int(self._socket.getsockopt(zmq.FD))
+        self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, without waiting."""
+        """Return the frames that have arrived, each whole, without waiting."""
         frames = []
-        while _readable(self._socket):
-            parts = self._socket.recv_multipart()
+        while (first := _receive(self._socket)) is not None:
+            parts = [first]
+            while self._socket.getsockopt(zmq.RCVMORE):
+                parts.append(self._socket.recv())
             frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
         return frames
 
+    def take(self, arrive: Callable[[bytes, int], None], until_ns: int) -> bool:
+        """Hand on what has arrived, without waiting; return True if there may be more.
+
+        Args:
+            arrive: Takes a frame and the time; asks :meth:`rest` if its header says that pieces follow.
+            until_ns: On the monotonic clock: leave the rest to the next call.
+        """
+        receive = self._socket.recv
+        try:
+            while True:
+                raw = receive(_NOBLOCK)
+                now_ns = monotonic_ns()
+                arrive(raw, now_ns)
+                if now_ns >= until_ns:
+                    return True
+        except zmq.Again:
+            return False
+
+    def rest(self) -> list[memoryview]:
+        """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
+        pieces: list[memoryview] = []
+        while self._socket.getsockopt(_RCVMORE):
+            piece: zmq.Frame = self._socket.recv(copy=False)
+            pieces.append(piece.buffer)
+        return pieces
+
     def pending(self) -> bool:
         """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
-        return _readable(self._socket)
+        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLIN)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something may have arrived; return False on time-out."""
@@ -163,7 +275,9 @@ class Subscriber:
 
     def close(self) -> None:
         """Let go."""
-        self._context.destroy(linger=0)
+        self._socket.close(linger=0)
+        if self._own_context is not None:
+            self._own_context.term()
 
 
 def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:

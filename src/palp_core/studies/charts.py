@@ -71,20 +71,25 @@ class Chart:
     draw: Callable[[Figure], None]
 
 
-def save(chart: Chart, folder: Path) -> bytes:
-    """Draw a chart, write ``NAME.png`` and ``NAME.csv`` into the folder, and return the PNG."""
+def save(chart: Chart, folder: Path, *, svg: bool = False) -> bytes:
+    """Draw a chart, write ``NAME.png``, ``NAME.csv`` and if asked ``NAME.svg``, and return the PNG."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     image = io.BytesIO()
-    with rc_context(_STYLE):
+    vector = io.BytesIO()
+    with rc_context(_STYLE | {"svg.hashsalt": chart.name}):  # the same file for the same numbers
         figure = Figure(figsize=chart.size, dpi=_DPI, layout="constrained")
         FigureCanvasAgg(figure)
         chart.draw(figure)
         figure.savefig(image, format="png", metadata={"Software": "palp"})
+        if svg:
+            figure.savefig(vector, format="svg", metadata={"Creator": "palp", "Date": None})
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{chart.name}.png").write_bytes(image.getvalue())
+    if svg:
+        (folder / f"{chart.name}.svg").write_bytes(vector.getvalue())
     with (folder / f"{chart.name}.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(chart.columns)

@@ -19,9 +19,7 @@ import numpy as np
 import palp_core
 from palp_core.errors import PalpError
 from palp_core.mechanics.phantom import Phantom
-from palp_core.mechanics.phantom_file import load_phantoms
-from palp_core.mechanics.probe import Probe
-from palp_core.mechanics.scene import contact_model
+from palp_core.mechanics.scene_rig import rig
 from palp_core.perception import statistics
 from palp_core.perception.stopping import stop_rule
 from palp_core.studies.basis import SCENE, basis_of
@@ -218,26 +216,22 @@ def _mechanics(phantom: dict[str, Any] | None) -> dict[str, Any] | None:
     """Return every phantom's contact rung with its stated bound, and the scene; None where touch was real."""
     if phantom is None:
         return None
-    output, tolerance = phantom.get("output", "peak"), phantom.get("tolerance", 0.02)
+    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
     indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
-    probe = Probe(**{name: phantom[name] for name in ("friction", "tip_mass_kg") if name in phantom})
-    subjects = load_phantoms(phantom.get("phantoms", ""))
-    choices = {
-        code: contact_model(subject, probe.tip_radius_m, output, tolerance, indentation_m)[1]
-        for code, subject in subjects.items()
-    }
+    touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
+    choices, file = touched.choices, phantom.get("scene") or phantom.get("phantoms", "")
     return {
         "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
-        "bound": max(choice.bound for choice in choices.values()),
-        "output": output,
-        "tolerance": tolerance,
+        "bound": max(choice.bound or 0.0 for choice in choices.values()),
+        "output": touched.output,
+        "tolerance": touched.tolerance,
         "per_phantom": {
             code: {"rung": choice.method.name, "bound": choice.bound, "reason": choice.reason}
             for code, choice in choices.items()
         },
         "scene": {
-            "probe": _based(asdict(probe)),
-            **{code: _based(_flat(s), phantom.get("phantoms", "")) for code, s in subjects.items()},
+            "probe": _based(asdict(touched.probe), phantom.get("scene", "")),
+            **{code: _based(_flat(s), file) for code, s in touched.phantoms.items()},
         },
     }
 

@@ -1,0 +1,48 @@
+"""Note when each message arrives."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from plan import Arrivals
+
+from msgs.load import Block, Reply
+from nodes.profiled import Profile
+from palp_core import Node, Params, Pub, State, Sub, on
+
+
+class CatcherParams(Params):
+    """``out`` is the folder of what is found; ``number`` tells one reader from another."""
+
+    out: str = ""
+    number: int = 0
+    profile: bool = False
+
+
+class Catcher(Node):
+    """Reply where the message asks for it."""
+
+    params: CatcherParams
+    state: State
+    block = Sub(Block)
+    reply = Pub(Reply)
+
+    def on_configure(self) -> None:
+        folder, number = Path(self.params.out), self.params.number
+        self.path = folder / f"arrivals{number}.npy"
+        self.profile = Profile(folder / f"catcher{number}.prof" if self.params.profile else None)
+        self.arrivals = Arrivals()
+
+    def on_activate(self) -> None:
+        self.profile.begin()
+
+    def on_deactivate(self) -> None:
+        self.profile.end()
+        self.arrivals.write(self.path)
+
+    @on(block)
+    def catch(self, block: Block) -> None:
+        arrived_ns = time.monotonic_ns()
+        if self.arrivals.take(block.index, block.sent_ns, arrived_ns):
+            self.reply.publish(Reply(index=block.index, sent_ns=block.sent_ns, count=self.arrivals.count))

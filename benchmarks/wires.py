@@ -1,0 +1,172 @@
+"""How fast palp's wires are beside raw pyzmq with msgpack in its fastest form, in interleaved rounds.
+
+palp is the real thing: nodes in processes of their own, started by ``palp launch``, with accounts, heartbeats
+and order records. Both contenders carry the same array, stamp it just before the publish call and again when
+the reader holds a numpy array, on the host's monotonic clock. A ratio is palp over raw pyzmq within one
+round; stated are the median over rounds and the spread. The machine should be otherwise idle.
+
+Run: .venv/bin/python benchmarks/wires.py [--quick] [--json] [--only latency] [--out DIR]
+     .venv/bin/python benchmarks/wires.py --peer ros2     beside ROS 2, installed from PyPI (Python 3.11)
+     .venv/bin/python benchmarks/wires.py --profile       what palp's own time is made of
+     .venv/bin/python benchmarks/wires.py --steady 600    the rig's rates: losses, overruns, memory
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from rich.console import Console
+from wire_bench.contenders import HERE, Outcome, first_message_s, ros2_python, run_palp, run_raw, run_scripts
+from wire_bench.figures import Measure, Results, write_csv
+from wire_bench.plan import Phase
+
+QUICK_S = 34.0  # of 40; starting, ending and a run that takes longer than the one before have the rest
+KINDS = ("latency", "64k", "trip", "rate", "1mib", "fan", "startup")
+
+
+def measures(quick: bool) -> dict[str, Measure]:
+    """Return what can be measured over an edge."""
+    fine = 1.06 if quick else 1.03
+    return {
+        "latency": Measure("latency", Phase("stream", 48, 1000.0, 1.0 if quick else 5.0)),
+        "64k": Measure("64k", Phase("stream", 1 << 16, 100.0, 0.7 if quick else 5.0)),
+        "trip": Measure("trip", Phase("echo", 48, 1000.0, 0.3 if quick else 2.0)),
+        "rate": Measure("rate", Phase("search", 48, 16000.0, 0.1 if quick else 0.4, resolution=fine)),
+        "1mib": Measure("1mib", Phase("search", 1 << 20, 400.0, 0.1 if quick else 0.4, 512, fine)),
+        "fan": Measure("fan", Phase("stream", 48, 1000.0, 0.7 if quick else 5.0)),
+    }
+
+
+def bundles(only: set[str], quick: bool) -> list[tuple[int, list[Measure]]]:
+    """Return (readers, measures) of each run of a round; the quick form puts several into one."""
+    found = measures(quick)
+    together = [("latency", "64k", "trip"), ("rate", "1mib")] if quick else [(kind,) for kind in KINDS[:5]]
+    runs = [(1, [found[kind] for kind in kinds if kind in only]) for kinds in together]
+    runs.append((5, [found["fan"]] if "fan" in only else []))
+    return [(readers, chosen) for readers, chosen in runs if chosen]
+
+
+def say(text: str) -> None:
+    """Show progress."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def measure(
+    only: set[str], rounds: int, quick: bool, contenders: dict[str, Callable[..., Outcome]], budget_s: float
+) -> Results:
+    """Run all rounds, each contender beside the other, the order turned from round to round.
+
+    The first round is whole; of the later ones, a run that would not end within ``budget_s`` is left out.
+    """
+    results, took_s = Results(), dict[str, float]()
+    begin_s = time.monotonic()
+
+    def fits(what: str) -> bool:
+        return time.monotonic() - begin_s + took_s.get(what, 0.0) <= budget_s
+
+    for number in range(rounds):
+        for readers, chosen in bundles(only, quick):
+            what = ", ".join(entry.name for entry in chosen)
+            if number and not fits(what):
+                continue
+            started_s = time.monotonic()
+            for name in list(contenders) if number % 2 == 0 else list(reversed(contenders)):
+                say(f"round {number + 1}/{rounds}: {name}: {what}")
+                results.add(name, chosen, contenders[name]([entry.phase for entry in chosen], readers))
+            took_s[what] = time.monotonic() - started_s
+        if "startup" in only and (number == 0 or fits("startup")):
+            took_s["startup"] = first_message_s()
+            results.startup_s.append(took_s["startup"])
+            say(f"round {number + 1}/{rounds}: ten nodes in {took_s['startup']:.2f} s")
+    return results
+
+
+def write(out: Path, name: str, found: dict[str, Any]) -> None:
+    """Write an object beside its charts."""
+    (out / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+def long_run(seconds: float, out: Path | None, as_json: bool) -> None:
+    """Run the steady graph and show how it did."""
+    from wire_bench.steady import steady
+    from wire_bench.tables import show_steady
+
+    say(f"torque at 1 kHz and EMG at 1.5 kHz for {seconds:g} s")
+    found = steady(seconds, out)
+    if out is not None:
+        write(out, "steady", found)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        show_steady(Console(), found)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="within 40 s")
+    parser.add_argument("--json", action="store_true", help="one object for machines")
+    parser.add_argument("--only", action="append", choices=KINDS, help="measure only this; may be repeated")
+    parser.add_argument("--rounds", type=int, help="interleaved rounds (up to 3 if quick, else 7)")
+    parser.add_argument("--out", type=Path, help="write chart, CSV and JSON to this folder")
+    parser.add_argument("--peer", choices=("ros2",), help="measure a rival too")
+    parser.add_argument(
+        "--ros2-venv",
+        type=Path,
+        default=Path.home() / ".cache" / "palp-ros2",
+        help="virtual environment with rclpy; made if it is not there",
+    )
+    parser.add_argument("--profile", action="store_true", help="show what palp's own time is made of")
+    parser.add_argument(
+        "--steady", type=float, nargs="?", const=600.0, metavar="SECONDS", help="the long run (600 s)"
+    )
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no contender is left behind
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    if options.steady is not None:
+        long_run(options.steady, options.out, options.json)
+        return
+    if options.profile:
+        from wire_bench.profiling import profile
+
+        profile(Console())
+        return
+    contenders: dict[str, Callable[..., Outcome]] = {"palp": run_palp, "raw": run_raw}
+    if options.peer:
+        python = ros2_python(options.ros2_venv, say)
+        contenders["ros2"] = functools.partial(run_scripts, HERE / "ros2.py", python=python)
+    rounds = options.rounds or (3 if options.quick else 7)
+    budget_s = QUICK_S if options.quick and not options.rounds else math.inf
+    results = measure(set(options.only or KINDS), rounds, options.quick, contenders, budget_s)
+    found = results.summary()
+    if options.out is not None:
+        from wire_bench.charts import wires_chart
+
+        wires_chart(results, options.out / "wires.png")
+        write_csv(results, options.out / "wires.csv")
+        write(options.out, "wires", found)
+    if options.json:
+        print(json.dumps(found))
+    else:
+        from wire_bench.tables import show_wires
+
+        show_wires(Console(), results, found)
+
+
+if __name__ == "__main__":
+    main()

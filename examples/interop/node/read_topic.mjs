@@ -1,0 +1,22 @@
+// Read messages of a topic: node read_topic.mjs GRAPH_JSON TOPIC COUNT
+import { readFileSync } from "node:fs";
+import { decode } from "@msgpack/msgpack";
+import { Subscriber } from "zeromq";
+
+const [file, topic, count] = process.argv.slice(2);
+const graph = JSON.parse(readFileSync(file, "utf8"));
+const socket = new Subscriber();
+socket.connect(graph.topics.find((entry) => entry.name === topic).publish);
+socket.subscribe(`${topic}\0`);
+const floats = (bytes) => [...new Float64Array(new Uint8Array(bytes).buffer)]; // a copy is aligned
+let left = Number(count);
+for await (const parts of socket) {
+  const frame = Buffer.concat(parts);
+  const header = Buffer.byteLength(topic) + 1;
+  if (frame[header] !== 1 || frame[header + 1] !== 0) continue; // another version, or a heartbeat
+  const fields = Object.entries(decode(frame.subarray(header + 32)));
+  const message = Object.fromEntries(fields.map(([name, value]) => [name, value instanceof Uint8Array ? floats(value) : value]));
+  console.log(`${frame.readBigUInt64LE(header + 8)} ${JSON.stringify(message)}`);
+  if (--left <= 0) break;
+}
+socket.close();

@@ -1,0 +1,85 @@
+"""What the shell offers after TAB: names of what runs now. Whatever goes wrong, the shell gets no names."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from palp_core.launch.remote import RunningGraph
+
+__all__ = ["fields", "graphs", "nodes", "parameters", "services", "topics", "types"]
+
+
+def _running(context: typer.Context) -> RunningGraph | None:
+    from palp_core.launch.remote import RunningGraph
+
+    with contextlib.suppress(Exception):
+        return RunningGraph.find(context.params.get("graph"))
+    return None
+
+
+def _matching(names: list[str], begun: str) -> list[str]:
+    return [name for name in names if name.startswith(begun) or name.startswith(f"/{begun}")]
+
+
+def graphs(incomplete: str) -> list[str]:
+    """Names of running graphs."""
+    from palp_core.launch.run_directory import running
+
+    with contextlib.suppress(Exception):
+        return _matching(sorted({record.graph for record in running()}), incomplete)
+    return []
+
+
+def topics(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of topics; hidden ones only once their beginning is there."""
+    graph = _running(ctx)
+    if graph is None:
+        return []
+    return _matching([topic.name for topic in graph.topics(include_hidden="/_" in incomplete)], incomplete)
+
+
+def nodes(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of nodes."""
+    graph = _running(ctx)
+    return [] if graph is None else _matching([f"/{name}" for name in graph.node_names], incomplete)
+
+
+def services(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of services; a node that does not answer at once has none."""
+    graph = _running(ctx)
+    with contextlib.suppress(Exception):
+        if graph is not None:
+            known = graph.services(graph.ask_all("info", timeout_s=0.3))
+            return _matching([service.name for service in known], incomplete)
+    return []
+
+
+def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the parameters of the node that is already on the line."""
+    graph = _running(ctx)
+    with contextlib.suppress(Exception):
+        if graph is not None:
+            reply = graph.ask(str(ctx.params["node"]), "get_parameters", timeout_s=0.3)
+            return _matching(list(reply["parameters"]), incomplete)
+    return []
+
+
+def types(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the message types of the running graph's topics."""
+    graph = _running(ctx)
+    return [] if graph is None else _matching(sorted({t.type for t in graph.record.topics}), incomplete)
+
+
+def fields(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of the fields of the topic that is already on the line."""
+    graph = _running(ctx)
+    with contextlib.suppress(Exception):
+        if graph is not None:
+            return _matching(
+                list(graph.topic(str(ctx.params["topic"])).json_schema["properties"]), incomplete
+            )
+    return []

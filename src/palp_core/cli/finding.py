@@ -1,0 +1,47 @@
+"""What ``palp doctor`` finds."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+__all__ = ["Finding", "Level", "error", "fine", "remark", "warning"]
+
+Level = Literal["ok", "note", "warning", "error"]
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing that was looked at.
+
+    Attributes:
+        level: ``error``: it harms a run or did; ``warning``: it may; ``note``: good to know; ``ok``.
+        what: What was found.
+        where: The host's part, the file, the node or edge.
+        advice: What to do; empty if nothing.
+    """
+
+    level: Level
+    what: str
+    where: str
+    advice: str = ""
+
+
+def error(where: str, what: str, advice: str) -> Finding:
+    """Return a finding that harms."""
+    return Finding("error", what, where, advice)
+
+
+def warning(where: str, what: str, advice: str) -> Finding:
+    """Return a finding that may harm."""
+    return Finding("warning", what, where, advice)
+
+
+def remark(where: str, what: str, advice: str = "") -> Finding:
+    """Return what is good to know."""
+    return Finding("note", what, where, advice)
+
+
+def fine(where: str, what: str) -> Finding:
+    """Return that something is as it should be."""
+    return Finding("ok", what, where)

@@ -1,0 +1,76 @@
+"""Verb groups whose modules are imported when a verb is used, so that ``palp --help`` waits for nothing.
+
+A group lists its verbs as text: where each lives, and the line that the help shows for it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, NamedTuple
+
+import typer
+import typer.core
+import typer.main
+
+__all__ = ["LazyGroup", "Verb", "lazy_app", "load"]
+
+
+class Verb(NamedTuple):
+    """A verb or a group of verbs that is not imported yet.
+
+    Attributes:
+        target: ``module:name`` of a function with Typer's annotations, or of a :class:`typer.Typer`.
+        help: One line.
+        hidden: Works, but is not listed.
+    """
+
+    target: str
+    help: str
+    hidden: bool = False
+
+
+class LazyGroup(typer.core.TyperGroup):
+    """A group that lists what it knows of its verbs and imports the one that is called."""
+
+    verbs: dict[str, Verb] = {}
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, verb in self.verbs.items():
+            stand_in = typer.core.TyperCommand(name, help=verb.help, hidden=verb.hidden)
+            self.add_command(stand_in, name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """Find the verb that the first argument names, and import it."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command if name is None else load(name, self.verbs[name]), rest
+
+
+def load(name: str, verb: Verb) -> Any:
+    """Return the command of a verb."""
+    module_name, _, attribute = verb.target.partition(":")
+    target = getattr(importlib.import_module(module_name), attribute)
+    if isinstance(target, typer.Typer):
+        target.rich_markup_mode = None
+        return typer.main.get_group(target)
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command(name)(target)
+    return typer.main.get_command(app)
+
+
+def lazy_app(text: str, verbs: dict[str, Verb], *, add_completion: bool = False) -> typer.Typer:
+    """Return an application of verbs that are imported on use; its help is plain text, which is quick."""
+    return typer.Typer(
+        cls=type("Verbs", (LazyGroup,), {"verbs": verbs}),
+        help=text,
+        callback=_nothing,
+        no_args_is_help=True,
+        add_completion=add_completion,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+
+def _nothing() -> None:
+    """A group without its verb does nothing."""

@@ -1,0 +1,88 @@
+"""Options and arguments that many verbs share."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Annotated
+
+import typer
+
+from palp_core.cli import completion
+
+__all__ = [
+    "GraphOption",
+    "HiddenOption",
+    "JsonOption",
+    "NodeArgument",
+    "OptionalNodeArgument",
+    "ServiceArgument",
+    "TimeoutOption",
+    "TopicArgument",
+    "TopicsArgument",
+    "until_ctrl_c",
+]
+
+INTERRUPTED = 130
+
+GraphOption = Annotated[
+    str | None,
+    typer.Option(
+        "--graph",
+        metavar="NAME",
+        help="Which running graph; default: the latest.",
+        autocompletion=completion.graphs,
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
+HiddenOption = Annotated[
+    bool,
+    typer.Option("-a", "--include-hidden-topics", "--include-hidden", help="Names that begin with _, too."),
+]
+TimeoutOption = Annotated[
+    float, typer.Option("--timeout", metavar="S", min=0.0, help="Seconds to wait for a node's answer.")
+]
+TopicArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="TOPIC", help="As in /estimator/belief.", autocompletion=completion.topics, show_default=False
+    ),
+]
+TopicsArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="TOPIC",
+        help="As in /estimator/belief.",
+        autocompletion=completion.topics,
+        show_default=False,
+    ),
+]
+NodeArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="NODE", help="As in /estimator.", autocompletion=completion.nodes, show_default=False
+    ),
+]
+OptionalNodeArgument = Annotated[
+    str | None,
+    typer.Argument(metavar="NODE", help="Default: all.", autocompletion=completion.nodes, show_default=False),
+]
+ServiceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SERVICE", help="As in /torque/tare.", autocompletion=completion.services, show_default=False
+    ),
+]
+
+
+@contextlib.contextmanager
+def until_ctrl_c() -> Iterator[None]:
+    """Take Ctrl-C for the end that it is: no traceback, no "Aborted", status 130.
+
+    Raises:
+        typer.Exit: Ctrl-C.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise typer.Exit(INTERRUPTED) from None

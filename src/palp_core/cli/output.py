@@ -1,0 +1,58 @@
+"""How verbs speak: lines on standard output, notes on standard error, JSON for machines."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+__all__ = ["note", "print_json", "print_table", "print_text", "table_lines", "yaml_text"]
+
+
+def print_text(text: str) -> None:
+    """Write a line to standard output, unwrapped."""
+    sys.stdout.write(text + "\n")
+
+
+def print_json(value: Any) -> None:
+    """Write a value as one line of JSON; NaN and infinity, which JSON lacks, become null."""
+    import msgspec
+
+    print_text(msgspec.json.encode(value).decode())
+
+
+def note(text: str) -> None:
+    """Write a line to standard error: what a reader of the output itself is not to see."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return rows with their columns aligned."""
+    cells = [list(row) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else []
+    return ["  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)).rstrip() for row in cells]
+
+
+def print_table(rows: Iterable[Sequence[str]]) -> None:
+    """Write rows with their columns aligned."""
+    for line in table_lines(rows):
+        print_text(line)
+
+
+def yaml_text(value: Any, *, flow: bool = False) -> str:
+    """Return a value as YAML: mappings as blocks and lists of plain values inline, or all of it inline."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        def represent_sequence(
+            self, tag: str, sequence: Iterable[Any], flow_style: bool | None = None
+        ) -> yaml.SequenceNode:
+            items = list(sequence)
+            inline = flow or not any(isinstance(item, list | dict) for item in items)
+            return super().represent_sequence(tag, items, flow_style=inline)
+
+    text: str = yaml.dump(
+        value, Dumper=Dumper, sort_keys=False, default_flow_style=flow, width=2**31, allow_unicode=True
+    )
+    return text.removesuffix("...\n")

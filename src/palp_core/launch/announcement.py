@@ -1,0 +1,60 @@
+"""Where everything of a running graph is, for those who look into its run directory and those who ask."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from palp_core.launch.checked import CheckedGraph
+from palp_core.launch.graph_bus import NAME, GraphBus
+from palp_core.launch.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
+from palp_core.runtime.birth import endpoints
+
+if TYPE_CHECKING:
+    from palp_core.launch.door import Door
+    from palp_core.launch.no_door import NoDoor
+
+__all__ = ["announcement"]
+
+
+def announcement(
+    checked: CheckedGraph,
+    file: Path,
+    folder: Path,
+    pids: Mapping[str, int],
+    door: Door | NoDoor,
+    *,
+    composed: bool,
+) -> RunRecord:
+    """Return the record of a running graph.
+
+    Args:
+        checked: The graph.
+        file: Its launch file, as given.
+        folder: The run directory.
+        pids: Process of every node that has one here.
+        door: Who has joined from other hosts; they have endpoints here as any other.
+        composed: All nodes are in this process.
+    """
+
+    def at(node: str) -> tuple[str, str]:
+        return endpoints(str(folder), "composition" if composed else node)
+
+    nodes = [
+        NodeEntry(spec.name, spec.run, pids.get(spec.name, 0), *at(spec.name)) for spec in checked.spawned
+    ]
+    nodes += [NodeEntry(guest.name, guest.run, 0, *at(guest.name)) for guest in door.guests.values()]
+    described = dict(checked.topics)
+    for guest in door.guests.values():
+        described.update(guest.outputs)
+    topics = [
+        TopicEntry(name, t.type, t.type_hash, t.node, at(t.node)[0], t.json_schema)
+        for name, t in described.items()
+    ]
+    topics += GraphBus.topics(str(folder))
+    serve = endpoints(str(folder), NAME)[1]
+    record = record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
+    return msgspec.structs.replace(record, listen=door.endpoint)

@@ -1,0 +1,283 @@
+"""Keys on disk: this host's own CURVE pair, and the public keys of the hosts it lets in.
+
+::
+
+    ~/.config/palp/keys/            mode 0700; or $PALP_KEYS, or $XDG_CONFIG_HOME/palp/keys
+        laptop.secret               mode 0600: the own pair, never shown, never copied
+        laptop.public               for the other host: `palp keys allow laptop.public`
+        allowed/rig.public          who is let in, one file each
+
+Files are certificates as other ZeroMQ software writes and reads them (``zmq.auth.load_certificate``); a key
+is Z85 text of 40 characters.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import stat
+from pathlib import Path
+
+import msgspec
+import zmq
+
+from palp_core.errors import SecurityError
+
+__all__ = ["KeyFolder", "OwnKeys", "is_key"]
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
+_KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
+_FIELD = re.compile(r'^\s*(public-key|secret-key|name)\s*=\s*"([^"]*)"\s*$', re.MULTILINE)
+_LARGEST_BYTES = 4096
+
+
+class OwnKeys(msgspec.Struct, frozen=True):
+    """This host's pair; ``secret`` is for sockets, never for people."""
+
+    name: str
+    public: str
+    secret: str
+
+    def __repr__(self) -> str:
+        return f"OwnKeys(name={self.name!r}, public={self.public!r})"
+
+
+def is_key(text: str) -> bool:
+    """Tell whether a text has the form of a key."""
+    return _KEY.fullmatch(text) is not None
+
+
+class KeyFolder:
+    """The folder of keys of a user on a host.
+
+    Args:
+        path: Where; by default what the environment says.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path or _default_folder()
+
+    # The own pair
+
+    def own(self) -> OwnKeys | None:
+        """Return the own pair, or None if none was made.
+
+        Raises:
+            SecurityError: The secret can be read by others, is torn, or there are several.
+        """
+        secrets = sorted(self.path.glob("*.secret")) if self.path.is_dir() else []
+        if not secrets:
+            return None
+        if len(secrets) > 1:
+            names = ", ".join(file.name for file in secrets)
+            raise SecurityError(f"{self.path} has several secrets ({names}); keep one, remove the others")
+        (file,) = secrets
+        for place in (self.path, file):
+            _refuse_if_exposed(place)
+        fields = _fields(file)
+        public, secret = fields.get("public-key", ""), fields.get("secret-key", "")
+        if not (is_key(public) and is_key(secret)) or zmq.curve_public(secret.encode()).decode() != public:
+            raise SecurityError(f"{file} does not hold a key pair; make another: palp keys generate --force")
+        return OwnKeys(file.stem, public, secret)
+
+    def generate(self, name: str, *, force: bool = False) -> OwnKeys:
+        """Make the own pair.
+
+        Raises:
+            SecurityError: There is one already and it is not to be replaced, or the name cannot be a file's.
+        """
+        _check_name(name)
+        found = sorted(self.path.glob("*.secret")) if self.path.is_dir() else []
+        if found and not force:
+            raise SecurityError(
+                f"{found[0]} is there already; hosts that allow its public key would have to be told of "
+                "another. Replace it: palp keys generate --force"
+            )
+        self._make_folder(self.path)
+        public, secret = _new_pair()
+        for old in found:
+            old.unlink()
+            old.with_suffix(".public").unlink(missing_ok=True)
+        _write(self.path / f"{name}.secret", _certificate(name, public, secret), 0o600)
+        _write(self.path / f"{name}.public", _certificate(name, public), 0o644)
+        return OwnKeys(name, public, secret)
+
+    def public_file(self, own: OwnKeys) -> Path:
+        """Return the file that is handed to other hosts."""
+        return self.path / f"{own.name}.public"
+
+    # Who is let in
+
+    def allowed(self) -> dict[str, str]:
+        """Return the allowed public keys by name, as they are on disk now."""
+        return {name: key for name, key in self._read_allowed().items() if key}
+
+    def spoiled(self) -> list[str]:
+        """Return the names of allowed hosts whose file holds no key: they are not let in."""
+        return [name for name, key in self._read_allowed().items() if not key]
+
+    def _read_allowed(self) -> dict[str, str]:
+        try:
+            return {file.stem: _public(file) for file in sorted((self.path / "allowed").glob("*.public"))}
+        except OSError:
+            return {}
+
+    def name_of(self, public: str) -> str:
+        """Return the name under which a key is allowed; "" if it is not."""
+        return next((name for name, key in self.allowed().items() if key == public), "")
+
+    def allow(self, what: str, name: str | None = None) -> tuple[str, str]:
+        """Let the owner of a public key in.
+
+        Args:
+            what: A public key, or a file that holds one.
+            name: To call it; by default the name in the file.
+
+        Returns:
+            Name and key.
+
+        Raises:
+            SecurityError: Not a public key, or the name or the key is taken.
+        """
+        key, said = self._read_public(what)
+        name = name or said
+        if not name:
+            raise SecurityError("say whose key this is: palp keys allow KEY --name NAME")
+        _check_name(name)
+        allowed = self.allowed()
+        if allowed.get(name, key) != key:
+            raise SecurityError(
+                f"another key is allowed as '{name}'; choose another --name, or first: palp keys deny {name}"
+            )
+        if (other := self.name_of(key)) not in ("", name):
+            raise SecurityError(f"this key is allowed already, as '{other}'")
+        self._make_folder(self.path)
+        self._make_folder(self.path / "allowed")
+        _write(self.path / "allowed" / f"{name}.public", _certificate(name, key), 0o644)
+        return name, key
+
+    def deny(self, what: str) -> tuple[str, str]:
+        """Let somebody in no longer.
+
+        Args:
+            what: A name, a public key or a file that holds one.
+
+        Raises:
+            SecurityError: Nobody of that name or key was let in.
+        """
+        allowed = self.allowed()
+        name = what if what in allowed else ""
+        if not name and (is_key(what) or Path(what).is_file()):
+            name = self.name_of(self._read_public(what)[0])
+        if not name:
+            known = ", ".join(allowed) or "nobody"
+            raise SecurityError(f"'{what}' is not allowed anyway; allowed: {known}")
+        (self.path / "allowed" / f"{name}.public").unlink()
+        return name, allowed[name]
+
+    def find(self, what: str) -> str:
+        """Return the public key that a key, a file or the name of an allowed host means.
+
+        Raises:
+            SecurityError: None of them.
+        """
+        allowed = self.allowed()
+        return allowed[what] if what in allowed else self._read_public(what)[0]
+
+    def _read_public(self, what: str) -> tuple[str, str]:
+        file = Path(what).expanduser()
+        if file.is_file():
+            if file.suffix == ".secret":
+                raise SecurityError(f"{file} is a secret; keep it here and hand over the .public file")
+            fields = _fields(file)
+            key = fields.get("public-key") or _text(file).strip()
+            if not is_key(key):
+                raise SecurityError(f"{file} holds no public key; it is made by: palp keys generate")
+            return key, fields.get("name", "") or file.stem
+        if is_key(what):
+            return what, ""
+        known = ", ".join(self.allowed())
+        raise SecurityError(
+            f"{what!r} is neither a public key (40 characters; quote it in the shell) nor a file"
+            + (f" nor the name of an allowed host ({known})" if known else "")
+        )
+
+    @staticmethod
+    def _make_folder(folder: Path) -> None:
+        try:
+            if not folder.is_dir():
+                folder.mkdir(mode=0o700, parents=True)
+                folder.chmod(0o700)
+        except OSError as error:
+            raise SecurityError(
+                f"{folder}: {error.strerror}; set PALP_KEYS to a folder of your own"
+            ) from error
+        _refuse_if_exposed(folder)
+
+
+def _default_folder() -> Path:
+    if own := os.environ.get("PALP_KEYS"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "palp" / "keys"
+
+
+def _check_name(name: str) -> None:
+    if NAME.fullmatch(name) is None:
+        raise SecurityError(f"'{name}' cannot name a key: letters, digits, '.', '_' and '-', at most 63")
+
+
+def _refuse_if_exposed(place: Path) -> None:
+    found = place.stat()
+    if found.st_uid not in (os.getuid(), 0):
+        raise SecurityError(f"{place} belongs to another user; make your own: palp keys generate")
+    if found.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        mode = "700" if place.is_dir() else "600"
+        raise SecurityError(
+            f"{place} is open to others (mode {stat.S_IMODE(found.st_mode):03o}); mend it: "
+            f"chmod {mode} {shlex.quote(str(place))}"
+        )
+
+
+def _new_pair() -> tuple[str, str]:
+    while True:
+        public, secret = (key.decode() for key in zmq.curve_keypair())
+        if not public.startswith("-"):  # it would read as an option on a command line
+            return public, secret
+
+
+def _certificate(name: str, public: str, secret: str = "") -> str:
+    lines = ["metadata", f'    name = "{name}"', "curve", f'    public-key = "{public}"']
+    if secret:
+        lines.append(f'    secret-key = "{secret}"')
+    return "\n".join(lines) + "\n"
+
+
+def _text(file: Path) -> str:
+    try:
+        with file.open("rb") as opened:
+            return opened.read(_LARGEST_BYTES).decode(errors="replace")
+    except OSError as error:
+        raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
+
+
+def _fields(file: Path) -> dict[str, str]:
+    return dict(_FIELD.findall(_text(file)))
+
+
+def _public(file: Path) -> str:
+    with contextlib.suppress(SecurityError):
+        key = _fields(file).get("public-key", "")
+        return key if is_key(key) else ""
+    return ""
+
+
+def _write(file: Path, text: str, mode: int) -> None:
+    """Write a file as a whole; a secret is never readable by others, not even for a moment."""
+    part = file.with_name(f".{file.name}.part")
+    part.unlink(missing_ok=True)
+    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as opened:
+        opened.write(text)
+    part.replace(file)

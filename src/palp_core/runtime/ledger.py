@@ -1,0 +1,45 @@
+"""What a node has taken up, where it outlives the node's process: its successor goes on from there.
+
+A file of the run directory, mapped into memory: one slot of 16 bytes per input topic, written after each
+message has been handled. A kill -9 loses nothing of it, and the message it interrupts is handed over again.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+__all__ = ["Ledger"]
+
+_SLOT = struct.Struct("<qQ")
+
+
+class Ledger:
+    """Epoch and sequence per topic.
+
+    Args:
+        path: The file; created if it is not there.
+        topics: In an order that a successor shares.
+    """
+
+    def __init__(self, path: Path, topics: Sequence[str]) -> None:
+        size = max(_SLOT.size * len(topics), 1)
+        self._slot = {topic: i * _SLOT.size for i, topic in enumerate(topics)}
+        with path.open("a+b") as file:
+            file.truncate(size)
+            self._map = mmap.mmap(file.fileno(), size)
+
+    def note(self, topic: str, epoch: int, sequence: int) -> None:
+        """Write down that a message has been handled."""
+        _SLOT.pack_into(self._map, self._slot[topic], epoch + 1, sequence)
+
+    def read(self, topic: str) -> tuple[int, int]:
+        """Return epoch (-1: none) and sequence of the last message handled."""
+        epoch, sequence = _SLOT.unpack_from(self._map, self._slot[topic])
+        return epoch - 1, sequence
+
+    def close(self) -> None:
+        """Let go; the file stays."""
+        self._map.close()

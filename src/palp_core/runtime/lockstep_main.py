@@ -1,0 +1,89 @@
+"""A node's process in lockstep: it works when the conductor says so."""
+
+from __future__ import annotations
+
+import select
+
+from palp_core.runtime.birth import NodeProcess, endpoints, load_class
+from palp_core.runtime.clock import SimClock
+from palp_core.runtime.commands import CHANGING, NodeCommands
+from palp_core.runtime.executor import Executor
+from palp_core.runtime.lifecycle import Transition
+from palp_core.runtime.link import Activate, Configured, Done, Knock, Link, Matched, Round, Shutdown, ToNode
+from palp_core.runtime.zmq_bus import Broadcast
+
+__all__ = ["LockstepMain", "follow_round"]
+
+
+class LockstepMain:
+    """The loop of a lockstep node."""
+
+    def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
+        self.link = link
+        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.spec.name))
+        self.clock = SimClock()
+        self.frames: list[bytes] = []
+        node_class = load_class(birth.spec.run, birth.workspace)
+        self.executor = Executor(node_class, birth.spec, self.clock, self._send)
+        self.broadcast.offer(self.executor.outlets.values())
+        self.broadcast.answer(birth.spec.name, NodeCommands(self.executor).operations(), CHANGING)
+        self.executor.transition(Transition.CONFIGURE)
+        self._knocked = False
+        self._poll = select.poll()
+        for descriptor in (link.socket.fileno(), *self.broadcast.file_descriptors):
+            self._poll.register(descriptor, select.POLLIN)
+
+    def _send(self, frame: bytes) -> None:
+        self.frames.append(frame)
+        if self.broadcast.heard:
+            self.broadcast.send(frame)
+
+    def _await_conductor(self) -> None:
+        """Answer tools while the conductor has no work for this node; knock if one asks for a change."""
+        if self.broadcast.pending():
+            self.broadcast.poll()
+        line = self.link.socket.fileno()
+        ready: set[int] = set()
+        while line not in ready and not self.link.buffered():
+            if self.broadcast.waiting and not self._knocked:
+                self._knocked = True
+                self.link.send(Knock())
+            ready = {descriptor for descriptor, _ in self._poll.poll()}
+            if ready - {line}:
+                self.broadcast.poll()
+
+    def run(self) -> None:
+        """Follow the conductor until it shuts the node down."""
+        self.link.send(Configured())
+        self.link.send(Matched())
+        while True:
+            self._await_conductor()
+            message = self.link.receive()
+            self.frames = []
+            if isinstance(message, Round):
+                self.clock.set(message.now_ns)
+                self._knocked = False
+                self.broadcast.perform()
+                follow_round(self.executor, self.clock, message)
+            elif isinstance(message, Activate):
+                self.executor.transition(Transition.ACTIVATE)
+            else:
+                self.clock.set(message.now_ns)
+                self.executor.transition(Transition.SHUTDOWN)
+            due_ns = self.executor.next_due_ns()
+            self.link.send(Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code))
+            if isinstance(message, Shutdown):
+                self.close()
+                return
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self.broadcast.close()
+
+
+def follow_round(executor: Executor, clock: SimClock, message: Round) -> None:
+    """Do one node's part of a lockstep round: due timers first, then the messages in the given order."""
+    clock.set(message.now_ns)
+    executor.run_timers()
+    for frame in message.frames:
+        executor.consume(frame)

@@ -1,0 +1,54 @@
+"""Wait for many sockets in one place and call who is in charge of each that has something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import zmq
+
+__all__ = ["MOST_AT_ONCE", "Reactor"]
+
+MOST_AT_ONCE = 200  # messages taken from one socket before the others have their turn
+
+
+class Reactor:
+    """The one loop of a process that relays; everything in it is level-triggered."""
+
+    def __init__(self) -> None:
+        self.context = zmq.Context()
+        self._poller = zmq.Poller()
+        self._handlers: dict[Any, Callable[[], None]] = {}
+        self._sockets: set[zmq.Socket[bytes]] = set()  # nobody else may have kept one when an error came
+
+    def socket(self, kind: int) -> zmq.Socket[bytes]:
+        """Return a socket that does not wait for anybody when it is closed."""
+        made = self.context.socket(kind)
+        made.setsockopt(zmq.LINGER, 0)
+        self._sockets.add(made)
+        return made
+
+    def watch(self, socket: zmq.Socket[bytes] | int, handle: Callable[[], None]) -> None:
+        """Call a function whenever a socket or a descriptor can be read."""
+        self._poller.register(socket, zmq.POLLIN)
+        self._handlers[socket] = handle
+
+    def forget(self, socket: zmq.Socket[bytes] | int) -> None:
+        """Watch it no longer; a socket is closed."""
+        if self._handlers.pop(socket, None) is not None:
+            self._poller.unregister(socket)
+        if not isinstance(socket, int):
+            self._sockets.discard(socket)
+            socket.close()
+
+    def turn(self, timeout_s: float) -> None:
+        """Wait until something can be read, or for a while, and let whoever is in charge read it."""
+        for socket, _ in self._poller.poll(max(round(timeout_s * 1e3), 0)):
+            handle = self._handlers.get(socket)
+            if handle is not None:  # an earlier handler of this turn may have closed it
+                handle()
+
+    def close(self, linger_ms: int = 0) -> None:
+        """Close every socket."""
+        self.context.destroy(linger=linger_ms)
+        self._sockets.clear()

@@ -1,0 +1,175 @@
+"""A node's process on the machine's clock: take in, work, answer, in short slices."""
+
+from __future__ import annotations
+
+import select
+from pathlib import Path
+
+from palp_core.runtime.birth import NodeProcess, endpoints, load_class
+from palp_core.runtime.builtin import Progress
+from palp_core.runtime.clock import WallClock, monotonic_ns
+from palp_core.runtime.commands import CHANGING, NodeCommands
+from palp_core.runtime.events import QosEvent
+from palp_core.runtime.executor import Executor
+from palp_core.runtime.health import HealthProbe
+from palp_core.runtime.intake import Intake
+from palp_core.runtime.lifecycle import Lifecycle, Transition
+from palp_core.runtime.link import (
+    Activate,
+    Configured,
+    Done,
+    Link,
+    Matched,
+    Pulse,
+    Raised,
+    Relay,
+    Shutdown,
+    ToNode,
+)
+from palp_core.runtime.zmq_bus import Broadcast
+
+__all__ = ["WallMain"]
+
+HEARTBEAT_NS = 100_000_000
+SLICE_NS = 500_000
+
+
+class WallMain:
+    """The loop of a node on the wall clock."""
+
+    def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
+        self.link = link
+        self._line = link.socket.fileno()
+        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.spec.name))
+        self.clock = WallClock(monotonic_ns())
+        node_class = load_class(birth.spec.run, birth.workspace)
+        self.executor = Executor(node_class, birth.spec, self, self.broadcast.send)
+        self.executor.resend = self.broadcast.send
+        self.executor.send_pieces = self.broadcast.send_pieces
+        self.executor.events.report = self._report
+        publishers = {
+            name: endpoints(birth.run_dir, name.split("/")[1]) for name in self.executor.ends.inputs
+        }
+        keeps = birth.spec.restart == "on_failure"
+        ledger = Path(birth.run_dir, f"{birth.spec.name}.ledger") if keeps else None
+        self.intake = Intake(self.executor, publishers, self.broadcast.context, ledger)
+        self.executor.transition(Transition.CONFIGURE)
+        shown = [outlet for outlet in self.executor.outlets.values() if outlet.message is Progress]
+        self.broadcast.offer(self.executor.outlets.values(), direct=True)
+        self.broadcast.offer(shown)
+        for outlet in shown:
+            outlet.divert(self._send_progress)
+        self.broadcast.answer(
+            birth.spec.name, NodeCommands(self.executor, self.intake.account).operations(), CHANGING
+        )
+        self._health = HealthProbe(birth.spec.name)
+        self._next_beat_ns = 0
+
+    def now_ns(self) -> int:
+        """Return the time since the graph's start; the start is known at activation."""
+        return self.clock.now_ns()
+
+    def _send_progress(self, frame: bytes) -> None:
+        """Show a message to the launch view too."""
+        self.broadcast.send(frame)
+        if self._heard():
+            self.link.send(Relay(frame, None))
+
+    def _report(self, event: QosEvent) -> None:
+        action = self.executor.spec.actions.get(event.port, "warn")
+        if self._heard():
+            self.link.send(Raised(event.kind, event.port, event.topic, event.text, action))
+
+    def _heard(self) -> bool:
+        """Tell whether the supervisor keeps up: a node that moves something waits for no terminal."""
+        return bool(select.select((), (self.link.socket,), (), 0.0)[1])
+
+    def run(self) -> None:
+        """Follow the clock until the supervisor shuts the node down."""
+        self.link.send(Configured())
+        announced = finished = False
+        while True:
+            spoken = self._wait()
+            if not announced and self.intake.matched:
+                announced = True
+                self.link.send(Matched())
+            if spoken and self._command():
+                return
+            self.executor.run_timers()
+            if self.executor.inbox:
+                self._work()
+            if self.broadcast.pending():
+                self.broadcast.poll()
+                self.broadcast.perform()
+            if self.executor.exit_code is not None and not finished:
+                finished = True
+                self.link.send(Relay(b"", self.executor.exit_code))
+
+    def _wait(self) -> bool:
+        """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
+        now_ns = monotonic_ns()
+        if now_ns >= self._next_beat_ns:
+            self.broadcast.beat()
+            self.intake.keep_house(now_ns, self.now_ns())
+            self._next_beat_ns = now_ns + HEARTBEAT_NS
+            if now_ns >= self._health.due_ns and self._heard():
+                self._pulse(now_ns)
+        timeout_s = (self._next_beat_ns - now_ns) / 1e9
+        due_ns = self.executor.next_due_ns()
+        if due_ns is not None:
+            timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
+        if timeout_s < 0.0 or self.intake.more or self.broadcast.pending() or self._backlog():
+            timeout_s = 0.0
+        descriptors = (*self.intake.file_descriptors, self._line, *self.broadcast.file_descriptors)
+        ready = select.select(descriptors, (), (), timeout_s)[0]
+        if self.intake.more or (ready and ready[0] not in descriptors[-3:]):
+            self.intake.take(monotonic_ns() + SLICE_NS)
+        if ready and ready[-1] in descriptors[-2:]:
+            self.broadcast.notice()
+        return self._line in ready or self.link.buffered()
+
+    def _work(self) -> None:
+        """Handle what waits in the inbox, for a slice of time."""
+        end_ns = monotonic_ns() + SLICE_NS
+        while self._backlog() and monotonic_ns() < end_ns:
+            self.intake.hand_over_next()
+
+    def _pulse(self, now_ns: int) -> None:
+        """Tell the supervisor that this loop turns, and how it does."""
+        executor = self.executor
+        edges = {
+            name: (executor.ends.inputs[name][0].counter, reception.latency)
+            for name, reception in self.intake.receptions.items()
+        }
+        health = self._health.pulse(
+            now_ns,
+            executor.lifecycle.value,
+            edges,
+            rejected=executor.events.rejected_count,
+            unread=len(executor.inbox),
+            **executor.ends.counts(),
+        )
+        self.link.send(Pulse(health))
+
+    def _backlog(self) -> bool:
+        return bool(self.executor.inbox) and self.executor.lifecycle is Lifecycle.ACTIVE
+
+    def _command(self) -> bool:
+        """Obey the supervisor; return True when the node has ended."""
+        message = self.link.receive()
+        if isinstance(message, Activate):
+            self.clock = WallClock(message.start_ns)
+            self.intake.begin(message.start_ns)
+            self.executor.transition(Transition.ACTIVATE)
+        elif isinstance(message, Shutdown):
+            self.executor.transition(Transition.SHUTDOWN)
+            self.link.send(Done([], -1, self.executor.exit_code))
+            self.close()
+            return True
+        return False
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self._health.close()
+        self.intake.close()
+        self.broadcast.close()

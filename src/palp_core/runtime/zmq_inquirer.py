@@ -1,0 +1,57 @@
+"""Ask other nodes on ZeroMQ without waiting for their replies."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import msgpack
+import zmq
+
+__all__ = ["Inquirer"]
+
+RECONNECT_MS = 10
+
+
+class Inquirer:
+    """Asks other nodes' ROUTERs without waiting for their replies.
+
+    Args:
+        context: The process's.
+
+    Attributes:
+        file_descriptors: Become readable when :meth:`replies` may have something.
+    """
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]]) -> None:
+        self.file_descriptors: list[int] = []
+        self._context = context
+        self._sockets: dict[str, zmq.Socket[bytes]] = {}
+
+    def ask(self, endpoint: str, request: dict[str, Any]) -> None:
+        """Send a request."""
+        if endpoint not in self._sockets:
+            socket = self._sockets[endpoint] = self._context.socket(zmq.DEALER)
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+            socket.connect(endpoint)
+            self.file_descriptors.append(int(socket.getsockopt(zmq.FD)))
+        with contextlib.suppress(zmq.Again):  # whoever asks asks again, or gives up
+            self._sockets[endpoint].send(msgpack.packb(request), zmq.NOBLOCK)
+
+    def replies(self) -> list[dict[str, Any]]:
+        """Return the replies that have arrived."""
+        found = []
+        for socket in self._sockets.values():
+            while (raw := _receive(socket)) is not None:
+                found.append(msgpack.unpackb(raw))
+        return found
+
+    def close(self) -> None:
+        """Let go."""
+        for socket in self._sockets.values():
+            socket.close(linger=0)
+
+
+def _receive(socket: zmq.Socket[bytes]) -> bytes | None:
+    return socket.recv() if int(socket.getsockopt(zmq.EVENTS)) & int(zmq.POLLIN) else None

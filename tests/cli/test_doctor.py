@@ -1,0 +1,176 @@
+"""The doctor: each fault of a graph is found, said with place and advice, and a healthy graph has none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from palp_core.cli.doctor_graph import examine_graph
+from palp_core.cli.doctor_host import examine_host
+from palp_core.cli.finding import Finding
+from palp_core.cli.snapshot import Snapshot, rows, snapshot
+from palp_core.launch.remote import RunningGraph
+from palp_core.runtime.builtin import GraphEvent, NodeEvent
+from palp_core.runtime.message import encode
+from palp_core.runtime.qos import Qos
+from palp_core.runtime.wire import Kind, pack
+from tests.cli.test_remote import record
+
+TOPIC = "/relay/amplified"
+ACCOUNT = dict.fromkeys(("received", "lost", "repeated", "late", "dropped", "filled"), 0)
+
+
+def qos(**changes: Any) -> dict[str, Any]:
+    plain: dict[str, Any] = msgspec.to_builtins(Qos(**changes))
+    return plain
+
+
+def relay(**changes: Any) -> dict[str, Any]:
+    outputs = {TOPIC: {"type": "Sample", "sequence": 9, "qos": qos()}}
+    info = {"lifecycle": "active", "outputs": outputs, "inputs": {}, "published": {TOPIC: 9}, "ticks": 9}
+    return info | changes
+
+
+def sink(account: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any]:
+    told = ACCOUNT | {"received": 9, "port": "sample", "qos": qos(), "latency_s": None} | (account or {})
+    return {"lifecycle": "active", "inputs": {TOPIC: told}, "outputs": {}, "published": {}} | changes
+
+
+def findings(
+    tmp_path: Path, launcher_said: Sequence[bytes] | None = (), **nodes: dict[str, Any] | None
+) -> list[Finding]:
+    def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        if asked["op"] == "history":
+            frames = told.get(asked["node"], [])
+            return None if frames is None else {"frames": frames}
+        return nodes.get(asked["node"])
+
+    told = {"sink": [EVENT], "graph": launcher_said}
+    return list(examine_graph(RunningGraph(record(tmp_path, os.getpid()), request)))
+
+
+def restarting(sequence: int) -> bytes:
+    event = GraphEvent(stamp_ns=0, kind="restarting", node="relay", text="it was killed", data="{}")
+    return pack(b"/graph/events", Kind.DATA, 0, sequence, 0, 0, encode(event))
+
+
+EVENT = pack(
+    b"/sink/_events",
+    Kind.DATA,
+    0,
+    1,
+    0,
+    0,
+    encode(
+        NodeEvent(stamp_ns=0, kind="deadline", text="no message within its deadline", data='{"port": "x"}')
+    ),
+)
+
+
+def test_a_healthy_graph_has_nothing_to_find(tmp_path: Path) -> None:
+    assert {finding.level for finding in findings(tmp_path, relay=relay(), sink=sink())} == {"ok"}
+
+
+@pytest.mark.parametrize(
+    ("nodes", "level", "where", "what"),
+    [
+        ({"relay": relay(), "sink": None}, "error", "graph chain", "/sink did not answer"),
+        ({"relay": relay(), "sink": sink({"lost": 3})}, "error", f"{TOPIC} -> /sink", "3 messages lost"),
+        (
+            {"relay": relay(), "sink": sink({"lost": 3, "qos": qos(reliability="best_effort")})},
+            "warning",
+            f"{TOPIC} -> /sink",
+            "3 messages lost",
+        ),
+        ({"relay": relay(), "sink": sink({"late": 2})}, "warning", f"{TOPIC} -> /sink", "2 messages late"),
+        (
+            {"relay": relay(), "sink": sink({"dropped": 2})},
+            "warning",
+            f"{TOPIC} -> /sink",
+            "2 messages dropped",
+        ),
+        (
+            {"relay": relay(), "sink": sink({"repeated": 2})},
+            "note",
+            f"{TOPIC} -> /sink",
+            "2 messages came more",
+        ),
+        (
+            {"relay": relay(), "sink": sink({"qos": qos(durability="transient_local")})},
+            "error",
+            f"{TOPIC} -> /sink",
+            "the reader asks for transient_local",
+        ),
+        ({"relay": relay(lifecycle="inactive"), "sink": sink()}, "warning", "/relay", "is inactive"),
+        ({"relay": relay(overruns=5, ticks=10), "sink": sink()}, "warning", "/relay", "5 of 10 ticks"),
+        ({"relay": relay(overruns=1, ticks=10**6), "sink": sink()}, "note", "/relay", "1 of 1000000 ticks"),
+        ({"relay": relay(rejected=4), "sink": sink()}, "warning", "/relay", "4 frames were refused"),
+        ({"relay": relay(unread=4000), "sink": sink()}, "warning", "/relay", "4000 messages wait"),
+        (
+            {"relay": relay(), "sink": sink(published={"/sink/_events": 1})},
+            "warning",
+            "/sink",
+            "no message within its deadline",
+        ),
+    ],
+)
+def test_a_fault_is_said_with_place_and_advice(
+    tmp_path: Path, nodes: dict[str, Any], level: str, where: str, what: str
+) -> None:
+    bad = [finding for finding in findings(tmp_path, **nodes) if finding.level != "ok"]
+    assert [(f.level, f.where) for f in bad] == [(level, where)]
+    assert what in bad[0].what
+    assert bad[0].advice or level == "note"
+
+
+def test_what_the_launcher_had_to_say_is_found(tmp_path: Path) -> None:
+    said = [restarting(1), restarting(2)]
+    bad = [f for f in findings(tmp_path, said, relay=relay(), sink=sink()) if f.level != "ok"]
+    assert [(f.level, f.where) for f in bad] == [("warning", "/relay")]
+    assert bad[0].what == "restarting: it was killed (2 such events remembered)"
+
+
+def test_a_launcher_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
+    bad = [f for f in findings(tmp_path, None, relay=relay(), sink=sink()) if f.level != "ok"]
+    assert [f.level for f in bad] == ["error"]
+    assert "its launcher: /graph did not answer" in bad[0].what
+
+
+def test_the_host_is_examined_without_fault_of_its_own() -> None:
+    places = {finding.where for finding in examine_host()}
+    assert {"host", "clock", "cores", "limits", "memory"} <= places
+
+
+def test_rates_are_between_two_snapshots_and_a_new_process_has_none(tmp_path: Path) -> None:
+    def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        return {"relay": relay(ticks=10 * take), "sink": sink({"received": 40 * take})}[asked["node"]]
+
+    graph = RunningGraph(record(tmp_path, os.getpid()), request)
+    take = 1
+    first = snapshot(graph)
+    take = 2
+    second = snapshot(graph)
+    second = Snapshot(first.at_ns + 2 * 10**9, second.nodes, {})
+    nodes, edges = rows(first, second)
+    assert [(node.name, node.rate_hz) for node in nodes] == [("/relay", 5.0), ("/sink", 20.0)]
+    assert [(edge.topic, edge.reader, edge.rate_hz, edge.received) for edge in edges] == [
+        (TOPIC, "/sink", 20.0, 80)
+    ]
+    restarted = [msgspec.structs.replace(node, pid=node.pid + 1) for node in second.nodes]
+    nodes, edges = rows(first, Snapshot(second.at_ns, restarted, {}))
+    assert {node.rate_hz for node in nodes} == {None}
+
+
+def test_a_silent_node_is_shown_as_such(tmp_path: Path) -> None:
+    graph = RunningGraph(record(tmp_path, os.getpid()), lambda *_: None)
+    nodes, edges = rows(None, snapshot(graph))
+    assert [(node.name, node.state, node.responsive) for node in nodes] == [
+        ("/relay", "silent", False),
+        ("/sink", "silent", False),
+    ]
+    assert edges == []

@@ -1,0 +1,86 @@
+"""The table of verbs: what the help says is what the functions say, and asking for help imports nothing."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+import typer
+
+from palp_core.cli.lazy import LazyGroup, Verb, load
+from palp_core.cli.main import app
+
+HEAVY = ("numpy", "msgspec", "msgpack", "zmq", "psutil", "yaml", "rich", "scipy", "matplotlib", "plotext")
+
+
+def verbs(group: typer.Typer, path: str = "") -> Iterator[tuple[str, Verb]]:
+    cls = group.info.cls
+    assert isinstance(cls, type)
+    assert issubclass(cls, LazyGroup)
+    for name, verb in cls.verbs.items():
+        yield f"{path} {name}".strip(), verb
+        target = target_of(verb)
+        if isinstance(target, typer.Typer) and isinstance(target.info.cls, type):
+            yield from verbs(target, f"{path} {name}".strip())
+
+
+def target_of(verb: Verb) -> object:
+    module, _, attribute = verb.target.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+@pytest.mark.parametrize(("path", "verb"), list(verbs(app)))
+def test_the_help_of_a_verb_is_what_it_says_itself(path: str, verb: Verb) -> None:
+    target = target_of(verb)
+    if isinstance(target, typer.Typer):
+        assert target.info.help == verb.help
+    elif verb.hidden:
+        assert "same as" in verb.help
+    else:
+        said = (inspect.getdoc(target) or "").splitlines()[0]
+        assert said.startswith(verb.help.removesuffix(".")), f"palp {path}: {said}"
+
+
+@pytest.mark.parametrize(("path", "verb"), list(verbs(app)))
+def test_every_verb_can_be_loaded_and_has_help(path: str, verb: Verb) -> None:
+    command = load(path.rpartition(" ")[2], verb)
+    with typer.Context(command) as context:
+        assert "Usage:" in command.get_help(context)
+
+
+def test_asking_for_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys, json; sys.argv = ['palp', '--help']\n"
+        "from palp_core.cli.main import main\n"
+        "try: main()\n"
+        f"except SystemExit: print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout.splitlines()[-1]) == []
+    assert "Robotic palpation" in done.stdout
+
+
+def palp(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "palp_core", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_misspelt_verb_is_status_2_with_the_nearest_name() -> None:
+    done = palp("topci")
+    assert done.returncode == 2
+    assert "Did you mean 'topic'" in done.stderr
+
+
+def test_a_misspelt_verb_of_a_group_is_status_2_with_the_nearest_name() -> None:
+    done = palp("topic", "ehco")
+    assert done.returncode == 2
+    assert "Did you mean 'echo'" in done.stderr
+
+
+def test_ros_2_users_find_wtf() -> None:
+    assert palp("wtf", "--help").returncode == 0

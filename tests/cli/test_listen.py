@@ -1,0 +1,108 @@
+"""A tool's listener: in order, each once, gaps filled from the publisher's history or counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palp_core.cli.listen import Heard, Listener
+from palp_core.launch.remote import RunningGraph
+from palp_core.runtime.wire import Kind, pack, parse
+from tests.cli.test_remote import record
+
+TOPIC = "/relay/amplified"
+
+
+def frame(sequence: int, kind: Kind = Kind.DATA, epoch: int = 0) -> bytes:
+    return pack(TOPIC.encode(), kind, epoch, sequence, sequence * 10, 1)
+
+
+class History:
+    """A publisher that keeps the last few messages of epoch 0 or 1 and answers a few at a time."""
+
+    def __init__(self, last: int, depth: int, epoch: int = 0, at_once: int = 3) -> None:
+        self.last, self.depth, self.epoch, self.at_once = last, depth, epoch, at_once
+        self.asked: list[tuple[int, int]] = []
+
+    def __call__(self, endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        assert request["op"] == "history"
+        self.asked.append((request["first"], request["last"]))
+        first = max(request["first"], self.last - self.depth + 1)
+        kept = range(first, min(request["last"], self.last) + 1)[: self.at_once]
+        return {"frames": [frame(n, epoch=self.epoch) for n in kept], "epoch": self.epoch}
+
+
+def follow(
+    tmp_path: Path, history: History, frames: list[bytes], **options: Any
+) -> tuple[list[tuple[int, int]], int]:
+    """Return epoch and sequence of what is handed over, and how many were said to be lost."""
+    graph = RunningGraph(record(tmp_path), history)
+    with Listener(graph, [graph.topic(TOPIC)], **options) as listener:
+        heard: list[Heard] = [h for raw in frames for h in listener._take(parse(raw), 0)]
+    messages = [(h.frame.epoch, h.frame.sequence) for h in heard if h.is_message]
+    return messages, sum(h.lost for h in heard)
+
+
+def test_a_plain_listener_begins_where_it_joins_and_counts_gaps(tmp_path: Path) -> None:
+    history = History(9, 9)
+    frames = [frame(4, Kind.HEARTBEAT), frame(5), frame(8), frame(9, Kind.HEARTBEAT)]
+    messages, lost = follow(tmp_path, history, frames)
+    assert messages == [(0, 5), (0, 8)]
+    assert lost == 3
+    assert history.asked == []
+
+
+def test_a_reliable_listener_fills_gaps_in_order(tmp_path: Path) -> None:
+    history = History(20, 20)
+    frames = [frame(5), frame(12), frame(14, Kind.HEARTBEAT), frame(14), frame(15)]
+    messages, lost = follow(tmp_path, history, frames, reliable=True)
+    assert messages == [(0, n) for n in range(5, 16)]
+    assert lost == 0
+
+
+def test_a_late_joiner_gets_the_last_few_first(tmp_path: Path) -> None:
+    history = History(100, 10)
+    messages, lost = follow(tmp_path, history, [frame(100, Kind.HEARTBEAT), frame(101)], late_joiner=5)
+    assert messages == [(0, n) for n in range(96, 102)]
+    assert lost == 0
+
+
+def test_what_the_history_no_longer_has_is_counted(tmp_path: Path) -> None:
+    messages, lost = follow(tmp_path, History(30, 4), [frame(10), frame(31)], reliable=True)
+    assert messages == [(0, n) for n in (10, 27, 28, 29, 30, 31)]
+    assert lost == 16
+
+
+def test_a_restarted_publisher_is_followed_from_its_first_message(tmp_path: Path) -> None:
+    frames = [frame(10), frame(3, Kind.HEARTBEAT, epoch=1), frame(4, epoch=1), frame(11)]
+    messages, lost = follow(tmp_path, History(4, 9, epoch=1), frames, reliable=True)
+    assert messages == [(0, 10), (1, 1), (1, 2), (1, 3), (1, 4)]
+    assert lost == 0
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    arriving=st.lists(st.integers(1, 40), max_size=30),
+    depth=st.integers(0, 40),
+    reliable=st.booleans(),
+    late_joiner=st.integers(0, 20),
+)
+def test_whatever_arrives_everything_is_in_order_once_and_accounted_for(
+    tmp_path: Path, arriving: list[int], depth: int, reliable: bool, late_joiner: int
+) -> None:
+    frames = [frame(n) for n in arriving]
+    options = {"reliable": reliable, "late_joiner": late_joiner}
+    messages, lost = follow(tmp_path, History(40, depth), frames, **options)
+    sequences = [sequence for _, sequence in messages]
+    assert sequences == sorted(set(sequences))
+    if sequences:
+        assert len(sequences) + lost == sequences[-1] - sequences[0] + 1
+
+
+@pytest.mark.parametrize("kind", [Kind.MOVED])
+def test_frames_of_other_kinds_change_nothing(tmp_path: Path, kind: Kind) -> None:
+    assert follow(tmp_path, History(0, 0), [frame(5, kind)]) == ([], 0)

@@ -1,0 +1,90 @@
+"""Rates come from the publisher's own numbers, whatever the listener missed and whenever it woke."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.cli.listen import Heard
+from palp_core.cli.measure import Window
+from palp_core.runtime.wire import Kind, pack, parse
+
+
+def heard(sequence: int, stamp_ns: int, *, epoch: int = 0, arrived_ns: int = 0, lost: int = 0) -> Heard:
+    return Heard(parse(pack(b"/a/b", Kind.DATA, epoch, sequence, stamp_ns, 1, b"xyz")), arrived_ns, lost)
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    period_ns=st.integers(1_000, 10**9),
+    missing=st.sets(st.integers(2, 28), max_size=20),
+    delays_ns=st.lists(st.integers(0, 10**8), min_size=30, max_size=30),
+)
+def test_what_the_listener_missed_does_not_change_the_rate(
+    period_ns: int, missing: set[int], delays_ns: list[int]
+) -> None:
+    window = Window(100)
+    for sequence in range(1, 30):
+        if sequence not in missing:
+            at_ns = sequence * period_ns
+            window.add(heard(sequence, at_ns, arrived_ns=at_ns + delays_ns[sequence]))
+    assert window.rates_hz()[0] == pytest.approx(1e9 / period_ns)
+    assert window.messages == 29
+
+
+def test_periods_are_of_neighbours_only() -> None:
+    window = Window(10)
+    for sequence, stamp_ns in ((1, 0), (2, 10_000_000), (7, 70_000_000), (8, 90_000_000)):
+        window.add(heard(sequence, stamp_ns))
+    periods = window.periods_s()
+    assert (periods["min_period_s"], periods["max_period_s"]) == (0.01, 0.02)
+    assert periods["std_period_s"] == pytest.approx(0.005)
+
+
+def test_a_window_forgets_what_is_older() -> None:
+    window = Window(10)
+    for sequence in range(1, 101):
+        period_ns = 10**9 if sequence < 50 else 10**6
+        window.add(
+            heard(sequence, sequence * period_ns if sequence < 50 else 50 * 10**9 + sequence * period_ns)
+        )
+    assert window.full
+    assert window.messages == 11
+    assert window.rates_hz()[0] == pytest.approx(1000.0)
+
+
+def test_a_restarted_publisher_begins_a_new_window() -> None:
+    window = Window(10)
+    window.add(heard(500, 10**9, lost=3))
+    window.add(heard(1, 2 * 10**9, epoch=1))
+    assert window.messages == 1
+    assert window.lost == 0
+
+
+def test_messages_of_one_instant_have_no_rate() -> None:
+    window = Window(10)
+    for sequence in (1, 2):
+        window.add(heard(sequence, 5))
+    assert window.rates_hz() == (None, None)
+
+
+def test_a_heartbeat_that_reveals_a_loss_is_no_message() -> None:
+    window = Window(10)
+    beat = Heard(parse(pack(b"/a/b", Kind.HEARTBEAT, 0, 7, 0, 1)), 0, 7)
+    window.add(beat)
+    assert (window.messages, window.lost) == (0, 7)
+
+
+def test_with_a_condition_the_rate_is_of_what_meets_it() -> None:
+    window = Window(10, lambda message: message.frame.sequence % 2 == 0)
+    for sequence in range(1, 9):
+        window.add(heard(sequence, sequence * 10**8))
+    assert window.messages == 4
+    assert window.rates_hz()[0] == pytest.approx(5.0)
+
+
+def test_sizes_are_those_on_the_wire() -> None:
+    window = Window(10)
+    window.add(heard(1, 0))
+    assert window.sizes_bytes() == [len(pack(b"/a/b", Kind.DATA, 0, 1, 0, 1, b"xyz"))]
