@@ -71,8 +71,12 @@ def rob():
     """Drop one frame of twenty before anybody sees it."""
     honest, chance = zmq_bus.Subscriber.take, random.Random(5)
 
-    def take(self, arrive, until_ns):
-        return honest(self, lambda raw, now_ns: chance.random() < 0.05 or arrive(raw, now_ns), until_ns)
+    def take(self, arrive, slice_ns, wait_ms=0):
+        def sieve(raw, now_ns):
+            if chance.random() >= 0.05:
+                arrive(raw, now_ns)
+
+        return honest(self, sieve, slice_ns, wait_ms)
 
     zmq_bus.Subscriber.take = take
 

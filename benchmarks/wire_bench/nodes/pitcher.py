@@ -42,6 +42,8 @@ class Pitcher(Node):
         self.folder = Path(self.params.out)
         self.phases = read_plan(self.folder)
         self.values = [samples(phase.size) for phase in self.phases]
+        for values in self.values:
+            values.flags.writeable = False  # so that a large one travels without a copy, as in the contender
         self.profile = Profile(self.folder / "pitcher.prof" if self.params.profile else None)
         self.at = -1
         self.number = 0

@@ -213,7 +213,12 @@ class Executor:
             raise self.failing.failed(wired.port, wired.handler.__name__, error) from error
         finally:
             self.order.note_index(wired.index, epoch, sequence, now_ns)
-            wired.took(sequence, now_ns)
+            counter = wired.counter
+            if sequence == counter.sequence + 1:
+                counter.sequence = sequence
+                counter.received += 1
+            else:
+                wired.skip_to(sequence, now_ns)
 
     def begin_command(self) -> None:
         """Give a command from outside, between two handlers, the present time and a place in the order."""

@@ -78,14 +78,11 @@ class Input:
         self.mind_gap(self.counter.lost - lost_before, now_ns)
         return message
 
-    def took(self, sequence: int, now_ns: int) -> None:
-        """Account for a message of the present epoch that went the short way."""
-        counter = self.counter
-        if sequence != counter.sequence + 1:  # what was refused before shows as a gap now
-            counter.lost += sequence - counter.sequence - 1
-            self.mind_gap(sequence - counter.sequence - 1, now_ns)
-        counter.sequence = sequence
-        counter.received += 1
+    def skip_to(self, sequence: int, now_ns: int) -> None:
+        """Account for a message after one that was refused: that one shows as a gap now."""
+        lost_before = self.counter.lost
+        self.counter.accept(self.counter.epoch, sequence)
+        self.mind_gap(self.counter.lost - lost_before, now_ns)
 
     def mind_gap(self, lost: int, now_ns: int) -> None:
         """Raise an event if messages were lost."""

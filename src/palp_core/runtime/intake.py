@@ -94,15 +94,32 @@ class Intake:
             if len(wired) == 1 and wired[0].is_simple
         }
 
-    def take(self, until_ns: int) -> None:
-        """Take in what has arrived, put it in order, ask for what is missing.
+    def hear(self, endpoint: str) -> None:
+        """Let a doorbell end the waiting of :meth:`take`."""
+        self._subscriber.hear(endpoint)
 
-        What is next in its order is handed to the node at once, until that time; then the rest waits in the
-        socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
+    @property
+    def asking(self) -> bool:
+        """True once anything was asked of a publisher: its answers come on other descriptors."""
+        return bool(self._inquirer.file_descriptors)
+
+    def take(self, slice_ns: int, wait_ms: int = 0) -> bool:
+        """Take in what has arrived, put it in order, ask for what is missing; tell if the doorbell rang.
+
+        What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
+        the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
+
+        Args:
+            slice_ns: Length of the slice.
+            wait_ms: How long to wait for something to arrive.
         """
         if self._unread_bytes and self._inbox_is_full():
-            return
-        self.more = self._subscriber.take(self._arrive, until_ns)
+            return False
+        self.more, rung = self._subscriber.take(self._arrive, slice_ns, wait_ms)
+        self._take_answers()
+        return rung
+
+    def _take_answers(self) -> None:
         if not self._inquirer.file_descriptors:
             return
         now_ns = monotonic_ns()

@@ -67,8 +67,9 @@ class OrderLog:
 
     def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
         """Add an entry, of a source by its number."""
-        self._entries.append((index, epoch, sequence, now_ns))
-        if len(self._entries) >= BATCH:
+        entries = self._entries
+        entries.append((index, epoch, sequence, now_ns))
+        if len(entries) >= BATCH:
             self.flush(now_ns)
 
     def note_transition(self, transition: Transition, now_ns: int) -> bool:

@@ -75,7 +75,9 @@ class Outlet(Generic[M]):
             raise LifecycleError(
                 f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
             )
-        self.put(message)
+        self.sequence += 1
+        self.idle_until_next = False
+        self._put(message, self.epoch, self.sequence)
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""

@@ -80,13 +80,16 @@ def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> tuple[Field, tu
     return Field(name, text + suffix, unit), None
 
 
+_LEAST, _GREATEST = np.minimum.reduce, np.maximum.reduce  # NaN if any is, and NaN is in no bounds
+
+
 def _check(
     cls: type, bounded: dict[str, tuple[float, float]], nested: dict[str, Schema]
 ) -> Callable[[Any], None]:
     def check(message: Any) -> None:
         for name, (low, high) in bounded.items():
             array = getattr(message, name)
-            if array.size and not (array.min() >= low and array.max() <= high):
+            if array.size and not (_LEAST(array) >= low and _GREATEST(array) <= high):
                 raise SchemaMismatch(f"{cls.__name__}.{name}: an element is not within {low:g} .. {high:g}")
         for name, schema in nested.items():
             value = getattr(message, name)

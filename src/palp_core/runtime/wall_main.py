@@ -9,6 +9,7 @@ from palp_core.runtime.birth import NodeProcess, endpoints, load_class
 from palp_core.runtime.builtin import Progress
 from palp_core.runtime.clock import WallClock, monotonic_ns
 from palp_core.runtime.commands import CHANGING, NodeCommands
+from palp_core.runtime.doorbell import ENDPOINT, Doorbell
 from palp_core.runtime.events import QosEvent
 from palp_core.runtime.executor import Executor
 from palp_core.runtime.health import HealthProbe
@@ -39,7 +40,6 @@ class WallMain:
 
     def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
         self.link = link
-        self._line = link.socket.fileno()
         self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.spec.name))
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(birth.spec.run, birth.workspace)
@@ -62,6 +62,10 @@ class WallMain:
         self.broadcast.answer(
             birth.spec.name, NodeCommands(self.executor, self.intake.account).operations(), CHANGING
         )
+        self._others = (link.socket.fileno(), *self.broadcast.file_descriptors)
+        self._reads = bool(self.executor.ends.inputs)
+        self._doorbell = Doorbell(self.broadcast.context, self._others)
+        self.intake.hear(ENDPOINT)
         self._health = HealthProbe(birth.spec.name)
         self._next_beat_ns = 0
 
@@ -120,13 +124,20 @@ class WallMain:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
         if timeout_s < 0.0 or self.intake.more or self.broadcast.pending() or self._backlog():
             timeout_s = 0.0
-        descriptors = (*self.intake.file_descriptors, self._line, *self.broadcast.file_descriptors)
-        ready = select.select(descriptors, (), (), timeout_s)[0]
-        if self.intake.more or (ready and ready[0] not in descriptors[-3:]):
-            self.intake.take(monotonic_ns() + SLICE_NS)
-        if ready and ready[-1] in descriptors[-2:]:
-            self.broadcast.notice()
-        return self._line in ready or self.link.buffered()
+        wait_ms = int(timeout_s * 1e3)
+        if wait_ms and self._reads and not self.intake.asking:
+            rung = self.intake.take(SLICE_NS, wait_ms)
+        else:
+            coming = self.intake.file_descriptors
+            ready = select.select((*coming, *self._others), (), (), timeout_s)[0]
+            rung = bool(ready) and ready[-1] in self._others
+            if self.intake.more or (ready and ready[0] in coming):
+                rung = self.intake.take(SLICE_NS) or rung
+        if not rung:
+            return self.link.buffered()
+        self.broadcast.notice()
+        self._doorbell.answer()
+        return self.link.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
 
     def _work(self) -> None:
         """Handle what waits in the inbox, for a slice of time."""
@@ -171,5 +182,6 @@ class WallMain:
     def close(self) -> None:
         """Let go of the sockets."""
         self._health.close()
+        self._doorbell.close()
         self.intake.close()
         self.broadcast.close()

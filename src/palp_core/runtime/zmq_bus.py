@@ -9,17 +9,18 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-import msgpack
 import zmq
 
 from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.doorbell import RING
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.request_desk import Operation, RequestDesk
 from palp_core.runtime.wire import topic_of
+from palp_core.runtime.zmq_inquirer import ask
 
 __all__ = ["Broadcast", "Subscriber", "ask"]
 
-COPY_BELOW = 64 * 1024
+COPY_BELOW = 512 * 1024
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
@@ -154,7 +155,8 @@ class Broadcast:
     def poll(self) -> None:
         """Greet new subscribers and answer requests, without waiting."""
         self._sent = False
-        while (event := _receive(self._publish)) is not None:
+        while _readable(self._publish):
+            event = self._publish.recv()
             if event[-1:] != b"\0":
                 continue  # not a topic: a stranger's prefix
             name = event[1:-1]
@@ -171,10 +173,8 @@ class Broadcast:
                 outlet = self._outlets.get(name)
                 if outlet is not None and outlet.topic in self._direct:
                     outlet.listened = False
-        while (first := _receive(self._serve)) is not None:
-            parts = [first]
-            while self._serve.getsockopt(zmq.RCVMORE):
-                parts.append(self._serve.recv())
+        while _readable(self._serve):
+            parts = self._serve.recv_multipart()
             answer = self._desk.take(parts[:-1], parts[-1] if len(parts) > 1 else b"")
             if answer is not None:
                 self._serve.send_multipart([*parts[:-1], answer])
@@ -193,9 +193,9 @@ class Broadcast:
         self._context.destroy(linger=200)
 
 
-def _receive(socket: zmq.Socket[bytes]) -> bytes | None:
-    # Asking first costs less than the exception that an empty socket raises.
-    return socket.recv() if int(socket.getsockopt(_EVENTS)) & _POLLIN else None
+def _readable(socket: zmq.Socket[bytes]) -> bool:
+    """Ask before receiving: that costs less than the exception that an empty socket raises."""
+    return bool(int(socket.getsockopt(_EVENTS)) & _POLLIN)
 
 
 class Subscriber:
@@ -227,35 +227,54 @@ class Subscriber:
             self._socket.connect(endpoint)
         for name in endpoints:
             self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
+        self._wait_ms = 0
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
     def receive(self) -> list[bytes]:
         """Return the frames that have arrived, each whole, without waiting."""
         frames = []
-        while (first := _receive(self._socket)) is not None:
-            parts = [first]
-            while self._socket.getsockopt(zmq.RCVMORE):
-                parts.append(self._socket.recv())
+        while self.pending():
+            parts = self._socket.recv_multipart()
             frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
         return frames
 
-    def take(self, arrive: Callable[[bytes, int], None], until_ns: int) -> bool:
-        """Hand on what has arrived, without waiting; return True if there may be more.
+    def hear(self, endpoint: str) -> None:
+        """Let a :class:`~palp_core.runtime.doorbell.Doorbell` end :meth:`take`'s waiting."""
+        self._socket.connect(endpoint)
+        self._socket.setsockopt(zmq.SUBSCRIBE, RING)
+
+    def take(
+        self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
+    ) -> tuple[bool, bool]:
+        """Hand on what has arrived; return whether there may be more, and whether the doorbell has rung.
 
         Args:
             arrive: Takes a frame and the time; asks :meth:`rest` if its header says that pieces follow.
-            until_ns: On the monotonic clock: leave the rest to the next call.
+            slice_ns: After so long, leave the rest to the next call.
+            wait_ms: How long to wait if nothing has arrived.
         """
-        receive = self._socket.recv
+        receive, rung = self._socket.recv, False
         try:
+            if wait_ms:
+                if wait_ms != self._wait_ms:
+                    self._wait_ms = wait_ms
+                    self._socket.setsockopt(zmq.RCVTIMEO, wait_ms)
+                raw = receive()
+            else:
+                raw = receive(_NOBLOCK)
+            now_ns = monotonic_ns()
+            until_ns = now_ns + slice_ns
             while True:
+                if raw == RING:
+                    rung = True
+                else:
+                    arrive(raw, now_ns)
+                if now_ns >= until_ns:
+                    return True, rung
                 raw = receive(_NOBLOCK)
                 now_ns = monotonic_ns()
-                arrive(raw, now_ns)
-                if now_ns >= until_ns:
-                    return True
         except zmq.Again:
-            return False
+            return False, rung
 
     def rest(self) -> list[memoryview]:
         """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
@@ -267,7 +286,7 @@ class Subscriber:
 
     def pending(self) -> bool:
         """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
-        return bool(int(self._socket.getsockopt(_EVENTS)) & _POLLIN)
+        return _readable(self._socket)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something may have arrived; return False on time-out."""
@@ -278,15 +297,3 @@ class Subscriber:
         self._socket.close(linger=0)
         if self._own_context is not None:
             self._own_context.term()
-
-
-def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
-    """Send one request to a node's ROUTER and return its reply, or None if it does not answer in time."""
-    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(endpoint)
-        socket.send(msgpack.packb(request))
-        if not socket.poll(round(timeout_s * 1e3)):
-            return None
-        reply: dict[str, Any] = msgpack.unpackb(socket.recv())
-        return reply

@@ -1,4 +1,4 @@
-"""Ask other nodes on ZeroMQ without waiting for their replies."""
+"""Ask nodes on ZeroMQ: many without waiting for their replies, or one and wait."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import msgpack
 import zmq
 
-__all__ = ["Inquirer"]
+__all__ = ["Inquirer", "ask"]
 
 RECONNECT_MS = 10
 
@@ -55,3 +55,15 @@ class Inquirer:
 
 def _receive(socket: zmq.Socket[bytes]) -> bytes | None:
     return socket.recv() if int(socket.getsockopt(zmq.EVENTS)) & int(zmq.POLLIN) else None
+
+
+def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+    """Send one request to a node's ROUTER and return its reply, or None if it does not answer in time."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(endpoint)
+        socket.send(msgpack.packb(request))
+        if not socket.poll(round(timeout_s * 1e3)):
+            return None
+        reply: dict[str, Any] = msgpack.unpackb(socket.recv())
+        return reply

@@ -33,7 +33,7 @@ BASIS = {
     "stage.rate_hz": "published: 1000 Hz",
     "stage.sweep_speed_m_s": "published: 20 mm/s",
     "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
-    "phantom.scene": "choice: scene file; empty: the gel and probe of the paper, with what is assumed of them",
+    "phantom.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
     "phantom.output": "choice: what the contact model must get right",
     "phantom.tolerance": "choice: how wrong the contact model may be",
     "phantom.from_m": "assumed",
