@@ -81,6 +81,17 @@ def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> tuple[Field, tu
 
 
 _LEAST, _GREATEST = np.minimum.reduce, np.maximum.reduce  # NaN if any is, and NaN is in no bounds
+FEW = 16
+
+
+def _within(array: Any, low: float, high: float) -> bool:
+    """Tell whether all elements are within bounds; for a few, a call of numpy costs more than they do."""
+    if array.size > FEW:
+        return bool(_LEAST(array) >= low and _GREATEST(array) <= high)
+    for value in array.tolist():  # noqa: SIM110 - a generator costs as much again
+        if not low <= value <= high:
+            return False
+    return True
 
 
 def _check(
@@ -89,7 +100,7 @@ def _check(
     def check(message: Any) -> None:
         for name, (low, high) in bounded.items():
             array = getattr(message, name)
-            if array.size and not (_LEAST(array) >= low and _GREATEST(array) <= high):
+            if not _within(array, low, high):
                 raise SchemaMismatch(f"{cls.__name__}.{name}: an element is not within {low:g} .. {high:g}")
         for name, schema in nested.items():
             value = getattr(message, name)

@@ -90,7 +90,7 @@ class Broadcast:
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
-        """The process's context, for what else it opens: one thread moves all its bytes."""
+        """The process's context."""
         return self._context
 
     @property
@@ -269,9 +269,9 @@ class Subscriber:
                     rung = True
                 else:
                     arrive(raw, now_ns)
-                if now_ns >= until_ns:
-                    return True, rung
-                raw = receive(_NOBLOCK)
+                if now_ns >= until_ns or (wait_ms and not _readable(self._socket)):
+                    return now_ns >= until_ns, rung
+                wait_ms, raw = 0, receive(_NOBLOCK)
                 now_ns = monotonic_ns()
         except zmq.Again:
             return False, rung
