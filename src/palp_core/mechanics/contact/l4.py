@@ -36,6 +36,10 @@ _LARGEST = 1.5  # cells over their nominal size
         Bound("peak", 0.005),
         Bound("contrast", 0.02, within={"depth_m": (0.0, 0.008)}),
         Bound("contrast", 0.05),  # a deep bead's contrast is a few thousandths of its peak
+        # Between two depths, on 25 scenes of tests/mechanics/test_picker.py's kind:
+        Bound("separation", 0.04, within={"depth_ratio": (2.0, 1e3)}),
+        Bound("separation", 0.06, within={"depth_ratio": (1.3, 1e3)}),
+        Bound("decision", 0.02, within={"depth_ratio": (1.3, 1e3)}),
     ],
     evidence="tests/mechanics/test_l4.py",
     valid={
