@@ -8,8 +8,7 @@ import palp_core.mechanics.contact  # noqa: F401 -- declares the rungs
 from palp_core.errors import MethodError
 from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.phantom import Phantom
-from palp_core.mechanics.probe import Probe
-from palp_core.mechanics.scene import Path, Scene, Tolerance
+from palp_core.mechanics.scene import Scene, Tolerance
 from palp_core.methods import Choice, Method, Quantities, choose, find, methods
 
 __all__ = ["Candidate", "SceneChoice", "choose_rung", "contact_model", "rung_model"]
@@ -160,10 +159,3 @@ def contact_model(
         quantities["indentation_m"] = indentation_m
     choice = choose("contact", output, tolerance, quantities)
     return rung_model(choice.method.name, phantom, tip_radius_m), choice
-
-
-def default_scene(phantom: Phantom, probe: Probe, path: Path, output: str, tolerance: float) -> Scene:
-    """Return the scene of a rig that sweeps a phantom at the published ring positions."""
-    rings_m = (0.0, 0.004, 0.008, 0.012, 0.016)
-    asked = Tolerance(output=output, relative=tolerance)
-    return Scene(phantom=phantom, probe=probe, path=path, ring_m=rings_m, tolerance=asked)

@@ -70,7 +70,9 @@ class NodeCommands:
         for name, wired in executor.ends.inputs.items():
             account = msgspec.to_builtins(wired[0].counter)
             fixed = {"port": wired[0].port, "qos": msgspec.to_builtins(wired[0].qos)}
-            inputs[name] = account | {"rate_hz": None, "latency_s": None} | fixed | more.get(name, {})
+            inputs[name] = (
+                account | {"filled": 0, "rate_hz": None, "latency_s": None} | fixed | more.get(name, {})
+            )
         return {
             "name": executor.name,
             "run": class_name(type(executor.node)),

@@ -16,7 +16,6 @@ class EdgeCounter(msgspec.Struct):
         repeated: Arrived again, or after its place in the order had passed.
         late: Older than its deadline or lifespan when it was taken up.
         dropped: Arrived, but not handed over: past its lifespan, or beyond a best-effort reader's depth.
-        filled: Of those received, how many were missing at first and asked for.
     """
 
     epoch: int = -1
@@ -26,7 +25,6 @@ class EdgeCounter(msgspec.Struct):
     repeated: int = 0
     late: int = 0
     dropped: int = 0
-    filled: int = 0
 
     def accept(self, epoch: int, sequence: int) -> bool:
         """Account for a message; return False for a repeat or one of an epoch that is over."""

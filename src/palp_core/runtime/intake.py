@@ -113,7 +113,7 @@ class Intake:
             slice_ns: Length of the slice.
             wait_ms: How long to wait for something to arrive.
         """
-        if self._unread_bytes and self._inbox_is_full():
+        if self._inbox_is_full():
             return False
         self.more, rung = self._subscriber.take(self._arrive, slice_ns, wait_ms)
         self._take_answers()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.runtime.large import CUT_FROM, cut
+from palp_core.runtime.large import cut
 from palp_core.runtime.message import Message, encode_any
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.schema import schema_of
@@ -57,7 +57,6 @@ class Outlet(Generic[M]):
         self.idle_until_next = False
         self.qos = qos
         self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
-        self._arrays = [field.name for field in schema_of(message).fields if field.packed]
         self._bytes = topic.encode()
         self._prefix = self._bytes + b"\0"
         self._type_hash = schema_of(message).type_hash
@@ -75,9 +74,7 @@ class Outlet(Generic[M]):
             raise LifecycleError(
                 f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
             )
-        self.sequence += 1
-        self.idle_until_next = False
-        self._put(message, self.epoch, self.sequence)
+        self.put(message)
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
@@ -105,13 +102,13 @@ class Outlet(Generic[M]):
             raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
         owner, canonical = self._owner, self._canonical
         now_ns = owner.now_ns()
-        pieces = cut(message) if owner.send_pieces is not None and self._is_large(message) else None
-        if pieces is not None and owner.send_pieces is not None:
+        send_pieces = owner.send_pieces
+        if send_pieces is not None and (pieces := cut(message)) is not None:
             head = pack(
                 self._bytes, Kind.DATA, epoch, sequence, now_ns, self._type_hash, pieces.head, IN_PIECES
             )
             self.history.append((head, pieces.body, pieces.tail))
-            owner.send_pieces(self._bytes, head, pieces.body, pieces.tail)
+            send_pieces(self._bytes, head, pieces.body, pieces.tail)
             return
         payload = encode_any(message if canonical is None else canonical(message))
         header = quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash)
@@ -119,9 +116,6 @@ class Outlet(Generic[M]):
         if self.listened:
             self._send(frame)
         self.history.append(frame)
-
-    def _is_large(self, message: M) -> bool:
-        return any(getattr(message, name).nbytes >= CUT_FROM for name in self._arrays)
 
     def idle(self) -> None:
         """Declare that nothing is due until the next message."""

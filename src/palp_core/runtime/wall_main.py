@@ -54,11 +54,11 @@ class WallMain:
         ledger = Path(birth.run_dir, f"{birth.spec.name}.ledger") if keeps else None
         self.intake = Intake(self.executor, publishers, self.broadcast.context, ledger)
         self.executor.transition(Transition.CONFIGURE)
-        shown = [outlet for outlet in self.executor.outlets.values() if outlet.message is Progress]
-        self.broadcast.offer(self.executor.outlets.values(), direct=True)
-        self.broadcast.offer(shown)
-        for outlet in shown:
-            outlet.divert(self._send_progress)
+        for outlet in self.executor.outlets.values():
+            shown = outlet.message is Progress
+            self.broadcast.offer([outlet], direct=not shown)
+            if shown:
+                outlet.divert(self._send_progress)
         self.broadcast.answer(
             birth.spec.name, NodeCommands(self.executor, self.intake.account).operations(), CHANGING
         )

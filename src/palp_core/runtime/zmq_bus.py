@@ -16,7 +16,7 @@ from palp_core.runtime.doorbell import RING
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.request_desk import Operation, RequestDesk
 from palp_core.runtime.wire import topic_of
-from palp_core.runtime.zmq_inquirer import ask
+from palp_core.runtime.zmq_inquirer import RECONNECT_MS, ask, readable
 
 __all__ = ["Broadcast", "Subscriber", "ask"]
 
@@ -25,8 +25,6 @@ SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, fill
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
 _NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
-_EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)
-RECONNECT_MS = 10
 MAX_REQUEST_BYTES = 1 << 20
 
 
@@ -71,12 +69,10 @@ class Broadcast:
         """
         for outlet in outlets:
             self._outlets[outlet.topic.encode()] = outlet
-            outlet.listened = not direct or outlet.topic.encode() in self._subscribed
             if direct:
                 outlet.divert(self._transmit)
+                outlet.listened = outlet.topic.encode() in self._subscribed
                 self._direct.add(outlet.topic)
-            else:
-                self._direct.discard(outlet.topic)
 
     def answer(self, node: str, operations: Mapping[str, Operation], deferred: Collection[str] = ()) -> None:
         """Answer requests ``{"op": operation, "node": node, ...}`` by functions from map to map.
@@ -155,7 +151,7 @@ class Broadcast:
     def poll(self) -> None:
         """Greet new subscribers and answer requests, without waiting."""
         self._sent = False
-        while _readable(self._publish):
+        while readable(self._publish):
             event = self._publish.recv()
             if event[-1:] != b"\0":
                 continue  # not a topic: a stranger's prefix
@@ -173,7 +169,7 @@ class Broadcast:
                 outlet = self._outlets.get(name)
                 if outlet is not None and outlet.topic in self._direct:
                     outlet.listened = False
-        while _readable(self._serve):
+        while readable(self._serve):
             parts = self._serve.recv_multipart()
             answer = self._desk.take(parts[:-1], parts[-1] if len(parts) > 1 else b"")
             if answer is not None:
@@ -191,11 +187,6 @@ class Broadcast:
     def close(self) -> None:
         """Send what is queued and let go."""
         self._context.destroy(linger=200)
-
-
-def _readable(socket: zmq.Socket[bytes]) -> bool:
-    """Ask before receiving: that costs less than the exception that an empty socket raises."""
-    return bool(int(socket.getsockopt(_EVENTS)) & _POLLIN)
 
 
 class Subscriber:
@@ -269,7 +260,7 @@ class Subscriber:
                     rung = True
                 else:
                     arrive(raw, now_ns)
-                if now_ns >= until_ns or (wait_ms and not _readable(self._socket)):
+                if now_ns >= until_ns or (wait_ms and not readable(self._socket)):
                     return now_ns >= until_ns, rung
                 wait_ms, raw = 0, receive(_NOBLOCK)
                 now_ns = monotonic_ns()
@@ -286,7 +277,7 @@ class Subscriber:
 
     def pending(self) -> bool:
         """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
-        return _readable(self._socket)
+        return readable(self._socket)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until something may have arrived; return False on time-out."""

@@ -63,50 +63,51 @@ def _against_ring(quick: bool, name: str) -> tuple[Float64Array, Float64Array, F
     return rings, np.array(failing), np.array(surviving)
 
 
-def _newton(quick: bool) -> Case:
-    rings, failing, surviving = _against_ring(quick, "plain_newton")
+def _of_finder(quick: bool, finder: str, name: str, failing: str, survivor: str, why: str) -> Case:
+    rings, off, surviving = _against_ring(quick, finder)
     return Case(
-        "newton_from_upright",
-        "Newton on q from q = 0",
-        "bracket from 0 to lift-off, continued along the branch",
+        name,
+        failing,
+        survivor,
         "ring position r_a, mm",
         rings * 1e3,
         "largest error of the angle over a sweep, degrees",
-        failing,
+        off,
         surviving,
         0.1,
+        why,
+    )
+
+
+def _newton(quick: bool) -> Case:
+    return _of_finder(
+        quick,
+        "plain_newton",
+        "newton_from_upright",
+        "Newton on q from q = 0",
+        "bracket from 0 to lift-off, continued along the branch",
         "The moment of the contact bends upwards at q = 0, so the first step is far too long.",
     )
 
 
 def _fixed(quick: bool) -> Case:
-    rings, failing, surviving = _against_ring(quick, "fixed_point")
-    return Case(
+    return _of_finder(
+        quick,
+        "fixed_point",
         "fixed_point",
         "fixed-point iteration q = asin(M(q) / M_0)",
         "bracketed Newton",
-        "ring position r_a, mm",
-        rings * 1e3,
-        "largest error of the angle over a sweep, degrees",
-        failing,
-        surviving,
-        0.1,
         "A larger angle unloads the contact, so the next angle is too small: a two-cycle that never ends.",
     )
 
 
 def _lagged(quick: bool) -> Case:
-    rings, failing, surviving = _against_ring(quick, "lagged_force")
-    return Case(
+    return _of_finder(
+        quick,
+        "lagged_force",
         "force_of_the_last_sample",
         "contact force lagged by one sample",
         "bracketed Newton, force and angle solved together",
-        "ring position r_a, mm",
-        rings * 1e3,
-        "largest error of the angle over a sweep, degrees",
-        failing,
-        surviving,
-        0.1,
         "It is the fixed point spread over time: the signal flips from sample to sample.",
     )
 
