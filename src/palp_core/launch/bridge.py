@@ -39,6 +39,7 @@ from palp_core.launch.conversation import (
     Hello,
     Join,
     Joined,
+    JoinRequest,
     Leave,
     Refused,
     Reply,
@@ -82,8 +83,10 @@ class Bridge:
         self._line, self._call = line, call
         self._view: GraphView | None = None
         self._own_name = ""
+        self._request: JoinRequest | None = None
         self._offsets = OffsetEstimate()
         self._used: Offset | None = None
+        self._start_ns: int | None = None
         self._drift_said_ns = DRIFT_NS
         self._ended = False
         self._began_ns = monotonic_ns()
@@ -112,6 +115,8 @@ class Bridge:
             if monotonic_ns() >= self._next_beat_ns:
                 self._next_beat_ns = monotonic_ns() + BEAT_NS
                 self._on_beat_due()
+            if self._start_ns is not None:
+                self._begin_when_heard(self._start_ns)
         self._reactor.close(linger_ms=500)
 
     def _on_beat_due(self) -> None:
@@ -128,6 +133,12 @@ class Bridge:
         self._ask_time()
         if self._gateway.gone or self._gateway.silent:
             self._lose(f"the gateway at {endpoint} is not heard any more")
+
+    def _begin_when_heard(self, start_ns: int) -> None:
+        """Let the node begin, once nothing it publishes can miss those who listen."""
+        if self._request is not None and self._exchange.hears(self._request.outputs):
+            self._start_ns, self._used = None, self._offsets.best()
+            self._say(Runs(start_ns - self._used.offset_ns))
 
     # palp run
 
@@ -146,7 +157,7 @@ class Bridge:
         while self._line.buffered():
             message = self._line.receive()
             if isinstance(message, Apply):
-                self._own_name = message.request.name
+                self._request, self._own_name = message.request, message.request.name
                 self._stand_in()
                 self._gateway.say(Join(request=message.request))
             elif isinstance(message, Goodbye):
@@ -193,8 +204,7 @@ class Bridge:
             case Joined(epoch=epoch):
                 self._say(Admitted(epoch))
             case Active(start_ns=start_ns):
-                self._used = self._offsets.best()
-                self._say(Runs(start_ns - self._used.offset_ns))
+                self._start_ns = start_ns
             case Refused(text=text, finished=finished):
                 self._lose(text, finished=finished)
             case other:

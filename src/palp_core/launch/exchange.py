@@ -6,7 +6,7 @@ import contextlib
 import functools
 import itertools
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import msgspec
@@ -67,6 +67,7 @@ class Exchange:
         self._tickets = itertools.count(1)
         self._asked: dict[int, tuple[Peer, int]] = {}
         self._waiting: dict[int, tuple[_Absent, list[bytes]]] = {}
+        self._heard: set[bytes] = set()
         self.unfed_count = 0
 
     # Nodes that are elsewhere
@@ -199,7 +200,13 @@ class Exchange:
                 del self._listeners[name]
                 self._tap.unsubscribe(name)
 
+    def hears(self, topics: Iterable[str]) -> bool:
+        """Tell whether every one of these that is listened to elsewhere has been heard here."""
+        wanted = {topic.encode() for topic in topics} & self._listeners.keys()
+        return wanted <= self._heard
+
     def _on_local_frame(self, topic: bytes, parts: list[bytes]) -> None:
+        self._heard.add(topic)
         for peer in self._listeners.get(topic, ()):
             peer.forward(parts)
 
