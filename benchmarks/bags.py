@@ -3,7 +3,8 @@
 Every ratio is of the same bytes on the same machine in interleaved rounds, above 1 where palp is faster:
 recording whole wire frames (parsed, accounted for) against the bare ``mcap`` writer and ``rosbags``' writer
 given ready payloads; reading typed messages against the bare ``mcap`` reader with CRCs plus a msgpack
-decode. The flood is a publisher of its own process at 20 kHz and 48 bytes over ZeroMQ.
+decode. The flood is a publisher of its own process at 20 kHz and 48 bytes over ZeroMQ. Estimator and policy
+are driven again from a recording of the simulated rig, and every output compared.
 
 Run: .venv/bin/python benchmarks/bags.py [--quick] [--json]
 """
@@ -39,9 +40,12 @@ from palp_core.bag.recorder import BagRecorder
 from palp_core.bag.ros2 import to_ros2
 from palp_core.bag.topic import Stream, Topic
 from palp_core.bag.writer import BagWriter
+from palp_core.launch.graph import Graph
+from palp_core.launch.replay import replay
 from palp_core.runtime.wire import pack
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.zmq_subscriber import Subscriber
 
+ROOT = Path(__file__).resolve().parents[1]
 FLOOD_HZ, FLOOD_BYTES = 20_000, 48
 NAME = "/torque/block"
 SCHEMA = {
@@ -215,6 +219,31 @@ def weight(folder: Path, seconds: int) -> dict[str, float]:
     }
 
 
+def replays(folder: Path, seconds: float, rounds: int) -> dict[str, float]:
+    """Return how fast estimator and policy are driven again from a recording, to the same bytes each time.
+
+    Raises:
+        SystemExit: An output differs from the recorded one.
+    """
+    arguments = ["training:=1", "trials:=100", f"out:={folder}/out"]
+    with Graph(ROOT / "launch/sim.yaml", compose=True, overrides=arguments, record=folder / "rig") as graph:
+        graph.run(seconds)
+    factors, compared = [], 0
+    for _ in range(rounds):
+        done = replay(folder / "rig", ["estimator", "policy"], ROOT)
+        for node in done:
+            if node.divergence is not None:
+                raise SystemExit(f"{node.node} differs: {node.divergence.topic} {node.divergence.what}")
+        compared = sum(node.compared for node in done)
+        factors.append(seconds / sum(node.wall_s for node in done))
+    return {
+        "replay_realtime_factor": statistics.median(factors),
+        "replay_realtime_factor_least": min(factors),
+        "replay_equal_outputs": compared,
+        "replay_rounds": rounds,
+    }
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -231,6 +260,7 @@ def main() -> None:
         result |= throughput(folder, 50_000 if quick else 200_000, 3 if quick else 7)
         result |= flood(folder, 5.0 if quick else 60.0)
         result |= weight(folder, 60)
+        result |= replays(folder, 200.0 if quick else 600.0, 3 if quick else 10)
     if options.json:
         print(json.dumps(result))
         return

@@ -6,7 +6,11 @@ Both on the same emulator, in a process of its own, without pacing, in interleav
 median over the rounds, above 1 where palp is faster. Polls at 1 kHz and 500 kbit/s: intervals over 3 ms are
 gaps. Faults: from the command to the emulator to the named state, per device.
 
-Run: .venv/bin/python benchmarks/devices.py [--quick] [--json]
+With ``--rig``: launch/rig.yaml on emulated devices of this process; from a gauge at its end to ABORT at the
+controller, how far a sweep goes on, and how long after the death or stop of each node the stage rests. This
+process is devices and observer at once: on a busy host the latencies are mostly its own.
+
+Run: .venv/bin/python benchmarks/devices.py [--quick] [--json] [--rig]
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from typing import Any
 import can
 import numpy as np
 import serial
+from rig_bench.trips import deaths, trips
 
 from palp_core.devices import open_device
 from palp_core.devices.aerotech import AerotechState
@@ -213,7 +218,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="within 40 s, without the table of faults")
     parser.add_argument("--json", action="store_true", help="one object for machines")
+    parser.add_argument("--rig", action="store_true", help="only how soon the whole rig stops, 20 min")
     given = parser.parse_args()
+    if given.rig:
+        print(json.dumps({"trips": trips(1000, 20), "deaths_ms": deaths()}, indent=1))
+        return
     rounds, seconds = (5, 0.8) if given.quick else (9, 3.0)
     result: dict[str, Any] = {}
     with emulator("--devices", "ati", "--can-bitrate", "0") as rig:

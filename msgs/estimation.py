@@ -52,7 +52,8 @@ class Belief(Message):
 
     ``gain`` is eq. (8) in nats; ``gamma`` is the correlation distance and counts only where
     ``gamma_defined``.
-    ``verdict`` is ``continue``, ``decided`` or ``undecided``; ``estimate_m`` is the most probable depth.
+    ``verdict`` is ``continue``, ``decided`` or ``undecided``; ``estimate_m`` is the most probable depth;
+    ``reading_n_m`` is the feature that led to it.
     """
 
     stamp_ns: Nanoseconds
@@ -67,3 +68,4 @@ class Belief(Message):
     estimate_m: Metres
     confidence: Probability
     outlier: bool
+    reading_n_m: NewtonMetres = 0.0

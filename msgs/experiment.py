@@ -5,7 +5,7 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, Metres, Nanoseconds, Probability
 
-__all__ = ["Mount", "PhantomTruth", "Trial", "TrialResult"]
+__all__ = ["Mount", "MountedReply", "MountedRequest", "PhantomTruth", "Trial", "TrialResult"]
 
 
 class Mount(Message):
@@ -14,6 +14,19 @@ class Mount(Message):
     stamp_ns: Nanoseconds
     code: str
     remount: Count
+
+
+class MountedRequest(Message):
+    """A person has put a phantom on; ``code``, if given, must be the one that was asked for."""
+
+    code: str = ""
+
+
+class MountedReply(Message):
+    """Whether that was waited for; ``code`` is the phantom that is, or was, asked for last."""
+
+    done: bool
+    code: str
 
 
 class Trial(Message):

@@ -11,6 +11,7 @@ from palp_core import Alarm, Node, Params, Pub, State, Sub, on
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.ring import RingState as DeviceState
 from palp_core.devices.sim.ring import SimRing
+from palp_core.perception.rig_noise import read_noise
 from palp_core.units import Millimetres
 
 
@@ -19,13 +20,15 @@ class ActuatorParams(Params):
 
     ``ring_error`` says how the data sheet's +-0.3 mm is read: ``uniform`` as hard limits, ``normal`` as the
     band of 95 %. ``backlash_mm`` lets the ring lag by half of it behind the direction it came from (not
-    known: 0).
+    known: 0). Where a noise file (plan ``repeatability``) is named in ``noise``, the ring's error is normal
+    with its standard deviation, and the two parameters of it are not used.
     """
 
     device: str = "sim"
     ring_error: Literal["uniform", "normal"] = "uniform"
     repeatability_mm: Millimetres = 0.3
     backlash_mm: Millimetres = 0.0
+    noise: str = ""
 
 
 class ActuatorState(State):
@@ -54,11 +57,14 @@ class Actuator(Node):
 
     def on_configure(self) -> None:
         params = self.params
+        distribution, repeatability_m = params.ring_error, params.repeatability_mm * 1e-3
+        if params.noise:
+            distribution, repeatability_m = "normal", 2.0 * read_noise(params.noise).ring_sd_m.value
         self.device = open_device(
             "ring",
             params.device,
-            distribution=params.ring_error,
-            repeatability_m=params.repeatability_mm * 1e-3,
+            distribution=distribution,
+            repeatability_m=repeatability_m,
             backlash_m=params.backlash_mm * 1e-3,
         )
 

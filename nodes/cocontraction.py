@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import msgspec
+from dataclasses import replace
+
 import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.perception import emg
-from palp_core.perception.levels import find_bursts, to_levels
-from palp_core.units import Float64Array, Ratio, Seconds
+from palp_core.perception.emg import EmgChain, find_offset
+from palp_core.perception.emg_bursts import BurstFinder, BurstState
+from palp_core.perception.emg_stream import EmgStream, StreamState
+from palp_core.perception.levels import to_levels
+from palp_core.units import Ratio, Seconds
 
-KEPT_S = 2.0
+UNSCALED = 1.0
 
 
 class CoContractionParams(Params):
@@ -26,31 +29,19 @@ class CoContractionParams(Params):
     distance_s: Seconds = 0.4
 
 
-class Muscle(msgspec.Struct):
-    """The chain of one muscle: its memory and what it knows of the muscle."""
-
-    band: list[float] = []
-    squares: list[float] = []
-    offset_v: float = 0.0
-    maximum_v: float = 0.0
-
-
 class CoContractionState(State):
-    """What a replacement inherits."""
+    """What a replacement inherits: the stream's memory, and what is known of the two muscles."""
 
-    rest_seen: bool = False
-    fds: Muscle = msgspec.field(default_factory=Muscle)
-    edc: Muscle = msgspec.field(default_factory=Muscle)
-    kept: list[float] = []
-    kept_from: int = 0
-    sample_count: int = 0
-    last_burst: int = -1
+    phase: str = ""
+    offsets_v: list[float] = []
+    maxima_v: list[float] = []
+    stream: StreamState | None = None
     burst_count: int = 0
     level: int = 0
 
 
 class Cocontraction(Node):
-    """Equations (1) to (3), block by block; a burst counts once it has ended."""
+    """Equations (1) to (3), block by block; a burst counts once nothing can displace it any more."""
 
     params: CoContractionParams
     state: CoContractionState
@@ -60,63 +51,37 @@ class Cocontraction(Node):
     @on(emg)
     def process(self, block: EmgBlock) -> None:
         state = self.state
-        if not state.rest_seen:  # the first block is at rest: it tells the electrodes' offset
-            state.fds.offset_v, state.edc.offset_v = (
-                emg.find_offset(block.fds_v),
-                emg.find_offset(block.edc_v),
-            )
-            state.rest_seen = True
-        envelopes = np.array(
-            [
-                self._envelope(state.fds, block.fds_v, block.rate_hz),
-                self._envelope(state.edc, block.edc_v, block.rate_hz),
-            ]
-        )
+        samples = np.array([block.fds_v, block.edc_v])
+        if not state.offsets_v:  # the first block is at rest: it tells the electrodes' offset
+            state.offsets_v = [find_offset(muscle) for muscle in samples]
+        reference_v = sum(state.maxima_v)
+        told = block.phase == "palpation" and reference_v > 0.0
+        stream = self._stream(block.rate_hz, reference_v if told else UNSCALED)
+        before = state.stream or stream.start()
+        if block.phase != state.phase:  # no burst spans two phases, and the scale is another
+            before, state.phase = replace(before, bursts=BurstState()), block.phase
+        state.stream, out = stream.step(before, samples)
         if block.phase == "mvc":
-            for muscle, envelope in zip((state.fds, state.edc), envelopes, strict=True):
-                muscle.maximum_v = max(muscle.maximum_v, float(envelope.max()))
-        reference_v = state.fds.maximum_v + state.edc.maximum_v
-        if block.phase != "palpation" or reference_v <= 0.0:
+            state.maxima_v = np.maximum(state.maxima_v or [0.0], out.envelopes.max(axis=1)).tolist()
+        if not told:
             return
-        value = emg.cocontraction(envelopes, reference_v)
-        self._find_bursts(value, block.rate_hz)
+        if out.bursts:
+            state.burst_count += len(out.bursts)
+            state.level = int(to_levels(np.array([out.bursts[-1].value])).index[0])
         self.cocontraction.publish(
             CoContraction(
                 stamp_ns=self.now_ns(),
                 start_ns=block.start_ns,
                 rate_hz=block.rate_hz,
                 reference_v=reference_v,
-                value=value,
+                value=out.cocontraction,
                 burst_count=state.burst_count,
                 level=state.level,
                 level_defined=state.burst_count > 0,
             )
         )
 
-    def _envelope(self, muscle: Muscle, samples: Float64Array, rate_hz: float) -> Float64Array:
-        chain = emg.EmgChain(offset=muscle.offset_v, rate_hz=rate_hz, window_s=self.params.window_s)
-        before = (
-            emg.EmgState(np.array(muscle.band), np.array(muscle.squares)) if muscle.band else chain.start()
-        )
-        after, envelope = chain.step(before, samples)
-        muscle.band, muscle.squares = after.band.tolist(), after.squares.tolist()
-        return envelope
-
-    def _find_bursts(self, value: Float64Array, rate_hz: float) -> None:
-        """Look for peaks in the last seconds; one is new if it lies beyond the last one and has settled."""
-        state, params = self.state, self.params
-        state.kept = [*state.kept, *value.tolist()]
-        state.sample_count += len(value)
-        drop = max(0, len(state.kept) - round(KEPT_S * rate_hz))
-        state.kept, state.kept_from = state.kept[drop:], state.kept_from + drop
-        settled = state.sample_count - round(params.distance_s * rate_hz)
-        window = np.array(state.kept)
-        found = find_bursts(
-            window, rate_hz=rate_hz, prominence=params.prominence, distance_s=params.distance_s
-        )
-        for index in found.tolist():
-            at = state.kept_from + index
-            if state.last_burst < at < settled:
-                state.last_burst = at
-                state.burst_count += 1
-                state.level = int(to_levels(window[index : index + 1]).index[0])
+    def _stream(self, rate_hz: float, reference_v: float) -> EmgStream:
+        params = self.params
+        chains = tuple(EmgChain(o, rate_hz, window_s=params.window_s) for o in self.state.offsets_v)
+        return EmgStream(chains, reference_v, BurstFinder(rate_hz, params.prominence, params.distance_s))

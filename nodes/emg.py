@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 
 from msgs.emg import EmgBlock
-from palp_core import Alarm, Node, Params, Pub, State, Timer, on
+from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
+from palp_core.devices.emg_source import EmgSourceState
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.emg import EmgState as DeviceState
 from palp_core.devices.sim.emg import SimEmg
@@ -19,10 +21,15 @@ class EmgParams(Params):
     """Set in the launch file.
 
     The simulated subject rests, contracts to the maximum (MVC), rests, and palpates for ``palpation_s`` (the
-    paper: at most 60 s), following the average of the reconstructed human matrices.
+    paper: at most 60 s), following the average of the reconstructed human matrices. A real subject is told to
+    rest for ``rest_s``, contract for ``mvc_s`` and rest again from the start on, and then palpates to the
+    end.
     """
 
-    device: str = "sim"
+    device: ReadOnly[str] = "sim"
+    options: ReadOnly[dict[str, Any]] = {}
+    rest_s: Seconds = 2.0
+    mvc_s: Seconds = 5.0
     rate_hz: HertzPositive = 1500.0
     block_samples: Annotated[int, msgspec.Meta(ge=1)] = 75
     palpation_s: Seconds = 60.0
@@ -37,6 +44,8 @@ class EmgNodeState(State):
     """What a replacement inherits."""
 
     device: DeviceState = msgspec.field(default_factory=DeviceState)
+    driver: EmgSourceState = msgspec.field(default_factory=EmgSourceState)
+    begin_ns: int = 0
 
 
 class Emg(Node):
@@ -51,27 +60,36 @@ class Emg(Node):
 
     def on_configure(self) -> None:
         params = self.params
-        options = {"matrix": figure5.matrices().mean(axis=0)} if params.device == "sim" else {}
+        simulated = params.device == "sim"
+        options = {"matrix": figure5.matrices().mean(axis=0)} if simulated else params.options
         self.device = open_device("emg", params.device, rate_hz=params.rate_hz, **options)
 
+    @property
+    def memory(self) -> Any:
+        """What the device remembers, held here."""
+        return self.state.device if isinstance(self.device, SimEmg) else self.state.driver
+
     def on_activate(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
+        self.state.begin_ns = self.now_ns()
+        self.device.open(self.now_ns(), self.memory, self.rng)
         if isinstance(self.device, SimEmg):
             begin_ns = self.device.palpation_ns(self.state.device)
             self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
 
     def on_resume(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
+        self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_deactivate(self) -> None:
         self.device.close()
 
     @on(tick)
     def drain(self) -> None:
-        block = self.device.drain(self.now_ns(), self.state.device, self.rng)
+        block = self.device.drain(self.now_ns(), self.memory, self.rng)
         if not len(block.times_ns):
             return
-        start_ns = int(block.times_ns[0])
+        if np.any(block.gap):
+            self.log.warning("%d gaps in the EMG", np.count_nonzero(block.gap))
+        start_ns = max(0, int(block.times_ns[0]))
         self.block.publish(
             EmgBlock(
                 stamp_ns=self.now_ns(),
@@ -85,7 +103,11 @@ class Emg(Node):
 
     def _phase(self, start_ns: int) -> str:
         if not isinstance(self.device, SimEmg):
-            return "palpation"
+            since_s = (start_ns - self.state.begin_ns) * 1e-9
+            rest_s, mvc_s = self.params.rest_s, self.params.mvc_s
+            if since_s >= 2.0 * rest_s + mvc_s:
+                return "palpation"
+            return "mvc" if rest_s <= since_s < rest_s + mvc_s else "rest"
         mvc_begin_ns, mvc_end_ns = self.device.mvc_ns(self.state.device)
         if start_ns >= self.device.palpation_ns(self.state.device):
             return "palpation"

@@ -15,8 +15,9 @@ from palp_core.perception import bayes
 from palp_core.perception.information import gain_vector
 from palp_core.perception.primitives import Primitives, fit, quantisation_sd
 from palp_core.perception.stopping import decide, stop_rule
+from palp_core.perception.sweep_cut import SweepCut
 from palp_core.perception.wavelet import denoise, edge_cone
-from palp_core.units import Ratio
+from palp_core.units import Float64Array, HertzPositive, Ratio, Seconds
 
 
 class EstimatorParams(Params):
@@ -30,6 +31,8 @@ class EstimatorParams(Params):
     stop: str = "paper_guarded"
     max_probes: int = 15
     resolution_n_mm: Ratio = 1.0 / 64.0
+    rate_hz: HertzPositive = 1000.0
+    largest_gap_s: Seconds = 0.003
 
 
 class EstimatorState(State):
@@ -47,6 +50,7 @@ class EstimatorState(State):
     blocks: list[bytes] = []
     received_count: int = 0
     expected_count: int = -1
+    stream: SweepCut | None = None
     training: list[tuple[float, float, float]] = []
     primitives: dict[str, list[float]] = {}
     log_belief: list[float] = []
@@ -94,15 +98,28 @@ class Estimator(Node):
         state = self.state
         if status.status == "sweeping":
             state.blocks, state.received_count, state.expected_count = [], 0, -1
+            if state.stream is not None:
+                state.stream.hold()
         elif status.status == "swept":
+            if state.stream is not None and not status.sample_count:
+                state.stream.bound(status.enter_ns, status.leave_ns)
+                self._conclude_stream()
+                return
             state.expected_count = status.sample_count
             self._conclude()
+        elif status.status == "cancelled":
+            state.blocks, state.received_count, state.expected_count = [], 0, -1
+            if state.stream is not None:
+                state.stream.release()
 
     @on(torque)
     def collect(self, block: TorqueBlock) -> None:
-        if not block.over_phantom:
-            return
         state = self.state
+        if not block.over_phantom:
+            state.stream = state.stream or SweepCut()
+            state.stream.add(block.start_ns, block.rate_hz, block.torque_n_m)
+            self._conclude_stream()
+            return
         if not state.blocks:
             state.start_ns, state.rate_hz = block.start_ns, block.rate_hz
         state.blocks.append(block.torque_n_m.tobytes())
@@ -121,7 +138,23 @@ class Estimator(Node):
             )
         torque_n_m = np.frombuffer(b"".join(state.blocks), dtype=np.float64)
         state.blocks, state.expected_count = [], -1
-        params = self.params
+        self._palpated(torque_n_m)
+
+    def _conclude_stream(self) -> None:
+        """Cut a sweep out of a stream once the stream has passed its end."""
+        state = self.state
+        if state.stream is None or not state.stream.complete:
+            return
+        cut = state.stream.cut(self.params.rate_hz)
+        state.stream.release()
+        state.start_ns, state.rate_hz = cut.start_ns, cut.rate_hz
+        if cut.largest_gap_s > self.params.largest_gap_s:
+            self.log.warning("a gap of %.0f ms in the torque of a sweep is bridged", cut.largest_gap_s * 1e3)
+        self._palpated(cut.torque_n_m)
+
+    def _palpated(self, torque_n_m: Float64Array) -> None:
+        """Take the peak of a sweep; learn from it or update the belief with it."""
+        state, params = self.state, self.params
         clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=params.denoise)
         peak = find("feature", params.feature).target(clean, edge=edge_cone(params.level, params.wavelet))
         if state.phase == "training" and state.label_known:
@@ -228,5 +261,6 @@ class Estimator(Node):
                 estimate_m=float(memory.depths_m[verdict.class_index]),
                 confidence=float(posterior[verdict.class_index]),
                 outlier=memory.is_outlier(peak_n_m, setting),
+                reading_n_m=peak_n_m,
             )
         )

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-
 from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
-from nodes.experiment_record import primitives_of, progress_of, row_of
-from palp_core import Node, Params, Progress, Pub, State, Sub, on
-from palp_core.mechanics.phantom_file import load_phantoms
+from nodes.experiment_plan import classes_of, design_of, plan_of
+from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
+from nodes.experiment_swaps import name_of, planned
+from palp_core import Alarm, Node, Params, Progress, Pub, State, Sub, Swap, on
 from palp_core.perception import plan
-from palp_core.perception.figure5 import RINGS_M
 from palp_core.studies.record import Record
-from palp_core.units import Metres
+from palp_core.units import Metres, Seconds
 
 
 class ExperimentParams(Params):
@@ -25,12 +23,17 @@ class ExperimentParams(Params):
     ``training`` is the number of palpations per phantom and ring position, ``trials`` the number of
     estimation trials per phantom. Order, re-homing and remounting were not published: ``training_order``
     mixes the ring positions of a mounting (randomised) or goes through them in turn (blocked); ``rehome``
-    tells before what the ring's actuator is driven to its stop and back.
+    tells before what the ring's actuator is driven to its stop and back. ``swaps`` names policies that take
+    over in the middle of a trial, as in ``30=nodes.policy_markov:Markov``. ``plan`` names what is done: the
+    paper's experiment, or the plan that measures how well the rig repeats itself, with its wait.
     """
 
     out: str = "results"
+    plan: Literal["paper", "repeatability"] = "paper"
+    wait_s: Seconds = 3600.0
     phantoms: str = ""
     policy: str = ""
+    swaps: str = ""
     seed: int = 0
     trials: int = 100
     training: int = 25
@@ -63,6 +66,7 @@ class ExperimentState(State):
     ring_iteration: int = -1
     ring_settled: bool = False
     rehomed: bool = False
+    waited: bool = False
     true_ring_m: float | None = None
     true_height_m: float | None = None
     palpation: list[Palpation] = []
@@ -73,6 +77,8 @@ class ExperimentState(State):
     trials_done: int = 0
     sweep_s: float = 0.0
     finished: bool = False
+    policy: str = ""
+    next_policy: str = ""
 
 
 class Experiment(Node):
@@ -86,7 +92,7 @@ class Experiment(Node):
     primitives = Sub(PrimitivesLearnt)
     ring_state = Sub(RingState)
     sweep = Sub(SweepStatus)
-    ring_truth = Sub(RingTruth)
+    ring_truth = Sub(RingTruth, optional=True)
     phantom_truth = Sub(PhantomTruth)
     trial = Pub(Trial)
     goal = Pub(SweepGoal)
@@ -94,22 +100,14 @@ class Experiment(Node):
     mount = Pub(Mount)
     result = Pub(TrialResult)
     progress = Pub(Progress)
+    swap = Pub(Swap)
+    waiting = Alarm()
 
     def on_configure(self) -> None:
         params = self.params
-        phantoms = load_phantoms(params.phantoms)
-        with_bead = {code: p.bead.depth_m for code, p in phantoms.items() if p.bead is not None}
-        self.design = plan.Design(
-            phantoms=tuple(plan.Phantom(code, depth_m) for code, depth_m in with_bead.items()),
-            rings_m=RINGS_M,
-            repeats=params.training,
-            trials_per_phantom=params.trials,
-            order=params.training_order,
-            rehome=params.rehome,
-            training_mounts=params.training_mounts,
-            estimation_mounts=params.estimation_mounts,
-        )
-        self.record = Record(params.out, sorted({*with_bead.values()}))
+        self.design = design_of(params)
+        self.swaps = planned(params.swaps)
+        self.record = Record(params.out, sorted({*classes_of(params).values()}))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -125,7 +123,7 @@ class Experiment(Node):
     def _current_plan(self) -> plan.Plan:
         """Return the plan under way; a replacement leads a fresh one there by the replies it inherits."""
         if self.plan is None:
-            self.plan = plan.experiment(self.design, np.random.default_rng(self.state.plan_seed))
+            self.plan = plan_of(self.design, self.state.plan_seed)
             replies = (plan.Reply(word) for word in self.state.replies)  # type: ignore[arg-type]
             self.step = plan.resume(self.plan, replies)
         return self.plan
@@ -160,6 +158,8 @@ class Experiment(Node):
                 state.phase, state.trial, state.label_m = step.phase, step.index, step.label_m
                 state.trial_announced = False
                 return "done"
+            case plan.Wait():
+                return self._wait(step)
             case plan.Palpate():
                 return self._palpate(step)
 
@@ -182,6 +182,14 @@ class Experiment(Node):
         state.commanded = not state.rehomed
         return "done" if state.rehomed else None
 
+    def _wait(self, step: plan.Wait) -> Literal["done"] | None:
+        state = self.state
+        if not state.commanded:
+            state.commanded, state.waited = True, False
+            self.waiting.set(self.now_ns() + round(step.duration_s * 1e9))
+        state.commanded = not state.waited
+        return "done" if state.waited else None
+
     def _palpate(self, step: plan.Palpate) -> Literal["done", "continue", "decided", "undecided"] | None:
         state, params, now_ns = self.state, self.params, self.now_ns()
         state.iteration = step.iteration
@@ -201,7 +209,7 @@ class Experiment(Node):
                     SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=params.from_m, to_m=params.to_m)
                 )
             return None
-        if not state.palpation or not (state.belief or state.phase == "training"):
+        if not state.palpation or not (state.belief or state.phase != "estimation"):
             return None
         palpation, belief = state.palpation[-1], state.belief[-1] if state.belief else None
         state.palpation, state.belief = [], []
@@ -210,25 +218,20 @@ class Experiment(Node):
         return belief.verdict if belief else "done"  # type: ignore[return-value]
 
     def _announce_trial(self) -> None:
-        state, training = self.state, self.state.phase == "training"
+        state = self.state
         state.trial_announced = True
-        self.trial.publish(
-            Trial(
-                stamp_ns=self.now_ns(),
-                trial=state.trial,
-                phase=state.phase,
-                code=state.code if training else "",
-                label_known=training,
-                depth_m=state.label_m if training else 0.0,
-            )
-        )
+        self.trial.publish(trial_of(state, self.now_ns()))
+        run = self.swaps.get(state.trials_done + 1, "") if state.phase == "estimation" else ""
+        if run:  # the policy that is there begins the trial, the next one goes on with it
+            state.next_policy = name_of(run)
+            self.swap.publish(Swap(stamp_ns=self.now_ns(), node="policy", run=run))
 
     # What the rig answers
 
     @on(phantom_truth)
     def note_phantom(self, truth: PhantomTruth) -> None:
-        self.state.code, self.state.depth_m = truth.code, truth.depth_m
-        self.state.true_height_m = truth.height_offset_m
+        state = self.state
+        state.code, state.depth_m, state.true_height_m = truth.code, truth.depth_m, truth.height_offset_m
         self._advance()
 
     @on(ring_state)
@@ -241,13 +244,20 @@ class Experiment(Node):
             state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
         self._advance()
 
+    @on(waiting)
+    def end_wait(self) -> None:
+        self.state.waited = True
+        self._advance()
+
     @on(ring_truth)
     def note_true_ring(self, truth: RingTruth) -> None:
         self.state.true_ring_m = truth.ring_m
 
     @on(sweep)
     def note_sweep(self, status: SweepStatus) -> None:
-        if status.status == "ready" and status.goal_id == self.state.goal_id:
+        if status.status == "cancelled":
+            self.state.swept = False  # it is swept again
+        elif status.status == "ready" and status.goal_id == self.state.goal_id:
             self.state.stage_ready = True
             self._advance()
 
@@ -272,8 +282,8 @@ class Experiment(Node):
         self.record.append(
             row_of(self.params, state, palpation, belief), palpation.torque_n_m, palpation.rate_hz
         )
-        state.row += 1
-        state.palpations_done += 1
+        state.policy, state.next_policy = state.next_policy or state.policy, ""
+        state.row, state.palpations_done = state.row + 1, state.palpations_done + 1
         state.sweep_s += len(palpation.torque_n_m) / palpation.rate_hz
         if belief is not None and belief.verdict != "continue":
             self._close_trial(belief)
@@ -283,16 +293,7 @@ class Experiment(Node):
         state = self.state
         state.trials_done += 1
         state.right_count += abs(belief.estimate_m - state.depth_m) < 1e-9
-        self.result.publish(
-            TrialResult(
-                stamp_ns=self.now_ns(),
-                trial=state.trial,
-                estimate_m=belief.estimate_m,
-                confidence=belief.confidence,
-                probe_count=belief.iteration,
-                verdict=belief.verdict,
-            )
-        )
+        self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:
         self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))

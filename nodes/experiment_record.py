@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from msgs.experiment import Trial, TrialResult
 from palp_core import Progress
 from palp_core.perception.plan import Design
+from palp_core.perception.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.studies.record import Row
 
 if TYPE_CHECKING:
     from msgs.estimation import Belief, Palpation, PrimitivesLearnt
     from nodes.experiment import ExperimentParams, ExperimentState
 
-__all__ = ["primitives_of", "progress_of", "row_of"]
+__all__ = ["primitives_of", "progress_of", "result_of", "row_of", "trial_of"]
 
 
 def row_of(
@@ -38,7 +40,7 @@ def row_of(
         verdict=belief.verdict if belief else "",
         estimate_m=belief.estimate_m if belief else None,
         outlier=belief.outlier if belief else False,
-        policy=params.policy,
+        policy=state.policy or params.policy,
         seed=params.seed,
         start_ns=palpation.start_ns,
         end_ns=palpation.end_ns,
@@ -58,8 +60,44 @@ def primitives_of(learnt: PrimitivesLearnt) -> dict[str, Any]:
     }
 
 
-def progress_of(design: Design, state: ExperimentState, phase: str, now_ns: int) -> Progress:
+def trial_of(state: ExperimentState, now_ns: int) -> Trial:
+    """Return the trial that begins; of a trial of estimation nobody is told the depth."""
+    training = state.phase == "training"
+    return Trial(
+        stamp_ns=now_ns,
+        trial=state.trial,
+        phase=state.phase,
+        code=state.code if training else "",
+        label_known=training,
+        depth_m=state.label_m if training else 0.0,
+    )
+
+
+def result_of(state: ExperimentState, belief: Belief, now_ns: int) -> TrialResult:
+    """Return what a trial of estimation came to."""
+    return TrialResult(
+        stamp_ns=now_ns,
+        trial=state.trial,
+        estimate_m=belief.estimate_m,
+        confidence=belief.confidence,
+        probe_count=belief.iteration,
+        verdict=belief.verdict,
+    )
+
+
+def progress_of(design: Design | RepeatDesign, state: ExperimentState, phase: str, now_ns: int) -> Progress:
     """Return how far a phase has come: palpations in training, trials afterwards."""
+    if isinstance(design, RepeatDesign):
+        return Progress(
+            stamp_ns=now_ns,
+            phase=phase,
+            done_count=state.palpations_done,
+            total_count=sweep_count(design),
+            text="palpations",
+            score=0.0,
+            score_defined=False,
+            busy_s=state.sweep_s,
+        )
     training, phantom_count = phase == "training", len(design.phantoms)
     palpation_count = design.repeats * phantom_count * len(design.rings_m)
     return Progress(

@@ -11,6 +11,7 @@ from palp_core.devices.sim.mount import MountVariation
 from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.scene_rig import rig
 from palp_core.mechanics.sweep_table import SweepTable, solve
+from palp_core.perception.rig_noise import read_noise
 from palp_core.units import Metres, Millimetres, Probability, Ratio
 
 MARGIN_M = 0.002
@@ -22,7 +23,8 @@ class PhantomParams(Params):
     ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``output`` and
     ``tolerance`` choose the contact rung. ``scene`` is a scene file: where given, gel, probe, indentation and
     tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
-    the surface's height over remounts (assumed: set down by hand against a stop). Friction, tip mass and
+    the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
+    has its own. Friction, tip mass and
     indentation are assumed, as the paper gives none.
     """
 
@@ -34,6 +36,7 @@ class PhantomParams(Params):
     to_m: Metres = 0.05
     indentation_mm: Millimetres = 4.0
     height_sd_mm: Millimetres = 0.1
+    noise: str = ""
     friction: Ratio = 0.3
     tip_mass_kg: Ratio = 0.008
 
@@ -72,13 +75,15 @@ class Phantom(Node):
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
         self.table: SweepTable | None = None
+        noise = params.noise
+        self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
         phantoms = self.rig.phantoms
         if mount.code not in phantoms:
             raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(phantoms))}")
-        variation = MountVariation(height_sd_m=self.params.height_sd_mm * 1e-3)
+        variation = MountVariation(height_sd_m=self.height_sd_m)
         state = self.state
         state.code, state.remount = mount.code, mount.remount
         state.height_offset_m = variation.draw(self.rng).height_m

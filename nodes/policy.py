@@ -8,14 +8,20 @@ from typing import Any, Self
 import numpy as np
 
 from msgs.actuator import RingCommand
-from msgs.estimation import Belief
+from msgs.emg import CoContraction
+from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.perception import figure5, policies
 
 
 class PolicyState(State):
-    """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for."""
+    """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for.
+
+    ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
+    whether the ring came anew to each, ``readings_n_m`` what was read there; ``heard`` the level of a
+    person's latest burst, -1 before any.
+    """
 
     trial: int = 0
     iteration: int = 0
@@ -23,6 +29,11 @@ class PolicyState(State):
     level: int = 0
     mean_level: float = 0.0
     ring_m: float = 0.0
+    primitives: dict[str, list[float]] = {}
+    tried_m: list[float] = []
+    landed: list[bool] = []
+    readings_n_m: list[float] = []
+    heard: int = -1
 
     @classmethod
     def adopt(cls, old: Any) -> Self:
@@ -32,12 +43,18 @@ class PolicyState(State):
 
 
 class Policy(Node):
-    """Command the first ring position of each trial of estimation, and the next after each open verdict."""
+    """Command the first ring position of each trial of estimation, and the next after each open verdict.
+
+    All policies have the same ports, so that any can replace any; most have no use for the optional ones, but
+    remember what came for the one that has.
+    """
 
     params: Params
     state: PolicyState
     trial = Sub(Trial)
     belief = Sub(Belief)
+    primitives = Sub(PrimitivesLearnt, optional=True)
+    cocontraction = Sub(CoContraction, optional=True)
     command = Pub(RingCommand)
 
     def on_configure(self) -> None:
@@ -47,12 +64,17 @@ class Policy(Node):
         """Return the policy that the parameters describe."""
         raise TypeError(f"{type(self).__name__} must say which policy it is: define choose()")
 
+    def refreshed(self) -> policies.Policy:
+        """Return the policy for the next probe; one that follows what came in meanwhile chooses again."""
+        return self.policy
+
     @on(trial)
     def begin(self, trial: Trial) -> None:
         self.state.active = trial.phase == "estimation"
         if self.state.active:
             self.policy = self.choose()  # parameters may have changed since the last trial
             self.state.trial, self.state.iteration = trial.trial, 0
+            self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
             self._command(self.policy.start(self.rng))
 
     @on(belief)
@@ -60,7 +82,19 @@ class Policy(Node):
         state = self.state
         if not state.active or belief.trial != state.trial or belief.verdict != "continue":
             return
+        state.readings_n_m.append(belief.reading_n_m)
+        self.policy = self.refreshed()
         self._command(self.policy.step(self._present(), belief.posterior, self.rng))
+
+    @on(primitives)
+    def remember(self, learnt: PrimitivesLearnt) -> None:
+        names = ("depths_m", "rings_m", "mean_n_m", "sd_n_m")
+        self.state.primitives = {name: getattr(learnt, name).tolist() for name in names}
+
+    @on(cocontraction)
+    def hear(self, cocontraction: CoContraction) -> None:
+        if cocontraction.level_defined:
+            self.state.heard = cocontraction.level
 
     def _present(self) -> policies.PolicyState:
         """Return where this policy stands; after one that keeps no mean level, that of the ring."""
@@ -74,6 +108,18 @@ class Policy(Node):
         state.iteration += 1
         state.level, state.mean_level = chosen.level, chosen.mean_level
         state.ring_m = self.policy.rings_m[chosen.level]
+        state.landed.append(chosen.renew or not state.tried_m or state.tried_m[-1] != state.ring_m)
+        state.tried_m.append(state.ring_m)
+        if chosen.renew:
+            self.command.publish(
+                RingCommand(
+                    stamp_ns=self.now_ns(),
+                    trial=state.trial,
+                    iteration=state.iteration,
+                    ring_m=state.ring_m,
+                    rehome=True,
+                )
+            )
         self.command.publish(
             RingCommand(
                 stamp_ns=self.now_ns(), trial=state.trial, iteration=state.iteration, ring_m=state.ring_m

@@ -6,7 +6,7 @@ from typing import Literal
 
 from nodes.policy import Policy
 from palp_core import Params
-from palp_core.perception import figure5, policies
+from palp_core.perception import chain_file, figure5, policies
 from palp_core.units import Probability
 
 
@@ -15,13 +15,16 @@ class MarkovParams(Params):
 
     ``matrices`` names the reconstruction of Figure 5; ``reading`` how eqs. (4) and (5) choose a level;
     ``mixture`` which depth's matrix is used while the depth is unknown. ``mean_level`` is the mean of
-    P_{S,1}, from which the initial ring level is drawn (assumed).
+    P_{S,1}, from which the initial ring level is drawn (assumed). ``chain`` is a file of ``palp markov fit``
+    that takes the place of both; ``depths_mm`` tells it the belief's depths, for mixture "posterior".
     """
 
     matrices: Literal["ar1", "tridiagonal"] = "ar1"
     reading: Literal["column", "gaussian_reset", "mean"] = "column"
     mixture: Literal["average", "posterior"] = "average"
     mean_level: Probability = figure5.MEAN_LEVEL
+    chain: str = ""
+    depths_mm: tuple[float, ...] = (2.0, 4.0, 8.0)
 
 
 class Markov(Policy):
@@ -31,6 +34,11 @@ class Markov(Policy):
 
     def choose(self) -> policies.Policy:
         params = self.params
+        if params.chain:
+            depths_m = [round(depth_mm * 1e-3, 9) for depth_mm in params.depths_mm]
+            return chain_file.markov_policy(
+                params.chain, reading=params.reading, mixture=params.mixture, depths_m=depths_m
+            )
         return policies.Markov(
             matrices=figure5.matrices(params.matrices),
             reading=params.reading,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -48,6 +48,7 @@ class StageState(State):
 class Stage(Node):
     """Follow sweep goals one at a time; publish positions only while over the phantom."""
 
+    LAG_NS: ClassVar[int] = 0
     moves = True
     params: StageParams
     state: StageState
@@ -62,15 +63,20 @@ class Stage(Node):
             "stage", self.params.device, sweep_speed_m_per_s=self.params.sweep_speed_m_s
         )
 
+    @property
+    def memory(self) -> Any:
+        """What the device remembers, held here."""
+        return self.state.device
+
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
-        self.device.open(self.now_ns(), self.state.device, self.rng)
+        self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_resume(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
+        self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_deactivate(self) -> None:
-        self.device.stop(self.now_ns(), self.state.device)
+        self.device.stop(self.now_ns(), self.memory)
         self.device.close()
 
     @on(goal)
@@ -93,18 +99,18 @@ class Stage(Node):
     def _cancel(self) -> None:
         self.block.stop()
         self.state.activity, self.state.at_start = "cancelled", False
-        self.arrival.set(self.device.stop(self.now_ns(), self.state.device))
+        self.arrival.set(self.device.stop(self.now_ns(), self.memory))
         self._say("cancelled")
 
     def _return(self, activity: str) -> None:
         """Go by the other path to where the sweep starts."""
         start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
         self.state.activity = activity
-        self.arrival.set(self.device.return_to(start_m, self.now_ns(), self.state.device))
+        self.arrival.set(self.device.return_to(start_m, self.now_ns(), self.memory))
 
     def _sweep(self) -> None:
         state = self.state
-        times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), state.device)
+        times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), self.memory)
         state.activity, state.at_start = "sweeping", False
         state.enter_ns, state.leave_ns, state.end_ns = times.enter_ns, times.leave_ns, times.end_ns
         state.next_sample = self._first_sample(times.enter_ns)
@@ -126,10 +132,11 @@ class Stage(Node):
     @on(block)
     def sample(self) -> None:
         state = self.state
-        following = self._first_sample(min(self.now_ns(), state.leave_ns) + 1)
+        known_ns = self.now_ns() - self.LAG_NS  # what a device that is polled can tell
+        following = self._first_sample(min(known_ns, state.leave_ns) + 1)
         if following > state.next_sample:
             times_ns = np.array([self._stamp_ns(k) for k in range(state.next_sample, following)])
-            reading = self.device.read(times_ns, state.device)
+            reading = self.device.read(times_ns, self.memory)
             state.next_sample = following
             state.sample_count += len(times_ns)
             self.pose.publish(
@@ -141,11 +148,15 @@ class Stage(Node):
                     position_m=reading.y_m,
                 )
             )
-        if self.now_ns() >= state.leave_ns:
+        if known_ns >= state.leave_ns:
             self.block.stop()
+            self._measure_interval()
             state.activity = "swept"
             self.arrival.set(state.end_ns)
             self._say("swept")
+
+    def _measure_interval(self) -> None:
+        """Leave the times as the device has predicted them; a simulated one keeps its word."""
 
     def _stamp_ns(self, sample: int) -> int:
         return round(sample * 1e9 / self.params.rate_hz)

@@ -10,6 +10,7 @@ from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.torque import SimTorque
 from palp_core.devices.sim.torque import TorqueState as DeviceState
+from palp_core.perception.rig_noise import read_noise
 from palp_core.units import Ratio
 
 
@@ -17,7 +18,8 @@ class TorqueParams(Params):
     """Set in the launch file. The defaults are a Nano17 SI-12-0.12.
 
     ``noise_sd_n_mm`` is assumed: one step of the resolution (1/64 N mm, the maker's figure). Bias and gain
-    drift are random walks, per square root of a second; not known, so 0.
+    drift are random walks, per square root of a second; not known, so 0. A noise file in ``noise`` has a
+    sample's noise of its own.
     """
 
     device: str = "sim"
@@ -25,6 +27,7 @@ class TorqueParams(Params):
     resolution_n_mm: Ratio = 1.0 / 64.0
     bias_drift_n_mm_per_sqrt_s: Ratio = 0.0
     gain_drift_per_sqrt_s: Ratio = 0.0
+    noise: str = ""
 
 
 class TorqueNodeState(State):
@@ -44,10 +47,13 @@ class Torque(Node):
 
     def on_configure(self) -> None:
         params = self.params
+        noise_sd_n_m = params.noise_sd_n_mm * 1e-3
+        if params.noise:
+            noise_sd_n_m = read_noise(params.noise).sample_sd_n_m.value
         self.device = open_device(
             "torque",
             params.device,
-            noise_sd_n_m=params.noise_sd_n_mm * 1e-3,
+            noise_sd_n_m=noise_sd_n_m,
             resolution_n_m=params.resolution_n_mm * 1e-3,
             bias_drift_n_m_per_sqrt_s=params.bias_drift_n_mm_per_sqrt_s * 1e-3,
             gain_drift_per_sqrt_s=params.gain_drift_per_sqrt_s,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from palp_core.runtime.bench import Bench
-    from palp_core.runtime.builtin import NodeEvent, Progress
+    from palp_core.runtime.builtin import NodeEvent, Progress, Swap
     from palp_core.runtime.events import QosEvent
     from palp_core.runtime.message import Message
     from palp_core.runtime.node import Node, Params, ReadOnly, State
@@ -36,6 +36,7 @@ __all__ = [
     "Srv",
     "State",
     "Sub",
+    "Swap",
     "Timer",
     "every",
     "on",
@@ -46,6 +47,7 @@ __all__ = [
 _HOME = {
     "Bench": "bench",
     "Progress": "builtin",
+    "Swap": "builtin",
     "Message": "message",
     "Node": "node",
     "NodeEvent": "builtin",

@@ -101,11 +101,15 @@ _HOMES = {
     "denoise": "palp_core.perception.wavelet",
     "equilibrium": "palp_core.mechanics.equilibrium_finders",
     "feature": "palp_core.perception.features",
+    "filter": "palp_core.perception.latent",
     "friction": "palp_core.mechanics.friction",
     "likelihood": "palp_core.perception.likelihoods",
+    "likelihood_vector": "palp_core.perception.vector_primitives",
     "motion": "palp_core.mechanics.dynamics",
-    "policy": "palp_core.perception.policies",
+    "policy": "palp_core.perception.policies_informed",
+    "smoother": "palp_core.perception.smoothers",
     "stop": "palp_core.perception.stopping",
+    "test": "palp_core.perception.mixed_logit",
 }
 """Where the methods of a task are declared; imported when somebody asks for one."""
 

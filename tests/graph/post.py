@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import msgspec
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, QosEvent, ReadOnly, Srv, State, Sub
 from palp_core import every, on, on_event, serve
-from palp_core.runtime import zmq_bus
+from palp_core.runtime import zmq_subscriber
 
 
 class Letter(Message):
@@ -69,7 +69,7 @@ class ReaderParams(Params):
 
 def rob():
     """Drop one frame of twenty before anybody sees it."""
-    honest, chance = zmq_bus.Subscriber.take, random.Random(5)
+    honest, chance = zmq_subscriber.Subscriber.take, random.Random(5)
 
     def take(self, arrive, slice_ns, wait_ms=0):
         def sieve(raw, now_ns):
@@ -78,7 +78,7 @@ def rob():
 
         return honest(self, sieve, slice_ns, wait_ms)
 
-    zmq_bus.Subscriber.take = take
+    zmq_subscriber.Subscriber.take = take
 
 
 class Reader(Node):

@@ -11,7 +11,8 @@ from palp_core.launch.graph_bus import EVENTS
 from palp_core.runtime.builtin import GraphEvent
 from palp_core.runtime.message import decode
 from palp_core.runtime.wire import parse
-from palp_core.runtime.zmq_bus import Subscriber, ask
+from palp_core.runtime.zmq_bus import ask
+from palp_core.runtime.zmq_subscriber import Subscriber
 from tests.graph.conftest import Palp
 
 PATIENCE_S = 60.0

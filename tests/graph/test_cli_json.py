@@ -27,6 +27,7 @@ WORDS = {
     "param get": ("/source", "name"),
     "param set": ("/source", "name", "block"),
     "interface show": ("Sample",),
+    "bag play": (str(PAGE.parents[1] / "tests/golden/emg.mcap"), "--playback-duration", "0.2"),
 }
 
 

@@ -17,7 +17,7 @@ import pytest
 
 from palp_core.runtime.commands import NodeCommands
 from palp_core.runtime.wire import HEADER_BYTES, VERSION, Kind, pack, parse
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.zmq_subscriber import Subscriber
 from tests.graph.conftest import PATIENCE_S, ROOT, Palp
 
 EXAMPLE = ROOT / "examples" / "interop"

@@ -42,15 +42,6 @@ def test_what_a_killed_launcher_had_recorded_can_be_recovered(palp: Palp, tmp_pa
     assert indices.tolist() == list(range(len(indices)))
 
 
-def test_a_graph_on_the_wall_clock_says_that_its_launcher_cannot_record_it(
-    palp: Palp, tmp_path: Path
-) -> None:
-    done = palp.run("launch", CHAIN, "--record", tmp_path / "bag")
-    assert done.returncode == 2
-    assert "only a graph with 'clock: sim' can be recorded by its launcher" in done.stderr
-    assert not (tmp_path / "bag").exists()
-
-
 def test_an_existing_bag_is_never_written_over(palp: Palp, tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "mine").write_text("kept")

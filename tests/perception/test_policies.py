@@ -112,7 +112,15 @@ def test_bad_settings_are_refused(settings_: dict[str, Any], match: str) -> None
 
 
 def test_every_policy_is_declared() -> None:
-    assert {m.name for m in methods("policy")} == {"fixed", "uniform", "markov", "information_gain"}
+    assert {m.name for m in methods("policy")} == {
+        "emg_driven",
+        "fixed",
+        "information_gain",
+        "information_gain_latent",
+        "markov",
+        "reposition",
+        "uniform",
+    }
     assert find("policy", "markov").target is Markov
 
 

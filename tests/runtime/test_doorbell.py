@@ -12,7 +12,7 @@ import zmq
 
 from palp_core.runtime.doorbell import ENDPOINT, Doorbell
 from palp_core.runtime.wire import Kind, pack
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.zmq_subscriber import Subscriber
 
 PATIENCE_MS = 20_000
 

@@ -191,7 +191,7 @@ def test_events_and_calls_survive_a_hand_over() -> None:
     drive.word(1)
     drive.word(5)
     drive.word(7)
-    drive.executor.transition(Transition.DEACTIVATE)
+    drive.executor.pause()
     heir.executor = Executor(Watcher, drive.executor.spec, drive.clock, heir.frames.append)
     heir.clock, heir.node = drive.clock, heir.executor.node
     heir.executor.resend = heir.resent.append

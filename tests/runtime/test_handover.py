@@ -160,7 +160,7 @@ class Run:
 
     def swap(self, *, waiting: list[bytes] | None = None) -> HandOver:
         """Let another executor take over, through bytes."""
-        self.executor.transition(Transition.DEACTIVATE)
+        self.executor.pause()
         for frame in waiting or []:
             self.executor.consume(frame)
         data = encode_any(self.executor.hand_over())

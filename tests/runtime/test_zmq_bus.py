@@ -17,7 +17,8 @@ from palp_core.runtime.message import Message, decode
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.wire import HEADER_BYTES, Kind, parse
-from palp_core.runtime.zmq_bus import Broadcast, Subscriber, ask
+from palp_core.runtime.zmq_bus import Broadcast, ask
+from palp_core.runtime.zmq_subscriber import Subscriber
 from palp_core.units import RatioArray
 
 PATIENCE_S = 10.0

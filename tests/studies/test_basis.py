@@ -16,6 +16,8 @@ PARAMS = {
         "nodes.policy_fixed:FixedParams",
         "nodes.policy_markov:MarkovParams",
         "nodes.policy_uniform:UniformParams",
+        "nodes.policy_information:InformationParams",
+        "nodes.policy_emg:EmgParams",
     ),
     "actuator": ("nodes.actuator:ActuatorParams",),
     "stage": ("nodes.stage:StageParams",),
@@ -50,7 +52,7 @@ CHOICES = {
     "actuator": {"device"},
     "stage": {"device", "block_samples"},
     "torque": {"device"},
-    "emg": {"device", "block_samples"},
+    "emg": {"device", "block_samples", "options"},
 }
 
 

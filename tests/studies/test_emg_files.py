@@ -220,6 +220,15 @@ def test_a_matlab_file_of_version_7_3_is_hdf5(tmp_path: Path) -> None:
     assert both == pytest.approx(EMG)
 
 
+def test_an_hdf5_file_named_mat_is_read_too(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w") as file:
+        file["emg"] = EMG
+    _, both = read(path)
+    assert both == pytest.approx(EMG)
+
+
 def test_without_h5py_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.h5").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "h5py", None)

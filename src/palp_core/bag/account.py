@@ -59,6 +59,10 @@ class EpochAccount:
             self._gaps.append((self.next, last))
             self.next = last + 1
 
+    def lacks(self, sequence: int) -> bool:
+        """Tell whether a message is known to be missing."""
+        return any(first <= sequence <= last for first, last in self._gaps)
+
     @property
     def gaps(self) -> list[Gap]:
         """What is missing, in order, neighbours joined."""

@@ -13,7 +13,7 @@ from palp_core.bag.closing import Closing
 from palp_core.bag.topic import Stream, Topic
 from palp_core.bag.writer import BagWriter
 from palp_core.errors import BagError, SchemaMismatch
-from palp_core.runtime.builtin import Order, Progress
+from palp_core.runtime.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
 from palp_core.runtime.schema import json_schema, schema_of
 from palp_core.runtime.wire import HEADER_BYTES, Kind, parse
 
@@ -80,11 +80,18 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
 class _Route:
     """Where a stream's messages go."""
 
-    __slots__ = ("account", "payload_offset", "sequence_high", "stream", "type_hash")
+    __slots__ = ("account", "payload_offset", "sequence_high", "stream", "topic", "type_hash")
 
     def __init__(
-        self, stream: int, account: EpochAccount, payload_offset: int, type_hash: int, sequence_high: int
+        self,
+        topic: str,
+        stream: int,
+        account: EpochAccount,
+        payload_offset: int,
+        type_hash: int,
+        sequence_high: int,
     ) -> None:
+        self.topic = topic
         self.stream = stream
         self.account = account
         self.payload_offset = payload_offset
@@ -101,6 +108,11 @@ class BagRecorder(Closing):
         select: Which topics to record; None: all.
         from_start: The recorder was there before the first message: sequence 1 must be in the bag.
         attachments: Files to keep with the recording: launch file, parameters, versions, git state.
+
+    Attributes:
+        missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
+            messages to :meth:`fill`.
+        moved: Is told what a publisher that is replaced says of the new place: topic and payload.
     """
 
     def __init__(
@@ -121,12 +133,39 @@ class BagRecorder(Closing):
         self._refused: dict[str, int] = {}
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
+        self.missed: Callable[[str, int, int, int], None] = lambda *_: None
+        self.moved: Callable[[str, bytes], None] = lambda *_: None
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
+
+    def knows(self, topic: str) -> bool:
+        """Tell whether anything of a topic was heard."""
+        return topic in self._accounts
+
+    @property
+    def taken(self) -> int:
+        """Messages recorded so far."""
+        return sum(account.count for account in self._accounts.values())
 
     def describe(self, topic: Topic) -> None:
         """Make a topic known that appeared later."""
         self._topics[topic.name] = topic
+
+    def begin(self, topic: str, epoch: int, first: int) -> None:
+        """Expect a topic to begin with a sequence, whatever is heard first."""
+        account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
+        account.epochs.setdefault(epoch, EpochAccount(epoch, first))
+
+    def fill(self, now_ns: int, frame: bytes) -> None:
+        """Record a frame that was asked for, if it is missing still.
+
+        Raises:
+            SchemaMismatch: It is no frame.
+        """
+        parsed = parse(frame)
+        account = self._accounts.get(parsed.topic)
+        if account is not None and account.epoch(parsed.epoch).lacks(parsed.sequence):
+            self(now_ns, frame)
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
         """Record a frame.
@@ -158,6 +197,7 @@ class BagRecorder(Closing):
             account.next = sequence + 1
             account.count += 1
         else:
+            self._look_for_gap(route.topic, account, sequence - 1)
             account.add(sequence)
         self._writer.write(
             route.stream, sequence, now_ns, stamp_ns, memoryview(frame)[route.payload_offset :]
@@ -206,8 +246,11 @@ class BagRecorder(Closing):
             return
         account = self._accounts.setdefault(parsed.topic, TopicAccount(from_start=self._from_start))
         epoch = account.epoch(parsed.epoch)
+        self._look_for_gap(parsed.topic, epoch, parsed.sequence - (parsed.kind == Kind.DATA))
         if parsed.kind != Kind.DATA:
             epoch.expect(parsed.sequence)
+            if parsed.kind == Kind.MOVED:
+                self.moved(parsed.topic, bytes(parsed.payload))
             return
         type_hash = f"{parsed.type_hash:016x}"
         topic = self._topics.get(parsed.topic)
@@ -219,7 +262,7 @@ class BagRecorder(Closing):
             topic = Topic(name=parsed.topic, type_hash=type_hash)
         high = parsed.sequence >> 32
         number = self._writer.stream(Stream(topic=topic, epoch=parsed.epoch, sequence_high=high))
-        route = _Route(number, epoch, end + _PAYLOAD_BYTES, parsed.type_hash, high)
+        route = _Route(parsed.topic, number, epoch, end + _PAYLOAD_BYTES, parsed.type_hash, high)
         self._routes[frame[: end + _KEY_BYTES]] = route
         try:
             self._writer.write(number, parsed.sequence, now_ns, parsed.stamp_ns, parsed.payload)
@@ -229,10 +272,15 @@ class BagRecorder(Closing):
         else:
             epoch.add(parsed.sequence)
 
+    def _look_for_gap(self, topic: str, account: EpochAccount, last: int) -> None:
+        """Say what is missing up to a sequence, before it is in the account."""
+        if account.next is not None and last >= account.next:
+            self.missed(topic, account.epoch, account.next, last)
+
 
 def _builtin(name: str, type_hash: int) -> Topic | None:
     """Return the description of a topic that carries one of the runtime's own messages."""
-    for kind in (Order, Progress):
+    for kind in (Order, Progress, NodeEvent, GraphEvent, GraphHealth):
         schema = schema_of(kind)
         if schema.type_hash == type_hash:
             described = json_schema(schema)

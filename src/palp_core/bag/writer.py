@@ -75,6 +75,8 @@ class BagWriter(Closing):
             self.folder.mkdir(parents=True)
         except FileExistsError as error:
             raise BagError(f"{self.folder} exists already: choose another name") from error
+        except OSError as error:
+            raise BagError(f"{self.folder} cannot be made: {error.strerror}") from error
         self._open()
 
     def stream(self, stream: Stream) -> int:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.output import print_text
+from palp_core.cli.play import play
+from palp_core.cli.record import CompressionName, record, snapshot
 from palp_core.cli.replay import replay
 
 if TYPE_CHECKING:
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(help="Recordings.", no_args_is_help=True, rich_markup_mode=None)
+app.command("record")(record)
+app.command("snapshot")(snapshot)
+app.command("play")(play)
 app.command("replay")(replay)
 
 
@@ -29,14 +34,6 @@ class Form(StrEnum):
     JSON = "json"
     CSV = "csv"
     PARQUET = "parquet"
-
-
-class CompressionName(StrEnum):
-    """Of a bag's chunks."""
-
-    ZSTD = "zstd"
-    LZ4 = "lz4"
-    NONE = "none"
 
 
 BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +16,8 @@ from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
 
 if TYPE_CHECKING:
-    from palp_core.launch.checked import CheckedGraph
     from palp_core.launch.conductor import Observer
-    from palp_core.launch.recording import RunRecorder
+    from palp_core.launch.graph import Graph
 
 __all__ = ["launch"]
 
@@ -32,7 +33,7 @@ def launch(
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
     record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag (simulated time).")
+        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
     ] = None,
     digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
     listen: Annotated[
@@ -68,10 +69,14 @@ def launch(
     sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record, listen=listen))
 
 
-def _recorder(checked: CheckedGraph, folder: Path) -> RunRecorder:
-    from palp_core.launch.recording import RunRecorder
-
-    return RunRecorder(checked, folder)
+@contextlib.contextmanager
+def _recordings_said(graph: Graph) -> Iterator[None]:
+    """Say what became of a graph's recordings, however it ends."""
+    try:
+        yield
+    finally:
+        if graph.recordings.text:
+            print_text(graph.recordings.text)
 
 
 def _run(
@@ -86,6 +91,7 @@ def _run(
     from palp_core.launch.fork_start import start_fork_server
 
     started = start_fork_server()  # it warms up while this process imports what it needs
+    from palp_core.cli.safety import stop_key
     from palp_core.cli.view import LaunchView
     from palp_core.launch.digest import TopicDigest
     from palp_core.launch.graph import Graph
@@ -104,23 +110,27 @@ def _run(
         for observer in observers:
             observer(now_ns, frame)
 
-    recorded = (True, "")
+    graph = Graph(
+        file,
+        compose=compose,
+        observe=observe,
+        overrides=overrides,
+        started=started,
+        listen=listen,
+        record=record,
+    )
     try:
-        with Graph(
-            file, compose=compose, observe=observe, overrides=overrides, started=started, listen=listen
-        ) as graph:
+        with _recordings_said(graph), graph:
             graph.door.speak(note)
-            recorder = _recorder(graph.checked, record) if record is not None else None
-            observers += [recorder] if recorder is not None else []
             view.start(graph.checked)
+            key = stop_key(graph)
             try:
                 summary = graph.run()
             finally:
+                key.stop()
                 view.stop()
                 if digests is not None and digest is not None:
                     digest.write_text(json.dumps(digests.result(), indent=1) + "\n", encoding="utf-8")
-                if recorder is not None:
-                    recorded = recorder.close()
     except Interrupted as stop:
         sys.stderr.write(f"{stop}; every node has ended\n")
         return 128 + int(stop.signal)
@@ -139,8 +149,6 @@ def _run(
     )
     if summary.report:
         print_text(summary.report)
-    if record is not None:
-        print_text(f"{record}: {recorded[1]}")
-    if not recorded[0]:
+    if not graph.recordings.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1

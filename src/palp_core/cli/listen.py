@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Self
 
@@ -10,8 +11,9 @@ from palp_core.launch.remote import RunningGraph
 from palp_core.launch.run_directory import TopicEntry
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.delivery import EdgeCounter
+from palp_core.runtime.following import Following, Turns
 from palp_core.runtime.wire import HEADER_BYTES, Frame, Kind, parse
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.zmq_subscriber import Subscriber
 
 __all__ = ["Heard", "Listener"]
 
@@ -72,6 +74,10 @@ class Listener:
         self.last_sequence: dict[str, int] = {}
         self.ended = False
         self._subscriber = Subscriber({topic.name: topic.publish for topic in topics})
+        self._ready: list[Frame] = []
+        self._turns = {topic.name: Turns(self._ready.append) for topic in topics}
+        places = {topic.name: (topic.publish, "") for topic in topics}
+        self._following = Following(self._subscriber, places, self._turns)
 
     def __enter__(self) -> Self:
         return self
@@ -85,20 +91,25 @@ class Listener:
             self._subscriber.wait(TICK_S)
             arrived_ns = monotonic_ns()
             for raw in self._subscriber.receive():
-                try:
-                    frame = parse(raw)
-                except SchemaMismatch:
-                    continue  # not ours; the readers count such frames
-                yield from self._take(frame, arrived_ns)
+                with contextlib.suppress(SchemaMismatch):  # not ours; the readers count such frames
+                    self._arrive(parse(raw), arrived_ns)
+                while self._ready:
+                    yield from self._take(self._ready.pop(0), arrived_ns)
             yield None
             if arrived_ns >= self._next_look_ns:
                 self._next_look_ns = arrived_ns + LOOK_AT_LAUNCHER_NS
                 self.ended = not self._graph.alive
 
-    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[Heard]:
-        counter = self._counters.get(frame.topic)
-        if counter is None or frame.kind == Kind.MOVED:
+    def _arrive(self, frame: Frame, arrived_ns: int) -> None:
+        if frame.topic not in self._counters:
             return
+        if frame.kind == Kind.MOVED:
+            self._following.take(frame, arrived_ns)
+        else:
+            self._turns[frame.topic].arrive(frame, frame, arrived_ns)
+
+    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[Heard]:
+        counter = self._counters[frame.topic]
         self.last_sequence[frame.topic] = frame.sequence
         last_before = frame.sequence - (frame.kind == Kind.DATA)
         first_wanted = self._first_wanted(counter, frame.epoch, last_before)

@@ -17,6 +17,7 @@ app = lazy_app(
     {
         "launch": Verb(f"{_CLI}.launch:launch", "Check a launch file, run its graph, end it cleanly."),
         "run": Verb(f"{_CLI}.run:run", "Run one node on the machine's clock, or add it to a graph."),
+        "swap": Verb(f"{_CLI}.swap:swap", "Let another class take a running node's place."),
         "graph": Verb(f"{_CLI}.graph:graph", "Print a launch file's graph as mermaid text; --png draws it."),
         "topic": Verb(f"{_CLI}.topic:app", "Topics of the running graph."),
         "node": Verb(f"{_CLI}.node:app", "Nodes of the running graph."),
@@ -27,12 +28,27 @@ app = lazy_app(
         "bag": Verb(f"{_CLI}.bag:app", "Recordings."),
         "scene": Verb(f"{_CLI}.scene:app", "Scenes: which model, why, and what comes out."),
         "cache": Verb(f"{_CLI}.cache:app", "Set-ups of contact models, kept on disk."),
-        "study": Verb(f"{_CLI}.study:app", "Studies: speed against accuracy, where methods fail."),
+        "study": Verb(
+            f"{_CLI}.study:app", "Studies: the paper re-run, speed against accuracy, where methods fail."
+        ),
         "emg": Verb(f"{_CLI}.emg:app", "Recorded EMG: co-contraction, bursts, levels, quality."),
+        "markov": Verb(f"{_CLI}.markov:app", "Strategies of stiffness levels, learnt from EMG."),
+        "analyse": Verb(
+            f"{_CLI}.analyse:analyse",
+            "Pool sessions and decide their stored sweeps again with other methods.",
+        ),
+        "phantom": Verb(f"{_CLI}.phantom:app", "Phantoms: their gel, from sweeps over it."),
+        "tap": Verb(f"{_CLI}.tap:tap", "Send a running graph's numbers to a plotter."),
         "logs": Verb(f"{_CLI}.logs:logs", "Show what nodes have printed."),
         "top": Verb(f"{_CLI}.top:top", "Show live how the nodes of a graph do."),
         "doctor": Verb(f"{_CLI}.doctor:doctor", "Look for what is wrong with host and graph."),
         "wtf": Verb(f"{_CLI}.doctor:doctor", "The same as doctor.", hidden=True),
+        "devices": Verb(f"{_CLI}.devices:app", "Devices: which there are, try them, emulate them."),
+        "safety": Verb(f"{_CLI}.safety:app", "The safety node of the running graph."),
+        "stop": Verb(
+            f"{_CLI}.safety:stop",
+            "Stop all motion now: ABORT, then DISABLE.",
+        ),
         "keys": Verb(f"{_CLI}.keys:app", "Keys for graphs that reach beyond this host."),
     },
     add_completion=True,

@@ -74,6 +74,9 @@ def info(
     _section(
         "Ports open to messages from outside", {f"/{entry.name}/{p}": "" for p in found.get("external", [])}
     )
+    for swap in found.get("swaps", []):
+        how = f"gap {swap['gap_s'] * 1e3:.2f} ms, {swap['held']} messages waited"
+        print_text(f"  Changed hands at {swap['at_s']:.3f} s: {swap['before']} -> {swap['after']}; {how}")
     print_text(f"  Overruns: {found.get('overruns', 0)} of {found.get('ticks', 0)} ticks")
     print_text(f"  Refused frames: {found.get('rejected', 0)}")
 

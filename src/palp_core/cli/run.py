@@ -10,7 +10,7 @@ import typer
 from palp_core.cli.output import note
 from palp_core.errors import GraphError, NodeError
 
-__all__ = ["run"]
+__all__ = ["pairs", "run", "value_of"]
 
 
 def run(
@@ -64,8 +64,8 @@ def run(
         code = run_node(
             target,
             name=name,
-            params={port: _value(text) for port, text in _pairs("-p", params).items()},
-            wires=_pairs("-r", remap),
+            params={port: value_of(text) for port, text in pairs("-p", params).items()},
+            wires=pairs("-r", remap),
             address=Address.of(join, server_key, KeyFolder()) if join is not None else None,
             say=note,
         )
@@ -78,7 +78,7 @@ def run(
     sys.exit(code if 0 <= code < 256 else 1)
 
 
-def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
+def pairs(option: str, given: list[str] | None) -> dict[str, str]:
     """Split ``name:=value``.
 
     Raises:
@@ -95,7 +95,8 @@ def _pairs(option: str, given: list[str] | None) -> dict[str, str]:
     return found
 
 
-def _value(text: str) -> Any:
+def value_of(text: str) -> Any:
+    """Return a value as YAML reads it."""
     from palp_core.launch.yaml_tree import parse_scalar
 
     return parse_scalar(text)

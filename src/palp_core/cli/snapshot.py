@@ -14,7 +14,7 @@ from palp_core.runtime.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.message import decode
 from palp_core.runtime.wire import Kind, parse
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.zmq_subscriber import Subscriber
 
 __all__ = ["EdgeRow", "HealthReader", "NodeRow", "Snapshot", "rows", "snapshot"]
 

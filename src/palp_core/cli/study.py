@@ -1,4 +1,4 @@
-"""``palp study``: speed against accuracy, and where methods fail, measured on this machine."""
+"""``palp study``: the paper re-run, speed against accuracy, and where methods fail."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from palp_core.cli.output import note, print_json, print_table, print_text
 
 __all__ = ["app"]
 
-app = typer.Typer(help="Studies: speed against accuracy, where methods fail.", no_args_is_help=True)
+app = typer.Typer(
+    help="Studies: the paper re-run, speed against accuracy, where methods fail.", no_args_is_help=True
+)
 
 
 @app.command("list")
@@ -31,6 +33,8 @@ def run(
     *,
     out: Annotated[Path, typer.Option(help="Folder for charts, tables and the page.")],
     quick: Annotated[bool, typer.Option("--quick", help="Few values: minutes instead of an hour.")] = False,
+    workers: Annotated[int, typer.Option(help="Local processes, where the study can use them.")] = 1,
+    dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
 ) -> None:
     """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them."""
     from palp_core.errors import PalpError
@@ -42,4 +46,4 @@ def run(
     except OSError as error:
         raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
     note(f"{chosen.name}: {chosen.question}")
-    print_text(str(chosen.run(out, quick=quick)))
+    print_text(str(chosen.run(out, quick=quick, workers=workers, dask=dask)))

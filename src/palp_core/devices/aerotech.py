@@ -14,7 +14,7 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 
-from palp_core.devices.aerotech_leg import Leg
+from palp_core.devices.aerotech_leg import Leg, duration_s, in_segments
 from palp_core.devices.aerotech_link import AerotechLink
 from palp_core.devices.aerotech_motion import Motion
 from palp_core.devices.checks import check_range
@@ -30,6 +30,7 @@ from palp_core.errors import DeviceError
 __all__ = ["AerotechStage", "AerotechState"]
 
 _PLACE_M = 50e-6  # how close to a place counts as being there
+_NO_WAY_M = _PLACE_M / 10  # a shorter leg is none
 
 
 class AerotechState(msgspec.Struct):
@@ -54,6 +55,7 @@ class AerotechStage:
         lift_speed_m_per_s: Speed of raising and lowering.
         lift_m: Height of the way back.
         lead_m: Way at full speed before a sweep's interval.
+        segment_m: Longest move that is sent at once, 2 mm on a single RS-232; 0 with a second link.
         settle_s: Allowance for starting and ending a leg, in the times that are predicted.
         poll_hz: How often positions are read; four questions each, so 50 Hz fill 42 % of a line at 115200.
         stale_s: Longest silence.
@@ -82,6 +84,7 @@ class AerotechStage:
     lift_speed_m_per_s: float = 0.020
     lift_m: float = 0.020
     lead_m: float = 1e-3
+    segment_m: float = 0.0
     settle_s: float = 0.08
     poll_hz: float = 50.0
     stale_s: float = 0.25
@@ -94,8 +97,8 @@ class AerotechStage:
         for name in ("sweep_speed_m_per_s", "return_speed_m_per_s", "lift_speed_m_per_s"):
             check_range("stage", name, getattr(self, name), 1e-6, self.limits.speed_m_per_s)
         check_range("stage", "lift_m", self.lift_m, *self.limits.z_m)
-        check_range("stage", "lead_m", self.lead_m, 0.0, 1.0)
-        check_range("stage", "settle_s", self.settle_s, 0.0, 10.0)
+        for name, high in (("lead_m", 1.0), ("segment_m", 1.0), ("settle_s", 10.0)):
+            check_range("stage", name, getattr(self, name), 0.0, high)
         check_range("stage", "poll_hz", self.poll_hz, 1.0, 500.0)
         if len(self.axes) != 2 or self.axes[0] == self.axes[1] or any(s not in (1, -1) for s in self.sign):
             raise DeviceError(
@@ -137,7 +140,7 @@ class AerotechStage:
         if not state.homed:
             try:
                 legs = self._way_to(0.0, self.lift_m)
-                motion.follow(legs)
+                self._follow(motion, legs)
             except DeviceError:
                 self.close()
                 raise
@@ -184,7 +187,10 @@ class AerotechStage:
                 f" return_to(sweep_start(...)) = {start_m:g} m first"
             )
         leg = self._leg("y", y_m, end_m, self.sweep_speed_m_per_s)
-        started_ns = motion.follow([leg])
+        started_ns = self._follow(motion, [leg])
+        if self.segment_m > 0.0:  # it stops and goes: only its ends are predicted
+            end_ns = started_ns + round(self._duration_s([leg]) * 1e9)
+            return SweepTimes(started_ns, end_ns, end_ns)
         profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self._accel_m_per_s2, started_ns)
         return SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns + round(self.settle_s * 1e9))
 
@@ -198,8 +204,13 @@ class AerotechStage:
             self._leg("y", here_y, y_m, self.return_speed_m_per_s),
             self._leg("z", above, 0.0, self.lift_speed_m_per_s),
         ]
-        legs = [leg for leg in legs if leg.length_m > _PLACE_M / 10]
-        return motion.follow(legs) + round(self._duration_s(legs) * 1e9)
+        return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
+
+    def retreat(self, speed_m_per_s: float, now_ns: int, state: AerotechState) -> int:
+        """Raise to ``lift_m``; return the predicted time of arrival in ns; errors as for a sweep."""
+        motion, _, z_m = self._resting(now_ns, state)
+        legs = [self._leg("z", z_m, max(z_m, self.lift_m), speed_m_per_s)]
+        return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
 
     def stop(self, now_ns: int, state: AerotechState) -> int:
         """Abort every axis at once, whatever it was doing; return the predicted time of rest in ns."""
@@ -226,6 +237,11 @@ class AerotechStage:
         motion = self._opened(state)
         positions = motion.positions(times_ns, self.stale_s)
         return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
+
+    def measured(self) -> tuple[float, float, float]:
+        """Return the y and z that were polled last, in m, and the larger speed, in m/s."""
+        y, z, speed_mm_per_s = self._opened(AerotechState()).measured()
+        return float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3
 
     @property
     def _run_up_m(self) -> float:
@@ -271,12 +287,13 @@ class AerotechStage:
         """Return a leg that is within the limits; the check comes before anything is sent."""
         self.limits.check(axis, from_m, to_m, speed_m_per_s)
         number = 0 if axis == "y" else 1
-        target_mm = 1e3 * (self.sign[number] * to_m + self.origin_m[number])
-        return Leg(self.axes[number], target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m))
+        start_mm, target_mm = (
+            1e3 * (self.sign[number] * place_m + self.origin_m[number]) for place_m in (from_m, to_m)
+        )
+        return Leg(self.axes[number], start_mm, target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m))
+
+    def _follow(self, motion: Motion, legs: list[Leg]) -> int:
+        return motion.follow(in_segments([leg for leg in legs if leg.length_m > _NO_WAY_M], self.segment_m))
 
     def _duration_s(self, legs: list[Leg]) -> float:
-        def one(leg: Leg) -> float:
-            profile = MotionProfile(0.0, leg.length_m, leg.speed_mm_per_s * 1e-3, self._accel_m_per_s2, 0)
-            return profile.end_ns * 1e-9 + self.settle_s
-
-        return sum(one(leg) for leg in legs)
+        return duration_s(in_segments(legs, self.segment_m), self._accel_m_per_s2, self.settle_s)

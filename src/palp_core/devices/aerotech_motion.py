@@ -46,8 +46,8 @@ class Motion:
         self._aborts = 0
         self._change = threading.Condition()
         self._stop = threading.Event()
-        self._turn = 0
-        self._failures = 0
+        self._turn = self._failures = 0
+        self._judging = threading.Lock()  # no poll from before an acknowledgement is judged after it
         self._thread = threading.Thread(target=self._run, name="palp-aerotech", daemon=True)
 
     @property
@@ -77,11 +77,12 @@ class Motion:
         Raises:
             DeviceError: The controller refuses: the cause persists.
         """
-        self._forget()
-        for axis in self._axes:
-            self._link.do(wire.command(f"FAULTACK {axis}"))
-        self.enable()
-        self._watch.fresh(self._host.now_ns())
+        with self._judging:
+            self._forget()
+            for axis in self._axes:
+                self._link.do(wire.command(f"FAULTACK {axis}"))
+            self.enable()
+            self._watch.fresh(self._host.now_ns())
 
     def homed(self) -> bool:
         """Tell whether every axis knows where it is."""
@@ -91,7 +92,7 @@ class Motion:
         """Home the lifting axis, then the sweeping one.
 
         Raises:
-            DeviceTimeout: It takes too long.
+            DeviceError: It takes too long, or somebody stops it.
         """
         for axis in reversed(self._axes):
             self._link.do(wire.command(f"HOMEASYNC {axis}"))
@@ -100,6 +101,8 @@ class Motion:
                 status = self._link.bits(f"AXISSTATUS({axis})")
                 if status & wire.Status.HOMED and not status & (wire.Status.HOMING | wire.Status.MOVING):
                     break
+                if not status & wire.Status.ENABLED:
+                    raise DeviceError(f"stage: axis {axis} was disabled while it homed")
                 if self._host.now_ns() > until_ns:
                     self._link.do(wire.command(f"ABORT {axis}"))
                     raise DeviceTimeout(f"stage: axis {axis} did not home within {timeout_s:g} s")
@@ -167,6 +170,10 @@ class Motion:
             done = self._change.wait_for(lambda: not self.busy, timeout_s)
         return done and self._watch.read(self._host.now_ns()).ok
 
+    def measured(self) -> tuple[float, float, float]:
+        """Return the last positions and the larger speed, in mm and mm/s."""
+        return self._history.measured()
+
     def here(self) -> tuple[float, float]:
         """Return the last positions, in mm."""
         return self._history.last
@@ -179,7 +186,8 @@ class Motion:
         while not self._stop.is_set():
             began_ns = self._host.now_ns()
             try:
-                self._poll()
+                with self._judging:
+                    self._poll()
                 self._failures = 0
             except Refused as error:
                 self._trouble(Condition.DEVICE_FAULT, str(error))

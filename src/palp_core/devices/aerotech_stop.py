@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic_ns
 
 from palp_core.devices.aerotech_link import AerotechLink
@@ -24,12 +24,13 @@ class StopTimes:
 
 @dataclass(frozen=True)
 class AxisReport:
-    """What an axis says of itself."""
+    """What an axis says of itself; ``following_m`` is how far it is from where it is sent."""
 
     axis: str
     fault: wire.Fault
     moving: bool
     enabled: bool
+    following_m: float = 0.0
 
 
 class AerotechStop:
@@ -59,6 +60,7 @@ class AerotechStop:
         clock: Callable[[], int] = monotonic_ns,
     ) -> None:
         self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
+        self._turn = 0
         self._link = AerotechLink(url, baud, timeout_s)
         self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
         self._disable = b"".join(wire.command(f"DISABLE {axis}") for axis in axes)
@@ -70,6 +72,20 @@ class AerotechStop:
             DeviceError: No answer, or the link is lost: the rig must not move.
         """
         return [self._report(axis) for axis in self._axes]
+
+    def look(self) -> AxisReport:
+        """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
+        axis = self._axes[self._turn % len(self._axes)]
+        self._turn += 1
+        report = self._report(axis)
+        if not report.enabled:  # it is sent nowhere
+            return report
+        before_mm, sent_mm, after_mm = (
+            self._link.number(f"{what}({axis})") for what in ("PFBKPROG", "PCMDPROG", "PFBKPROG")
+        )
+        # what the axis moved between the questions is no error of following
+        off_mm = abs(sent_mm - 0.5 * (before_mm + after_mm)) - 0.5 * abs(after_mm - before_mm)
+        return replace(report, following_m=max(0.0, off_mm) * 1e-3)
 
     def abort(self) -> int:
         """Write ABORT for every axis; return when it was written, in ns.
@@ -94,7 +110,10 @@ class AerotechStop:
         Raises:
             DeviceError: The link is lost.
         """
-        written_ns = self.abort()
+        return self.rest(self.abort())
+
+    def rest(self, written_ns: int) -> StopTimes:
+        """Do the rest of a stop after ABORT was written: wait a little, then disable; errors as there."""
         while self._clock() - written_ns < self._rest_ns and self._moves():
             pass
         resting_ns = self._clock()

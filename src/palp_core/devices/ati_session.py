@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import struct
 import threading
@@ -228,6 +229,8 @@ def _open_bus(options: Mapping[str, Any]) -> Any:
     try:
         if options.get("interface") == "socketcand":
             socket.create_connection((options["host"], options["port"]), timeout=1.0).close()
+        # python-can warns at every frame that came in two pieces
+        logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError, TimeoutError) as error:
         raise DeviceError(

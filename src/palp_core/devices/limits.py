@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Self
 
 import numpy as np
 
@@ -36,6 +37,19 @@ class TravelLimits:
             check_range("stage", f"{name} low", low, -1.0, 1.0)
             check_range("stage", f"{name} high", high, low, 1.0)
         check_range("stage", "speed_m_per_s", self.speed_m_per_s, 1e-6, 0.350)
+
+    @classmethod
+    def around(
+        cls, from_m: float, to_m: float, margin_m: float, lift_m: float, speed_m_per_s: float = 0.050
+    ) -> Self:
+        """Return the window of a sweep: its path, the place of rest at 0, and a margin but for downwards.
+
+        Raises:
+            DeviceError: A number is not finite or out of range.
+        """
+        check_range("stage", "margin_m", margin_m, 0.0, 0.1)
+        low, high = min(from_m, to_m, 0.0) - margin_m, max(from_m, to_m, 0.0) + margin_m
+        return cls((low, high), (0.0, lift_m + margin_m), speed_m_per_s)
 
     def check(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> None:
         """Refuse a straight move that leaves the window anywhere, or is too fast.

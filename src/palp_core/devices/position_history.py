@@ -31,13 +31,23 @@ class PositionHistory:
         _, first, second = self._rows[-1]
         return first, second
 
+    def measured(self, span_s: float = 0.04) -> tuple[float, float, float]:
+        """Return the latest positions and the larger speed, over polls at least ``span_s`` apart."""
+        rows = list(self._rows)
+        last = rows[-1]
+        first = next((row for row in reversed(rows) if last[0] - row[0] >= span_s * 1e9), None)
+        if first is None:
+            return last[1], last[2], 0.0
+        ways = (abs(last[1] - first[1]), abs(last[2] - first[2]))
+        return last[1], last[2], max(ways) / ((last[0] - first[0]) * 1e-9)
+
     def at(self, times_ns: Int64Array, beyond_s: float, *, moving: bool) -> tuple[Float64Array, Float64Array]:
         """Return both positions at times: straight between polls, past the last by its speed if it moves.
 
         Raises:
             DeviceTimeout: A time is more than ``beyond_s`` past the last poll.
         """
-        rows = list(self._rows)
+        rows = self._since(int(times_ns[0]) if len(times_ns) else 0)
         stamps = np.array([row[0] for row in rows], dtype=np.int64)
         late_ns = int(times_ns[-1] - stamps[-1]) if len(times_ns) else 0
         if late_ns > beyond_s * 1e9:
@@ -52,3 +62,12 @@ class PositionHistory:
             between = np.interp(after_s, since_s, values)
             result.append(np.where(after_s > 0.0, values[-1] + speed * after_s, between))
         return result[0], result[1]
+
+    def _since(self, begin_ns: int) -> list[tuple[int, float, float]]:
+        """Return the polls from the last one before a time on, in order; at least two if there are."""
+        found = []
+        for row in reversed(list(self._rows)):
+            found.append(row)
+            if row[0] <= begin_ns and len(found) > 1:
+                break
+        return found[::-1]

@@ -10,7 +10,7 @@ from typing import Any, Literal, overload
 from palp_core.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
 from palp_core.errors import DeviceError
 
-__all__ = ["known_devices", "open_device"]
+__all__ = ["back_end", "known_devices", "open_device"]
 
 _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
     "stage": {
@@ -65,21 +65,26 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
     Raises:
         DeviceError: The kind, the name or an option is unknown; the message lists those there are.
     """
-    known = known_devices(kind)
-    where = _BACK_ENDS[kind].get(name, name)
-    if ":" not in where:
-        raise DeviceError(
-            f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
-        )
-    back_end = _load(kind, where)
-    signature = inspect.signature(back_end)
+    found = back_end(kind, name)
+    signature = inspect.signature(found)
     try:
         signature.bind(**options)
     except TypeError as error:
         raise DeviceError(
             f"{kind} device '{name}': {error}; its options are {', '.join(signature.parameters)}"
         ) from error
-    return back_end(**options)
+    return found(**options)
+
+
+def back_end(kind: str, name: str) -> Any:
+    """Return the class behind a name; errors as for :func:`open_device`."""
+    known = known_devices(kind)
+    where = _BACK_ENDS[kind].get(name, name)
+    if ":" not in where:
+        raise DeviceError(
+            f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
+        )
+    return _load(kind, where)
 
 
 def _load(kind: str, where: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import termios
 import threading
 import time
@@ -39,6 +40,9 @@ class SerialLink:
         self._write_lock = threading.Lock()
         try:
             self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0)
+            connection = getattr(self._port, "_socket", None)
+            if connection is not None:  # an ABORT does not wait 40 ms for the answer to what went before
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except (OSError, ValueError, termios.error) as error:
             raise DeviceError(
                 f"{name}: cannot open {url}: {error}; check address, cable and rights"

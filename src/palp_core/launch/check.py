@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from palp_core.launch.checked import CheckedGraph, Reading, TopicInfo, resolved_yaml
+from palp_core.launch.checked import CheckedGraph, Reading, TopicInfo, recorders_apart, resolved_yaml
 from palp_core.launch.describe import DescribeRequest, NodeDescription, PortDescription
 from palp_core.launch.description import Description, GraphNode, InputEntry, Variant
 from palp_core.launch.problems import GraphProblems, Problems, hint, nearest
@@ -44,7 +44,9 @@ def check(description: Description, describe_fn: DescribeFunction) -> CheckedGra
     """
     problems = Problems(description.problems)
     requests = [
-        DescribeRequest(variant.run.value, {name: item.value for name, item in variant.params.items()})
+        DescribeRequest(
+            variant.run.value, {name: item.value for name, item in variant.params.items()}, name=entry.name
+        )
         for entry in description.nodes.values()
         for variant in entry.variants
     ]
@@ -61,7 +63,7 @@ def check(description: Description, describe_fn: DescribeFunction) -> CheckedGra
         for candidate in alternatives:
             _check_class(candidate, candidates, problems)
     problems.raise_any()
-    return _build(description, candidates)
+    return recorders_apart(_build(description, candidates))
 
 
 @dataclass(frozen=True)

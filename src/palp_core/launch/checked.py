@@ -7,10 +7,11 @@ from typing import Any
 import msgspec
 import yaml
 
+from palp_core.bag.record import RECORDER
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.spec import NodeSpec
 
-__all__ = ["CheckedGraph", "Reading", "TopicInfo", "resolved_yaml"]
+__all__ = ["CheckedGraph", "Reading", "TopicInfo", "recorders_apart", "resolved_yaml"]
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,6 +63,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         seed: Of its random numbers.
         args: Arguments of the launch file with their values.
         nodes: Nodes in the file's order, the included ones first.
+        recorders: Entries of the file that record the graph.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
@@ -84,6 +86,13 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     docs: dict[str, str] = {}
     report: str = ""
     listen: str = ""
+    recorders: list[NodeSpec] = []
+
+    @property
+    def readers(self) -> dict[str, list[int]]:
+        """Per topic, the places in the list of the nodes that read it."""
+        index_of = {spec.name: i for i, spec in enumerate(self.nodes)}
+        return {topic: [index_of[node] for node, _ in ends] for topic, ends in self.edges.items()}
 
     @property
     def spawned(self) -> list[NodeSpec]:
@@ -96,6 +105,15 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         return [spec for spec in self.nodes if spec.joined]
 
 
+def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
+    """Return a graph whose recorders are no longer among its nodes: they take no part in its time."""
+    return msgspec.structs.replace(
+        graph,
+        nodes=[spec for spec in graph.nodes if spec.run != RECORDER],
+        recorders=[spec for spec in graph.nodes if spec.run == RECORDER],
+    )
+
+
 def resolved_yaml(graph: CheckedGraph) -> str:
     """Return a checked graph as a launch file without arguments, selections and includes.
 
@@ -103,7 +121,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     """
     given = "".join(f" {name}:={_show(value)}" for name, value in graph.args.items())
     tree: dict[str, Any] = {"graph": graph.graph, "clock": graph.clock, "seed": graph.seed, "nodes": {}}
-    for spec in graph.nodes:
+    for spec in (*graph.nodes, *graph.recorders):
         node: dict[str, Any] = {"run": spec.run}
         if spec.params:
             node["params"] = spec.params

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -74,6 +76,16 @@ class Companion(Generic[Received]):
         while self._line.buffered():
             found.append(self._line.receive())
         return found
+
+    def finish(self) -> None:
+        """Say nothing more: it sees the end of the line, and can still be heard."""
+        with contextlib.suppress(OSError):
+            self._line.socket.shutdown(socket.SHUT_WR)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until it has said something or is gone; return False on time-out."""
+        ready = select.select((self._line.socket,), (), (), max(timeout_s, 0.0))[0]
+        return bool(ready) or self._line.buffered()
 
     def close(self) -> int:
         """End it; return its exit status."""

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 
-from palp_core.runtime.birth import load_class
+from palp_core.launch.checked import CheckedGraph
+from palp_core.launch.run_directory import RunDirectory
+from palp_core.runtime.birth import endpoints, load_class
 from palp_core.runtime.clock import SimClock
 from palp_core.runtime.commands import CHANGING, NodeCommands
 from palp_core.runtime.executor import Executor
+from palp_core.runtime.handover import HandOver
 from palp_core.runtime.lifecycle import Transition
 from palp_core.runtime.link import Done, Round
 from palp_core.runtime.lockstep_main import follow_round
+from palp_core.runtime.shadow import Comparison
 from palp_core.runtime.spec import NodeSpec
 from palp_core.runtime.zmq_bus import Broadcast
 
-__all__ = ["Composition"]
+__all__ = ["Composition", "composed"]
 
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
 
 class Composition:
     """A crew in memory.
+
+    Attributes:
+        shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
 
     Args:
         specs: The nodes in graph order.
@@ -35,7 +44,9 @@ class Composition:
     def __init__(self, specs: Sequence[NodeSpec], workspace: str, broadcast: Broadcast | None = None) -> None:
         self.names = [spec.name for spec in specs]
         self._clock = SimClock()
+        self._workspace = workspace
         self._frames: list[bytes] = []
+        self.shadow: tuple[int, Executor, list[bytes], Comparison] | None = None
         self._broadcast = broadcast
         self._round_count = 0
         self._executors = [
@@ -43,9 +54,12 @@ class Composition:
         ]
         for executor in self._executors:
             executor.transition(Transition.CONFIGURE)
-            if broadcast is not None:
-                broadcast.offer(executor.outlets.values())
-                broadcast.answer(executor.name, NodeCommands(executor).operations(), CHANGING)
+            self._offer(executor)
+
+    def _offer(self, executor: Executor) -> None:
+        if self._broadcast is not None:
+            self._broadcast.offer(executor.outlets.values())
+            self._broadcast.answer(executor.name, NodeCommands(executor).operations(), CHANGING)
 
     def _send(self, frame: bytes) -> None:
         self._frames.append(frame)
@@ -74,6 +88,8 @@ class Composition:
                 self._broadcast.perform(self.names[index])
             follow_round(self._executors[index], self._clock, message)
             replies[index] = self._done(self._executors[index])
+            if self.shadow is not None and self.shadow[0] == index:
+                self._work_unheard(message, replies[index])
         return replies
 
     def knocks(self) -> set[int]:
@@ -86,3 +102,61 @@ class Composition:
         self._clock.set(now_ns)
         self._executors[index].transition(Transition.SHUTDOWN)
         return self._done(self._executors[index])
+
+    # Swap
+
+    def _work_unheard(self, message: Round, done: Done) -> None:
+        """Let a node's understudy do the same as the node, and compare."""
+        assert self.shadow is not None
+        _, executor, sent, comparison = self.shadow
+        follow_round(executor, self._clock, message)
+        for frame in done.frames:
+            comparison.old(frame)
+        for frame in sent:
+            comparison.new(frame)
+        sent.clear()
+
+    def executor(self, index: int) -> Executor:
+        """Return a node."""
+        return self._executors[index]
+
+    def understudy(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:
+        """Configure a node beside the one that has its part; return it and where its frames go meanwhile."""
+        held: list[bytes] = []
+        node_class = load_class(spec.run, self._workspace, fresh=True)
+        executor = Executor(node_class, spec, self._clock, held.append)
+        executor.transition(Transition.CONFIGURE)
+        return executor, held
+
+    def hand_in(self, index: int) -> tuple[list[bytes], HandOver]:
+        """Pause a node; return what it has published on the occasion, and its hand-over."""
+        self._executors[index].pause()
+        hand_over = self._executors[index].hand_over()
+        return self._done(self._executors[index]).frames, hand_over
+
+    def promote(self, index: int, executor: Executor, frames: list[bytes]) -> Done:
+        """Give an understudy the node's part, and publish what it and the other have to say."""
+        self._executors[index] = executor
+        self._offer(executor)
+        for out in executor.outlets.values():
+            out.divert(self._send)
+        self._frames = []
+        for frame in frames:
+            self._send(frame)
+        return self._done(executor)
+
+
+@contextlib.contextmanager
+def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composition]:
+    """Compose a graph; tools find it in its run directory, and there is its log."""
+    handler = logging.FileHandler(directory.log("composition"))
+    handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
+    logger = logging.getLogger("palp")
+    logger.addHandler(handler)
+    broadcast = Broadcast(*endpoints(str(directory.path), "composition"))
+    try:
+        yield Composition(checked.nodes, checked.workspace, broadcast)
+    finally:
+        broadcast.close()
+        logger.removeHandler(handler)
+        handler.close()

@@ -68,7 +68,7 @@ class Conductor:
         self.exit_code: int | None = None
         self.activation_count = 0
         self._crew = crew
-        self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
+        self.rewire(readers)
         self._ends_run = set(ends_run)
         self._observe = observe
         self._check = check
@@ -82,6 +82,14 @@ class Conductor:
             published += self._take(index, self._crew.activate(index))
         self._run_rounds(published)
 
+    def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
+        """Deliver by other wires from now on."""
+        self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
+
+    def take_in(self, index: int, done: Done) -> None:
+        """Take what a node has published between two instants, and run the rounds that this causes."""
+        self._run_rounds(self._take(index, done))
+
     def run(self, until_ns: int | None = None) -> int:
         """Go on until a node whose end is the run's end has finished, or until a time; return the exit code.
 
@@ -92,6 +100,8 @@ class Conductor:
         """
         while self.exit_code is None:
             self._check()
+            if self.exit_code is not None:  # there was work in between
+                break
             due_ns = min(self._due.values(), default=None)
             if due_ns is None:
                 raise GraphError(

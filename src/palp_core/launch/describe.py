@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from palp_core.errors import BagError
 from palp_core.launch.describe_params import param_errors
 from palp_core.launch.problems import hint, nearest
 from palp_core.runtime.birth import enter_workspace, load_module
@@ -41,11 +42,13 @@ class DescribeRequest(msgspec.Struct, frozen=True):
         run: ``module:Class`` or ``path.py:Class``; for a function ``module:function``.
         params: Parameters to try.
         kind: ``function`` asks only whether a function exists.
+        name: Under which the node runs; some classes' ports depend on it and on the parameters.
     """
 
     run: str
     params: dict[str, Any] = {}
     kind: Literal["node", "function"] = "node"
+    name: str = ""
 
 
 class TypeDescription(msgspec.Struct, frozen=True):
@@ -116,8 +119,8 @@ def _describe(request: DescribeRequest, workspace: Path) -> NodeDescription:
         if request.kind == "function":
             _function(module, module_name, name)
             return NodeDescription(run=request.run)
-        return _node(_class(module, module_name, name), request)
-    except _Refusal as refusal:
+        return _node(_class(module, module_name, name).shaped(request.name, request.params), request)
+    except (_Refusal, BagError) as refusal:
         return NodeDescription(run=request.run, error=str(refusal))
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a workspace's module may raise anything
         return NodeDescription(run=request.run, error=_located(error, workspace))

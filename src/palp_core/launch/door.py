@@ -51,7 +51,7 @@ class Loop(Protocol):
 class Tell(Protocol):
     """Publishes an event of the graph."""
 
-    def __call__(self, kind: str, node: str, text: str, /, **data: object) -> None: ...
+    def __call__(self, kind: str, node: str, text: str, /, **data: object) -> object: ...
 
 
 def view_of(checked: CheckedGraph) -> GraphView:

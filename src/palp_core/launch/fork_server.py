@@ -130,7 +130,7 @@ class _Server:
         elif isinstance(request, Spawn):
             name = request.birth.spec.name
             read_end, write_end = self._keeper.open(name, Path(request.log))
-            self._prints[self._fork(name, write_end, lambda: _run(request.birth))] = read_end
+            self._prints[self._fork(request.birth.place, write_end, lambda: _run(request.birth))] = read_end
             os.close(write_end)
             self._poll.register(read_end, select.POLLIN)
         else:

@@ -9,30 +9,31 @@
 from __future__ import annotations
 
 import contextlib
-import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError, PalpError, in_words
+from palp_core.errors import GraphError, PalpError
 from palp_core.launch.announcement import announcement
 from palp_core.launch.check import CheckedGraph, load
 from palp_core.launch.conductor import Conductor, Crew, Observer
+from palp_core.launch.facts import launch_facts
 from palp_core.launch.fork_client import ForkServer
 from palp_core.launch.fork_start import ServerProcess
 from palp_core.launch.graph_bus import GraphBus
 from palp_core.launch.interrupt import Interrupt, Interrupted
 from palp_core.launch.no_door import NoDoor
+from palp_core.launch.recordings import Recordings
 from palp_core.launch.run_directory import RunDirectory
-from palp_core.launch.summary import RunSummary, report_function
-from palp_core.runtime.birth import endpoints
+from palp_core.launch.summary import RunSummary, report_function, summary_of
+from palp_core.launch.swap import Swapper, SwapRequest
+from palp_core.launch.swap_crew import swap_crew
 from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.link import Done
 
 if TYPE_CHECKING:
-    from palp_core.launch.composition import Composition
     from palp_core.launch.door import Door
     from palp_core.launch.supervisor import Supervisor
 
@@ -70,6 +71,7 @@ class Graph:
         started: A fork server's process that was started before.
         overrides: Arguments as the command line has them, ``name:=value``.
         listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
+        record: Record every topic into this bag, which must not exist.
         args: Arguments as Python values.
 
     Raises:
@@ -87,14 +89,16 @@ class Graph:
         overrides: Sequence[str] = (),
         started: ServerProcess | None = None,
         listen: str | None = None,
+        record: Path | None = None,
         **args: Any,
     ) -> None:
         self.path = Path(path)
-        self._listen = listen
+        self._listen, self._record = listen, record
+        self.recordings = Recordings()
         self.door: Door | NoDoor = NoDoor()
         self._started = started
         self._compose = compose
-        self._observe = observe or _ignore
+        self._observe = observe or (lambda *_: None)
         self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
         self._stack = contextlib.ExitStack()
         self._interrupt = Interrupt()
@@ -116,27 +120,35 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
+                self.recordings = Recordings(self.checked, self._record)
                 self._open_door(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
                 self.directory.remove()
                 raise
+            stack.callback(self.recordings.close)
             self.bus = GraphBus(str(self.directory.path), self._now_ns)
             stack.callback(self.bus.close)
-            self.bus.answer("stop", lambda _: self._stop())
+            self.bus.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
+            self.bus.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
+            self.bus.answer("launch", lambda _: launch_facts(self.checked))
             if self._compose:
+                from palp_core.launch.composition import composed
+
                 server.close()
-                self._crew: Crew = self._composed(stack)
+                self._crew: Crew = stack.enter_context(composed(self.checked, self.directory))
             else:
                 self._crew = self._supervisor = self._supervised(stack, server)
-                self._supervisor.renewed = self._announce
+                self._supervisor.renewed, self._supervisor.between = self._announce, self._serve
+            crew = swap_crew(self._crew, self.directory.path, Path(self.checked.workspace), self._elapse)
+            self.swaps = Swapper(self.checked, crew, self._now_ns, self._swapped, self.bus.report)
+            self.bus.answer("swap", self.swaps.answer, deferred=True)
             self._announce()
+            self.recordings.begin(self.directory.path, self.bus, self._supervisor)
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, _: type[BaseException] | None, error: BaseException | None, *__: object) -> None:
         self._stack.close()
         if error is None and self.summary is not None and self.summary.exit_code == 0:
             self.directory.remove()  # otherwise its logs may be wanted
@@ -148,25 +160,6 @@ class Graph:
         start_ns = self._supervisor.start_ns if self._supervisor is not None else 0
         return monotonic_ns() - start_ns if start_ns else 0
 
-    def _stop(self) -> dict[str, Any]:
-        """End as by Ctrl-C, for a tool that asks."""
-        self._interrupt.request()
-        return {"ending": self.checked.graph}
-
-    def _composed(self, stack: contextlib.ExitStack) -> Composition:
-        from palp_core.launch.composition import Composition
-        from palp_core.runtime.zmq_bus import Broadcast
-
-        handler = logging.FileHandler(self.directory.log("composition"))
-        handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
-        logger = logging.getLogger("palp")
-        logger.addHandler(handler)
-        stack.callback(handler.close)
-        stack.callback(logger.removeHandler, handler)
-        broadcast = Broadcast(*endpoints(str(self.directory.path), "composition"))
-        stack.callback(broadcast.close)
-        return Composition(self.checked.nodes, self.checked.workspace, broadcast)
-
     def _supervised(self, stack: contextlib.ExitStack, server: ForkServer) -> Supervisor:
         from palp_core.launch.supervisor import Supervisor
 
@@ -177,7 +170,7 @@ class Graph:
             self.directory.path,
             server,
             self._interrupt,
-            self._observe,
+            self._show,
             self.bus,
         )
         stack.callback(supervisor.close)
@@ -215,14 +208,10 @@ class Graph:
             exit_code, activations = self._run_wall(until_ns), 0
             clock_s = (monotonic_ns() - begin_ns) / 1e9
         checked = self.checked
-        self.summary = RunSummary(
-            graph=checked.graph,
-            file=str(self.path),
-            clock=checked.clock,
-            seed=checked.seed,
+        self.summary = summary_of(
+            checked,
+            self.path,
             composed=self._compose,
-            args=checked.args,
-            params={spec.name: spec.params for spec in checked.nodes},
             exit_code=exit_code,
             clock_s=clock_s,
             wall_s=(monotonic_ns() - begin_ns) / 1e9,
@@ -234,23 +223,27 @@ class Graph:
         return self.summary
 
     def _run_lockstep(self, until_ns: int | None) -> tuple[int, float, int]:
-        checked, index_of = self.checked, {spec.name: i for i, spec in enumerate(self.checked.nodes)}
-        readers = {topic: [index_of[node] for node, _ in ends] for topic, ends in checked.edges.items()}
+        checked = self.checked
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
-        conductor = Conductor(self._crew, readers, ends_run, self._observe, self._look_up)
+        conductor = Conductor(self._crew, checked.readers, ends_run, self._show, self._look_up)
         self._conductor = conductor
         try:
-            with self._told():
+            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
                 conductor.activate()
                 exit_code = conductor.run(until_ns)
         finally:
             conductor.shutdown(self._end_order())
         return exit_code, conductor.now_ns / 1e9, conductor.activation_count
 
+    def _show(self, now_ns: int, frame: bytes) -> None:
+        self._observe(now_ns, frame)
+        self.swaps.observe(now_ns, frame)
+        self.recordings.observe(now_ns, frame)
+
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None
         try:
-            with self._told():
+            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
                 self.door.activate(start_ns := monotonic_ns())
                 exit_code = self._supervisor.run_wall(until_ns, start_ns)
                 self.door.close("the graph has come to its end", finished=exit_code == 0)
@@ -259,29 +252,37 @@ class Graph:
             for index in self._end_order():
                 self._supervisor.shutdown(index, 0)
 
+    def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
+        """Go on with another node in the place of one."""
+        self.checked = checked
+        self._announce()
+        if self._conductor is not None and done is not None:
+            self._conductor.rewire(checked.readers)
+            self._conductor.take_in(index, done)
+
+    def _elapse(self, duration_ns: int) -> None:
+        assert self._conductor is not None
+        self._conductor.run(self._conductor.now_ns + duration_ns)
+
+    def plan_swap(self, at_s: float, node: str, run: str, **params: Any) -> None:
+        """Let another class take a node's place when it is that time on the graph's clock.
+
+        A swap that fails then ends the run: it would not be what it was planned to be.
+        """
+        self.swaps.plan(round(at_s * 1e9), SwapRequest(node=node, run=run, params=params))
+
+    def _serve(self) -> None:
+        """Do what tools have asked for and what is planned."""
+        self.bus.perform()
+        self.swaps.turn()
+
     def _look_up(self) -> None:
         """Between two instants: is the end wanted, does anybody ask?"""
         self._interrupt.check()
+        self._serve()
         self._instant_count += 1
         if self._compose and self._instant_count % POLL_INSTANTS == 0:
             self.bus.poll()  # the supervisor does it where there is one
-
-    @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
-        """Publish that the graph starts, fails and ends."""
-        self.bus.report("started", "", f"{self.checked.graph}: {len(self.checked.spawned)} nodes are ready")
-        why = "came to its end"
-        try:
-            yield
-        except NodeError as error:
-            self.bus.report("failed", error.node, str(error))
-            why = "a node failed"
-            raise
-        except BaseException as error:
-            why = in_words(error)
-            raise
-        finally:
-            self.bus.report("ending", "", f"{self.checked.graph}: {why}")
 
     def _end_order(self) -> list[int]:
         """Nodes that move something first, then graph order."""
@@ -289,11 +290,5 @@ class Graph:
         return sorted(range(len(nodes)), key=lambda i: (not nodes[i].moves, i))
 
 
-def _ignore(_now_ns: int, _frame: bytes) -> None:
-    """Observe nothing."""
-
-
 def _scalar(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, NodeError, in_words
 from palp_core.launch.run_directory import RunRecord, TopicEntry
 from palp_core.runtime.birth import endpoints
 from palp_core.runtime.builtin import GraphEvent, GraphHealth, NodeHealth
+from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.message import Message
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.qos import Qos
@@ -41,6 +43,7 @@ class GraphBus:
 
     Attributes:
         record: What the operation ``graph`` answers.
+        record_event: Takes each event's frame.
     """
 
     publishing = True
@@ -49,6 +52,7 @@ class GraphBus:
     def __init__(self, folder: str, now_ns: Callable[[], int]) -> None:
         self.record: RunRecord | None = None
         self.now_ns = now_ns
+        self.record_event: Callable[[bytes], None] = lambda _: None
         self._closed = False
         self._broadcast = Broadcast(*endpoints(folder, NAME))
         self.resend = self._broadcast.send
@@ -56,17 +60,38 @@ class GraphBus:
         self._health = Outlet(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._broadcast.send)
         self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
         self._broadcast.offer(self._outlets.values())
-        self._operations: dict[str, Operation] = {"graph": lambda _: self._told(), "history": self._history}
-        self._broadcast.answer(NAME, self._operations)
+        self._operations: dict[str, Operation] = {
+            "graph": lambda _: self._told(),
+            "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
+            "history": self._history,
+        }
+        self._deferred: set[str] = set()
+        self._broadcast.answer(NAME, self._operations, self._deferred)
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
         """Descriptors that become readable when :meth:`poll` has something to do."""
         return self._broadcast.file_descriptors
 
-    def answer(self, operation: str, handle: Operation) -> None:
-        """Answer requests ``{"op": operation, ...}`` by a function from map to map."""
+    def answer(self, operation: str, handle: Operation, *, deferred: bool = False) -> None:
+        """Answer requests ``{"op": operation, ...}`` by a function from map to map.
+
+        Args:
+            operation: Its name.
+            handle: The function.
+            deferred: It waits for :meth:`perform`.
+        """
         self._operations[operation] = handle
+        if deferred:
+            self._deferred.add(operation)
+
+    def perform(self) -> None:
+        """Do what was asked for and had to wait.
+
+        Raises:
+            NodeError: A node has failed meanwhile.
+        """
+        self._broadcast.perform()
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
         """Publish what has happened, with ``data`` for a machine; after the end nobody hears it."""
@@ -76,6 +101,24 @@ class GraphBus:
             GraphEvent(stamp_ns=self.now_ns(), kind=kind, node=node, text=text, data=json.dumps(data))
         )
         self.poll()
+        self.record_event(self._events.remembered()[-1])
+
+    @contextlib.contextmanager
+    def telling(self, graph: str, count: int) -> Iterator[None]:
+        """Publish that a graph of so many nodes starts, and that and why it ends."""
+        self.report("started", "", f"{graph}: {count} nodes are ready")
+        why = "came to its end"
+        try:
+            yield
+        except NodeError as error:
+            self.report("failed", error.node, str(error))
+            why = "a node failed"
+            raise
+        except BaseException as error:
+            why = in_words(error)
+            raise
+        finally:
+            self.report("ending", "", f"{graph}: {why}")
 
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""

@@ -80,6 +80,11 @@ class Interrupt:
         """Ask for the end as Ctrl-C does."""
         self._note(signal.SIGINT, None)
 
+    def asked(self, whose: str) -> dict[str, Any]:
+        """End as by Ctrl-C, for a tool that asks; return what to answer."""
+        self.request()
+        return {"ending": whose}
+
     def check(self) -> None:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:

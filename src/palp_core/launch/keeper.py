@@ -97,7 +97,7 @@ class Keeper:
         if member.matched:
             self._hands.activate_on_wall(index)
             member.activate(now_ns)
-            self._watch.begin(index, now_ns)
+            self.begin(index)
             self._said_late.discard(index)
             if member.spec.epoch:
                 self._bus.report("restarted", member.spec.name, f"is at work again, as process {member.pid}")
@@ -187,6 +187,10 @@ class Keeper:
                     at, f"is restarted for {reader}: {event.text}", signal.SIGTERM, signal.SIGCONT
                 ):
                     _LOG.warning("%s: its rule does not restart it (again)", publisher)
+
+    def begin(self, index: int) -> None:
+        """Expect a node to be heard from now on."""
+        self._watch.begin(index, monotonic_ns())
 
     def ended(self, index: int) -> None:
         """Expect no more of a node whose process has ended."""

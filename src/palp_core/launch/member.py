@@ -24,11 +24,14 @@ class Member:
         restart_count: Restarts that count against the rule's limit.
         respawn_at_ns: When its next process is due; None if none is.
         reason: Why its process is being ended, where the supervisor itself does it.
+        place: Under which name its process reports and has its endpoints.
+        handed_in: It has handed in everything to a successor, which can go on without it.
         begun_ns: When its process was asked for, and when it was activated.
     """
 
-    def __init__(self, spec: NodeSpec, log: Path) -> None:
+    def __init__(self, spec: NodeSpec, log: Path, place: str = "") -> None:
         self.spec = spec
+        self.place = place or spec.name
         self.log = log
         self.restart_count = 0
         self.begin(0)
@@ -37,6 +40,7 @@ class Member:
         """Forget the process, before a start or a restart."""
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
+        self.handed_in = False
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
 

@@ -14,6 +14,8 @@ from palp_core.launch.run_directory import NodeEntry, RunRecord, TopicEntry, fin
 __all__ = ["LAUNCHER", "REPLY_TIMEOUT_S", "Answers", "Edge", "RunningGraph", "Service", "hidden"]
 
 REPLY_TIMEOUT_S = 5.0
+SWAP_MARGIN_S = 10.0
+CHANGES_OF_HANDS = 10
 LAUNCHER = "graph"  # the name under which the launcher publishes and answers
 
 Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
@@ -156,7 +158,7 @@ class RunningGraph:
         request = {"op": operation, "node": entry.name, "id": uuid.uuid4().hex, **fields}
         reply = None
         for _ in range(retries + 1):
-            reply = self._request(entry.serve, request, timeout_s)
+            reply = self._reply(entry.serve, request, timeout_s)
             if reply is not None:
                 break
         if reply is None:
@@ -168,6 +170,30 @@ class RunningGraph:
         if "error" in reply:
             raise GraphError(f"/{entry.name}: {str(reply['error']).removeprefix(f'{entry.name}: ')}")
         return reply
+
+    def _reply(self, serve: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        """Ask; a node that has changed hands meanwhile is asked again."""
+        reply = self._request(serve, request, timeout_s)
+        for _ in range(CHANGES_OF_HANDS):
+            if reply is None or not reply.get("again"):
+                break
+            reply = self._request(serve, request, timeout_s)
+        return reply
+
+    def swap(self, node: str, run: str = "", *, timeout_s: float = 10.0, **options: Any) -> dict[str, Any]:
+        """Let another class take a node's place; see :class:`palp_core.launch.swap.SwapRequest`.
+
+        Returns:
+            What came of it: ``report``, or ``failed`` with the step that failed and why; then the old node
+            goes on.
+
+        Raises:
+            GraphError: No such node, or the launcher does not answer.
+        """
+        wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
+        request = {"node": node, "run": run, "timeout_s": timeout_s, **options}
+        reply = self.ask(LAUNCHER, "swap", timeout_s=wait_s, request=request)
+        return {key: value for key, value in reply.items() if key in ("report", "failed")}
 
     def ask_all(
         self, operation: str, nodes: Iterable[str] = (), *, timeout_s: float = REPLY_TIMEOUT_S

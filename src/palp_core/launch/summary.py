@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from palp_core.launch.checked import CheckedGraph
 from palp_core.runtime.birth import load_module
 
-__all__ = ["RunSummary", "report_function"]
+__all__ = ["RunSummary", "report_function", "summary_of"]
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,6 +38,25 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
     activation_count: int
     report: str = ""
+
+
+def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
+    """Return how a run of a graph went.
+
+    Args:
+        checked: The graph, as it was at the end.
+        path: Its launch file, as given.
+        outcome: What only the run itself can tell.
+    """
+    return RunSummary(
+        graph=checked.graph,
+        file=str(path),
+        clock=checked.clock,
+        seed=checked.seed,
+        args=checked.args,
+        params={spec.name: spec.params for spec in checked.nodes},
+        **outcome,
+    )
 
 
 def report_function(target: str, workspace: str) -> Callable[[RunSummary], str]:

@@ -4,38 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import signal
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable, Mapping
 
 from palp_core.errors import GraphError, NodeError
-from palp_core.launch.fork_client import ForkServer
-from palp_core.launch.fork_server import News, Started
-from palp_core.launch.graph_bus import GraphBus
-from palp_core.launch.interrupt import Interrupt
-from palp_core.launch.keeper import READY_NS, Keeper
-from palp_core.launch.member import Member, how_it_ended
-from palp_core.launch.patience import Patience
-from palp_core.launch.switchboard import Switchboard
-from palp_core.runtime.birth import NodeProcess
+from palp_core.launch.crew import ProcessCrew
+from palp_core.launch.keeper import READY_NS
+from palp_core.launch.member import Member
+from palp_core.launch.understudies import Understudy
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.link import (
     Activate,
-    Configured,
     Done,
-    Failed,
-    FromNode,
-    Knock,
     LinkClosed,
-    Matched,
-    Pulse,
-    Raised,
-    Relay,
     Shutdown,
     ToNode,
 )
-from palp_core.runtime.spec import NodeSpec
+from palp_core.runtime.shadow import Comparison
 
 __all__ = ["Supervisor"]
 
@@ -43,64 +27,31 @@ PATIENCE_S = 10.0
 _LOG = logging.getLogger("palp.supervisor")
 
 
-class Supervisor:
-    """A crew of processes.
-
-    Args:
-        specs: The nodes in graph order.
-        clock: ``sim`` or ``wall``.
-        workspace: Folder that holds ``nodes/``.
-        folder: The run directory.
-        server: Parent of the processes.
-        interrupt: Raises when the user wants the end.
-        observe: Wall clock: is shown every message for the launch view.
-        bus: Where the graph's events and health are published.
+class Supervisor(ProcessCrew):
+    """A crew of processes, from their start to the end of the run.
 
     Attributes:
-        start_ns: The graph's start on the wall clock; 0 before.
-        renewed: Called when a node has a new process.
-        watch, forget: As of the switchboard.
+        shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
     """
 
-    def __init__(
-        self,
-        specs: Sequence[NodeSpec],
-        clock: str,
-        workspace: str,
-        folder: Path,
-        server: ForkServer,
-        interrupt: Interrupt,
-        observe: Callable[[int, bytes], None],
-        bus: GraphBus,
-    ) -> None:
-        self.names = [spec.name for spec in specs]
-        self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
-        self.exit_code: int | None = None
-        self.renewed: Callable[[], None] = lambda: None
-        self._place = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
-        self._server = server
-        self._interrupt = interrupt
-        self._observe = observe
-        self._patience = Patience(interrupt)
-        self.start_ns = 0
-        self._replies: dict[int, Done] = {}
-        self._knocks: set[int] = set()
-        self._keeper = Keeper(self.members, self, bus, restarts=clock == "wall")
-        self._lines = Switchboard(
-            folder / "supervisor.sock", self.names, (server.descriptor, interrupt.descriptor)
-        )
-        self.watch, self.forget = self._lines.watch, self._lines.forget
-        for descriptor in bus.file_descriptors:
-            self.watch(descriptor, bus.poll)
+    shadow: tuple[int, Understudy, Comparison] | None = None
 
-    def follow(self, until: Callable[[], bool]) -> None:
-        """Handle what happens until something is so.
+    def follow(self, until: Callable[[], bool], deadline_ns: int | None = None) -> bool:
+        """Handle what happens until something is so; return whether it is, when the time is over.
 
         Raises:
             NodeError: A node failed.
         """
         while not until():
-            self._pump(1.0)
+            now_ns = monotonic_ns()
+            left_s = 1.0 if deadline_ns is None else (deadline_ns - now_ns) / 1e9
+            if left_s <= 0.0:
+                return False
+            if self.start_ns:
+                self._keeper.turn(now_ns)
+                left_s = min(left_s, self._keeper.patience_s(now_ns))
+            self._pump(min(left_s, 1.0))
+        return True
 
     # Start
 
@@ -123,21 +74,6 @@ class Supervisor:
                 raise NodeError(late.spec.name, text)
             self._pump(1.0)
 
-    # Hands of the keeper
-
-    def spawn(self, member: Member) -> None:
-        """Start a node's process."""
-        self._server.spawn(NodeProcess(spec=member.spec, **self._place), str(member.log))
-
-    def signal(self, member: Member, *numbers: signal.Signals) -> None:
-        """Send signals to a node's process."""
-        for number in numbers:
-            self._server.signal(member.pid, number)
-
-    def activate_on_wall(self, index: int) -> None:
-        """Tell a node to work on the wall clock."""
-        self._send(index, Activate(self.start_ns))
-
     # Lockstep crew
 
     def activate(self, index: int) -> Done:
@@ -153,6 +89,8 @@ class Supervisor:
         """Let several nodes do their part of a round, in parallel; return what each has done."""
         for index, message in rounds.items():
             self._send(index, message)
+        if self.shadow is not None and self.shadow[0] in rounds:
+            self._work_unheard(rounds[self.shadow[0]])
         asked_ns = monotonic_ns()
         while len(self._replies) < len(rounds):
             self._pump(PATIENCE_S)
@@ -161,7 +99,22 @@ class Supervisor:
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
                 asked_ns = monotonic_ns()
         replies, self._replies = self._replies, {}
+        if self.shadow is not None and self.shadow[0] in replies:
+            for frame in replies[self.shadow[0]].frames:
+                self.shadow[2].old(frame)
         return replies
+
+    def _work_unheard(self, message: ToNode) -> None:
+        """Let the understudy of a node do the same as the node, and compare."""
+        assert self.shadow is not None
+        _, understudy, comparison = self.shadow
+        understudy.said.clear()
+        self.understudies.send(understudy, message)
+        self.follow(lambda: bool(understudy.said) or bool(understudy.failure))
+        for done in understudy.said:
+            if isinstance(done, Done):
+                for frame in done.frames:
+                    comparison.new(frame)
 
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
@@ -175,13 +128,6 @@ class Supervisor:
             while not (member.done or member.ended) and not self._patience.over:
                 self._pump(0.2)
         return self._replies.pop(index, Done([], -1, None))
-
-    def _send(self, index: int, message: ToNode) -> None:
-        try:
-            self._lines.send(index, message)
-        except LinkClosed:
-            while not self.members[index].ended:  # the news of how it ended raises
-                self._pump(1.0)
 
     # Wall clock
 
@@ -203,94 +149,5 @@ class Supervisor:
                 return 0
             self._keeper.turn(now_ns)
             self._pump(min(left_s, self._keeper.patience_s(now_ns)))
+            self.between()
         return self.exit_code
-
-    # Events
-
-    def _pump(self, timeout_s: float) -> None:
-        """Handle what has happened; wait for something if nothing has.
-
-        Raises:
-            NodeError: A node failed; the first, when everything that has happened is accounted for.
-        """
-        heard, others = self._lines.wait(timeout_s)
-        failures: list[NodeError] = []
-        events: list[Callable[[], None]] = [partial(self._on_message, *said) for said in heard]
-        events += self._lines.handlers(others)
-        if self._server.descriptor in others:
-            events += [partial(self._on_news, news) for news in self._server.news()]
-        for handle in events:
-            try:
-                handle()
-            except NodeError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-        if self._interrupt.descriptor in others:
-            if not self._patience.ending:
-                self._interrupt.check()
-            self._interrupt.drain()
-
-    def _on_message(self, index: int, message: FromNode) -> None:
-        member = self.members[index]
-        if isinstance(message, Done):
-            self._replies[index] = message
-            member.done = self._patience.ending
-        elif isinstance(message, Pulse):
-            self._keeper.pulse(index, message.health)
-        elif isinstance(message, Relay):
-            if message.frame:
-                self._observe(monotonic_ns() - self.start_ns, message.frame)
-            if message.exit_code is not None and member.spec.shutdown_on_exit:
-                self.exit_code = message.exit_code
-        elif isinstance(message, Configured):
-            member.configured = True
-        elif isinstance(message, Matched):
-            member.matched = True
-        elif isinstance(message, Knock):
-            self._knocks.add(index)
-        elif isinstance(message, Raised) and not self._patience.ending:
-            self._keeper.raised(index, message)
-        elif isinstance(message, Failed) and not self._patience.ending:
-            text = message.text.removeprefix(f"{member.spec.name}: ")
-            if not self._keeper.restart(index, text):
-                raise NodeError(member.spec.name, f"{text} (log: {member.log})")
-
-    def _on_news(self, news: News) -> None:
-        index = self.names.index(news.name)
-        member = self.members[index]
-        if isinstance(news, Started):
-            member.pid = news.pid
-            if member.spec.epoch:
-                self.renewed()
-            return
-        if news.pid != member.pid:
-            return
-        member.ended = True
-        self._keeper.ended(index)
-        for message in self._lines.last_words(index):
-            self._on_message(index, message)
-        if self._patience.ending or member.respawn_at_ns is not None:
-            return
-        cause = f"its process {how_it_ended(news.status)}"
-        if not self._keeper.restart(index, cause):
-            raise NodeError(member.spec.name, f"{cause}{member.last_words()}")
-
-    # End
-
-    def close(self) -> None:
-        """End every process that is left; return when all are gone.
-
-        One that has reached its safe state ends by itself, others with SIGTERM (and SIGCONT, for one that was
-        stopped), 5 s later with SIGKILL; sooner if the user insists.
-        """
-        self._server.wake()
-        for numbers in ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,)):
-            left = [m for m in self.members if m.pid and not m.ended and (numbers or m.done)]
-            with contextlib.suppress(GraphError):
-                for member in left:
-                    self.signal(member, *numbers)
-                self._patience.step()
-                while any(not m.ended for m in left) and not self._patience.over:
-                    self._pump(0.2)
-        self._lines.close()

@@ -54,6 +54,20 @@ class Switchboard:
         """Return whose turn it is, of those that are watched."""
         return [handle for descriptor, handle in self._handlers.items() if descriptor in others]
 
+    def expect(self, name: str) -> int:
+        """Let one more process connect; return its number."""
+        self._names.append(name)
+        return len(self._names) - 1
+
+    def exchange(self, one: int, other: int) -> None:
+        """Let two processes change their numbers."""
+        self._names[one], self._names[other] = self._names[other], self._names[one]
+        links = self._links.pop(one, None), self._links.pop(other, None)
+        for index, link in zip((other, one), links, strict=True):
+            if link is not None:
+                self._links[index] = link
+                self._index_of[link.socket.fileno()] = index
+
     def connected(self, index: int) -> bool:
         """Tell whether a node's line is open."""
         return index in self._links

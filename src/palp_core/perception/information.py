@@ -16,8 +16,9 @@ from scipy.special import rel_entr
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["expected_gain_bits", "gain_bits", "gain_vector"]
+__all__ = ["expected_gain_bits", "expected_gains_bits", "gain_bits", "gain_vector"]
 
+_CHUNK = 2048  # beliefs at a time: their densities fit a processor's cache
 _TINY = 1e-300  # a class of probability 0 whose reading no other class explains; it is weighted by 0 after
 
 
@@ -62,15 +63,47 @@ def expected_gain_bits(
         sd: Standard deviation per class, shape (m,), positive.
         node_count: Quadrature nodes per class.
     """
+    return float(expected_gains_bits(probabilities, mean[None], sd[None], node_count=node_count)[0])
+
+
+def expected_gains_bits(
+    probabilities: Float64Array, mean: Float64Array, sd: Float64Array, *, node_count: int = 257
+) -> Float64Array:
+    """Return :func:`expected_gain_bits` of several settings, for many beliefs at once.
+
+    Args:
+        probabilities: Beliefs, shape (..., m).
+        mean: Mean reading per setting and class, shape (..., j, m), or (j, m) for all beliefs alike.
+        sd: Standard deviation, positive, same shape.
+        node_count: Quadrature nodes per class; with 33 it is within 1e-3 bit while the classes' deviations
+            differ by a factor of 2, which ranks settings.
+
+    Returns:
+        Expected gains in bits, shape (..., j).
+    """
+    if probabilities.ndim == 2 and len(probabilities) > _CHUNK:
+        wide = np.broadcast_to(mean, (len(probabilities), *mean.shape[-2:]))
+        spread = np.broadcast_to(sd, wide.shape)
+        parts = [slice(at, at + _CHUNK) for at in range(0, len(probabilities), _CHUNK)]
+        return np.concatenate(
+            [expected_gains_bits(probabilities[p], wide[p], spread[p], node_count=node_count) for p in parts]
+        )
     nodes, weights = _normal_nodes(node_count)
-    readings = mean[:, None] + sd[:, None] * nodes  # (m, q)
-    z = (readings[:, :, None] - mean) / sd  # (m, q, m)
-    log_density = -0.5 * z * z - np.log(sd)
-    top = log_density.max(axis=2)
-    mixture = top + np.log(np.exp(log_density - top[:, :, None]) @ probabilities + _TINY)
-    own = -0.5 * nodes**2 - np.log(sd)[:, None]
-    per_class = (own - mixture) @ weights
-    return float(max(probabilities @ per_class, 0.0) / np.log(2.0))
+    shape = (*probabilities.shape[:-1], *mean.shape[-2:])
+    centre = np.moveaxis(np.broadcast_to(mean, shape), -1, 0)  # (m, ..., j)
+    spread = np.moveaxis(np.broadcast_to(sd, shape), -1, 0)
+    log_spread = np.log(spread)
+    belief = np.moveaxis(probabilities, -1, 0)[..., None]  # (m, ..., 1)
+    total = np.zeros(np.broadcast_shapes(centre.shape[1:], belief.shape[1:]))
+    for own in range(len(centre)):  # classes and nodes are few, beliefs many: their axis stays innermost
+        readings = centre[own] + spread[own] * nodes.reshape(-1, *(1,) * (centre.ndim - 1))  # (q, ..., j)
+        z = (readings[:, None] - centre) / spread  # (q, m, ..., j)
+        log_density = -0.5 * z * z - log_spread
+        top = log_density.max(axis=1)
+        mixture = top + np.log((np.exp(log_density - top[:, None]) * belief).sum(axis=1) + _TINY)
+        entropy = -0.5 * (nodes**2 @ weights) - log_spread[own]
+        total = total + belief[own] * (entropy - np.tensordot(weights, mixture, axes=1))
+    return np.asarray(np.maximum(total, 0.0) / np.log(2.0))
 
 
 @lru_cache(maxsize=4)

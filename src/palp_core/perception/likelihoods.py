@@ -1,7 +1,7 @@
 """Log densities of one reading given a cell of memory primitives; exchangeable, task ``likelihood``.
 
 Every function takes the cells of one setting and returns natural-log densities, one per class, finite for any
-finite reading of physical size.
+finite reading of physical size. Readings of shape (n, 1) with cells of shape (n, m) give n rows at once.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Cells:
     fails="cells of few readings, and outliers: it is sure of whatever class is nearest",
     survivor="student_t",
 )
-def normal(reading: float, cells: Cells) -> Float64Array:
+def normal(reading: float | Float64Array, cells: Cells) -> Float64Array:
     """Return log N(reading; mean, sd): the normal fitted to the training readings, as if known exactly.
 
     Args:
@@ -62,7 +62,7 @@ def normal(reading: float, cells: Cells) -> Float64Array:
     evidence="tests/perception/test_primitives.py",
     fails="readings of one trial that share an error: it widens for the training's size only",
 )
-def student_t(reading: float, cells: Cells) -> Float64Array:
+def student_t(reading: float | Float64Array, cells: Cells) -> Float64Array:
     """Return the log predictive density when mean and variance were themselves estimated.
 
     The posterior predictive of a normal with one prior pseudo-reading of variance floor^2
@@ -84,7 +84,7 @@ def student_t(reading: float, cells: Cells) -> Float64Array:
     evidence="tests/perception/test_primitives.py",
     fails="an outlier leaves the belief as it was, also where it was a real and informative reading",
 )
-def robust(reading: float, cells: Cells, *, outlier_share: float = 0.01) -> Float64Array:
+def robust(reading: float | Float64Array, cells: Cells, *, outlier_share: float = 0.01) -> Float64Array:
     """Return the log of a normal mixed with a broad, class-independent one.
 
     The broad component is normal about the classes' common mean with ten times their common spread, so that a
@@ -95,8 +95,8 @@ def robust(reading: float, cells: Cells, *, outlier_share: float = 0.01) -> Floa
         cells: The memory primitives of one setting.
         outlier_share: Weight of the broad component, between 0 and 1 (assumed).
     """
-    centre = np.mean(cells.mean)
-    spread = 10.0 * np.sqrt(np.mean(cells.sd**2 + (cells.mean - centre) ** 2))
+    centre = np.mean(cells.mean, axis=-1, keepdims=True)
+    spread = 10.0 * np.sqrt(np.mean(cells.sd**2 + (cells.mean - centre) ** 2, axis=-1, keepdims=True))
     broad = -0.5 * (((reading - centre) / spread) ** 2 + _LOG_2PI) - np.log(spread)
     near = np.log1p(-outlier_share) + normal(reading, cells)
     return np.asarray(np.logaddexp(near, np.log(outlier_share) + broad))

@@ -29,11 +29,13 @@ __all__ = [
     "Reply",
     "Step",
     "Trial",
+    "Wait",
     "experiment",
     "resume",
 ]
 
-Phase = Literal["training", "estimation"]
+Phase = Literal["training", "estimation", "stay", "reposition", "remount", "hour"]
+"""The experiment's two, and the conditions of the plan ``repeatability``."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +59,19 @@ class Rehome:
 
 
 @dataclass(frozen=True)
+class Wait:
+    """Leave everything as it is for a while."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True)
 class Trial:
     """Begin a trial: forget the belief.
 
     Attributes:
         index: Number of the trial, from 0, over both phases.
-        phase: ``training`` or ``estimation``.
+        phase: ``training``, ``estimation``, or a condition of another plan.
         phantom: Code of the mounted phantom.
         label_known: Whether the depth may be told: in training only.
         label_m: The depth, m; 0 where it may not be told.
@@ -82,7 +91,7 @@ class Palpate:
     Attributes:
         trial: Index of its trial.
         iteration: Number of the palpation in the trial, from 1.
-        ring_given: Whether the plan sets the ring (training) or a policy does (estimation).
+        ring_given: Whether the plan sets the ring or, in estimation, a policy does.
         ring_m: Ring position, m; 0 where a policy sets it.
     """
 
@@ -92,7 +101,7 @@ class Palpate:
     ring_m: float
 
 
-Step = Mount | Rehome | Trial | Palpate
+Step = Mount | Rehome | Trial | Palpate | Wait
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,12 @@ class PolicyState:
     Attributes:
         level: Index of the ring position in use.
         mean_level: Mean co-contraction level of P_{S,t}; only two of the Markov readings use it.
+        renew: Whether to position the ring anew although it is there already, for a new landing error.
     """
 
     level: int
     mean_level: float = 0.0
+    renew: bool = False
 
 
 class Policy(Protocol):

@@ -19,12 +19,21 @@ __all__ = ["NodeProcess", "endpoints", "enter_workspace", "load_class", "load_mo
 
 
 class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node's process is told when it is born."""
+    """What a node's process is told when it is born.
+
+    Attributes:
+        place: Under which name its endpoints are; a node that has changed hands is at another than its own.
+        successor: It takes the place of one that works.
+        fresh: Its source file may have changed since another process compiled it.
+    """
 
     spec: NodeSpec
     clock: str
     run_dir: str
     workspace: str
+    place: str
+    successor: bool = False
+    fresh: bool = False
 
 
 def endpoints(run_dir: str, name: str) -> tuple[str, str]:
@@ -60,14 +69,34 @@ def load_module(name: str, workspace: str) -> ModuleType:
     return module
 
 
-def load_class(run: str, workspace: str) -> type[Node]:
+def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
     """Import the node class of ``module:Class`` or ``path.py:Class``.
+
+    Args:
+        run: Where the class is.
+        workspace: Goes first on the module path.
+        fresh: Read the source again, even if it was compiled or imported before.
 
     Raises:
         GraphError: No such class, or it is not a node.
     """
     module_name, _, class_name = run.rpartition(":")
+    if fresh:
+        _forget(module_name, workspace)
     loaded = getattr(load_module(module_name, workspace), class_name, None)
     if not (isinstance(loaded, type) and issubclass(loaded, Node)):
         raise GraphError(f"{module_name} has no node class '{class_name}'")
     return loaded
+
+
+def _forget(name: str, workspace: str) -> None:
+    """Let the next import read the source: a compiled file is told from it by whole seconds and size only."""
+    enter_workspace(workspace)
+    if name.endswith(".py"):
+        source: str | None = str(Path(workspace, name).resolve())
+    else:
+        sys.modules.pop(name, None)
+        found = importlib.util.find_spec(name)
+        source = found.origin if found is not None else None
+    if source is not None and source.endswith(".py"):
+        Path(importlib.util.cache_from_source(source)).unlink(missing_ok=True)

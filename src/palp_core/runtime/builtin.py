@@ -5,7 +5,7 @@ from __future__ import annotations
 from palp_core.runtime.message import Message
 from palp_core.units import Count, Nanoseconds, Probability, Seconds
 
-__all__ = ["EdgeHealth", "GraphEvent", "GraphHealth", "NodeEvent", "NodeHealth", "Order", "Progress"]
+__all__ = ["EdgeHealth", "GraphEvent", "GraphHealth", "NodeEvent", "NodeHealth", "Order", "Progress", "Swap"]
 
 
 class Progress(Message):
@@ -22,6 +22,18 @@ class Progress(Message):
     score: Probability = 0.0
     score_defined: bool = False
     busy_s: float = 0.0
+
+
+class Swap(Message):
+    """Ask the launcher to let another node take this one's place: for an experiment whose plan says so.
+
+    In simulated time it is done before time goes on. ``params`` (JSON) are the new node's.
+    """
+
+    stamp_ns: Nanoseconds
+    node: str
+    run: str
+    params: str = "{}"
 
 
 class Order(Message):
@@ -61,7 +73,7 @@ class GraphEvent(Message):
     """Something that happened to a graph: on ``/graph/events``.
 
     ``kind`` is ``started``, ``failed``, ``restarting``, ``restarted``, ``unresponsive``, ``responsive``,
-    ``qos``, ``swapped``, ``joined``, ``left``, ``refused`` or ``ending``.
+    ``qos``, ``swapped``, ``joined``, ``left``, ``refused``, ``recorder`` or ``ending``.
     """
 
     stamp_ns: Nanoseconds

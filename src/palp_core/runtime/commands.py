@@ -102,6 +102,7 @@ class NodeCommands:
                 if isinstance(end, TimerEnd)
             },
             "external": executor.spec.external,
+            "swaps": executor.swaps,
             "rejected": executor.events.rejected_count,
             "unread": len(executor.inbox),
             **executor.ends.counts(),

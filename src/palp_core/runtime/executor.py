@@ -9,7 +9,8 @@ from __future__ import annotations
 import logging
 import operator
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from palp_core.errors import NodeError, SchemaMismatch
@@ -31,7 +32,7 @@ from palp_core.runtime.params import load_params
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.randomness import rng_of
 from palp_core.runtime.spec import NodeSpec, topic
-from palp_core.runtime.succession import adopt, hand_over_of, snapshot
+from palp_core.runtime.succession import hand_over_of, leave, snapshot, take_over
 from palp_core.runtime.wire import Frame, parse
 
 __all__ = ["Executor"]
@@ -50,6 +51,8 @@ class Executor:
         inbox: Frames that wait for the node to be active.
         resend: Takes a frame that is sent again.
         send_pieces: Takes the topic and the pieces of a large message; None: it is sent whole.
+        swaps: Every time the node has changed hands.
+        paused: At a boundary, until it is clear who goes on.
 
     Raises:
         GraphError: The parameters do not fit the class.
@@ -64,10 +67,13 @@ class Executor:
         self.exit_code: int | None = None
         self.epoch = spec.epoch
         self.publishing = False
+        self.paused = False
+        self.swaps: list[dict[str, Any]] = []
         self.log = logging.getLogger(f"palp.{spec.name}")
         self.inbox: deque[Frame] = deque()
         self.resend: Callable[[bytes], None] = lambda _: None
         self.send_pieces: Callable[[bytes, bytes, memoryview, bytes], None] | None = None
+        node_class = node_class.shaped(spec.name, spec.params)
         self.declaration = declaration_of(node_class)
         self._clock = clock
         self._now_ns = 0
@@ -92,6 +98,10 @@ class Executor:
         """Return the time of the present handler."""
         return self._now_ns
 
+    def set_time(self, now_ns: int) -> None:
+        """Set the time of the present handler."""
+        self._now_ns = now_ns
+
     def finish(self, exit_code: int) -> None:
         """End the node's work: timers stop, and whatever still arrives is dropped."""
         self.exit_code = operator.index(exit_code)
@@ -105,6 +115,7 @@ class Executor:
         """
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.FINALIZED:
             return
+        self.resume()
         target = successor(self.lifecycle, transition)
         self._now_ns = self._clock.now_ns()
         if transition is Transition.ACTIVATE:
@@ -254,22 +265,35 @@ class Executor:
         self.order.flush(self._now_ns)
         return hand_over_of(self)
 
-    def take_over(self, hand_over: HandOver) -> None:
+    @property
+    def is_active(self) -> bool:
+        """Whether the node is at work, or paused in it."""
+        return self.lifecycle is Lifecycle.ACTIVE or self.paused
+
+    def pause(self) -> None:
+        """Take up and publish nothing more, at a handler boundary; no hook runs."""
+        if self.lifecycle is Lifecycle.ACTIVE:
+            self.paused, self.publishing, self.lifecycle = True, False, Lifecycle.INACTIVE
+
+    def resume(self) -> None:
+        """Go on after :meth:`pause`."""
+        if self.paused:
+            self.paused, self.publishing, self.lifecycle = False, True, Lifecycle.ACTIVE
+
+    def leave(self) -> None:
+        """End a node that another process goes on with: the hooks of the safe end run and publish nothing."""
+        leave(self)
+
+    def take_over(self, hand_over: HandOver, changes: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Continue where another executor stopped: state, sequences, timers, randomness, unread inbox.
 
-        The node must be configured and inactive; it is active afterwards. ``on_resume`` is run instead of
-        ``on_activate``. A predecessor of the same class hands its parameters over too, live changes included.
+        The node must be configured and inactive; afterwards it is what its predecessor was. ``on_resume`` is
+        run instead of ``on_activate``. A predecessor of the same class hands its parameters over too, live
+        changes included; ``changes`` are those that are to be others.
 
         Raises:
-            SchemaMismatch: The state does not fit this class.
+            SchemaMismatch, GraphError: The state or the parameters do not fit this class.
             LifecycleError: The node is not inactive.
             NodeError: The hook failed.
         """
-        target = successor(self.lifecycle, Transition.ACTIVATE)
-        adopt(self, hand_over)
-        self._now_ns = hand_over.now_ns
-        self.publishing = True
-        self.failing.hook("on_resume")
-        self.inbox.extend(map(parse, hand_over.inbox))
-        self.lifecycle = target
-        self.order.begin(self._now_ns)
+        take_over(self, hand_over, changes)

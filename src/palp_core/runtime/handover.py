@@ -24,7 +24,7 @@ __all__ = [
     "first_state",
 ]
 
-VERSION = 1
+VERSION = 2
 
 
 class HandOver(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +42,9 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
         events: How often each quality-of-service event has happened.
         calls: Unanswered calls per client.
         idle: Output topics on which nothing is due until the next message.
+        active: Whether the node is at work; one that was deactivated stays so.
+        finished: Whether its work is done.
+        swaps: Every time it has changed hands, the latest last.
     """
 
     version: int = VERSION
@@ -61,6 +64,9 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     events: dict[str, int] = {}
     calls: dict[str, list[Pending]] = {}
     idle: list[str] = []
+    active: bool = True
+    finished: bool = False
+    swaps: list[dict[str, Any]] = []
 
 
 class Predecessor(msgspec.Struct, frozen=True):

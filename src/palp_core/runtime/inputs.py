@@ -78,6 +78,10 @@ class Input:
         self.mind_gap(self.counter.lost - lost_before, now_ns)
         return message
 
+    def expects(self, frame: Frame) -> bool:
+        """Tell whether a frame was not taken up yet, where its sequence alone does not say so."""
+        return True
+
     def skip_to(self, sequence: int, now_ns: int) -> None:
         """Account for a message after one that was refused: that one shows as a gap now."""
         lost_before = self.counter.lost
@@ -121,6 +125,10 @@ class ReplyInput(Input):
 
     ordered = False
     end: CallEnd
+
+    def expects(self, frame: Frame) -> bool:
+        """Tell whether the call it answers still waits."""
+        return any(pending.sequence == frame.sequence for pending in self.end.pending)
 
     def _take(self, frame: Frame, now_ns: int) -> Message | None:
         message = self._decode(frame)

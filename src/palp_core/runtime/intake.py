@@ -7,23 +7,26 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.errors import SchemaMismatch
+from palp_core.runtime.changeover import Heard
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.events import EventEnd
 from palp_core.runtime.executor import Executor
+from palp_core.runtime.following import Following
+from palp_core.runtime.handover import HandOver
 from palp_core.runtime.inputs import Input
 from palp_core.runtime.ledger import Ledger
 from palp_core.runtime.lifecycle import Lifecycle
-from palp_core.runtime.qos import Qos
+from palp_core.runtime.merging import merged
+from palp_core.runtime.qos import strictest
 from palp_core.runtime.reception import Reception
-from palp_core.runtime.wire import HEADER_BYTES, PLAIN_DATA, Frame, Kind, parse, quick_header
-from palp_core.runtime.zmq_bus import Subscriber
+from palp_core.runtime.wire import HEADER_BYTES, PLAIN_DATA, Frame, Kind, checked_pieces, parse, quick_header
 from palp_core.runtime.zmq_inquirer import Inquirer
+from palp_core.runtime.zmq_subscriber import Subscriber
 
 __all__ = ["Intake"]
 
 MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 256 << 20
-MOST_PIECES = 3
 RATE_WINDOW_NS = 1_000_000_000
 
 
@@ -50,13 +53,13 @@ class Intake:
         self.more = False
         self._executor = executor
         self._inbox = executor.inbox
-        self._servers = {name: serve for name, (_, serve) in publishers.items()}
         self._subscriber = Subscriber({name: publish for name, (publish, _) in publishers.items()}, context)
         self._inquirer = Inquirer(context)
         self._ledger = Ledger(ledger, list(executor.ends.inputs)) if ledger is not None else None
         self._receptions = {
             name: self._reception(name, wired) for name, wired in executor.ends.inputs.items()
         }
+        self._following = Following(self._subscriber, publishers, self._receptions)
         self._unread_bytes = 0
         self._silent: set[str] = set()
         self._rates = dict.fromkeys(self._receptions, (0, 0, 0.0))
@@ -68,7 +71,7 @@ class Intake:
         if self._ledger is not None and self._executor.spec.epoch > 0:
             for one in wired:
                 one.counter.epoch, one.counter.sequence = self._ledger.read(name)
-        qos = _strictest([one.qos for one in wired])
+        qos = strictest([one.qos for one in wired])
         return Reception(name, qos, wired[0].counter, self._deliver, self._ask, ordered=wired[0].ordered)
 
     @property
@@ -80,6 +83,35 @@ class Intake:
     def matched(self) -> bool:
         """True once every publisher has been heard, and late joiners have what they ask for."""
         return all(reception.matched for reception in self._receptions.values())
+
+    @property
+    def heard(self) -> Heard:
+        """Up to where each publisher's messages have been received."""
+        return {
+            name: (reception.epoch, reception.next - 1)
+            for name, reception in self._receptions.items()
+            if reception.is_ordered
+        }
+
+    def succeed(self, hand_over: HandOver) -> int:
+        """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
+
+        Returns:
+            How many messages wait.
+
+        Raises:
+            SchemaMismatch: A message was heard by neither.
+        """
+        frames = merged(self._inbox, hand_over, self._receptions, self._executor.ends.inputs)
+        self._inbox.clear()
+        self._unread_bytes = 0
+        for frame in frames:
+            self._deliver(frame)
+        if self._ledger is not None:
+            for name, counter in hand_over.consumed.items():
+                if name in self._receptions:
+                    self._ledger.note(name, counter.epoch, counter.sequence)
+        return len(frames)
 
     def begin(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
@@ -163,10 +195,13 @@ class Intake:
         try:
             frame = parse(raw)
             if rest:
-                frame = frame._replace(rest=_checked(rest))
+                frame = frame._replace(rest=checked_pieces(rest))
             reception = self._receptions.get(frame.topic)
             if reception is None:
                 raise SchemaMismatch(f"{frame.topic} is no input of {self._executor.name}")
+            if frame.kind == Kind.MOVED:
+                self._following.take(frame, now_ns)
+                return
         except SchemaMismatch as error:
             self._executor.events.reject(error)
             return
@@ -175,14 +210,13 @@ class Intake:
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]
         request = {"op": "history", "node": node, "topic": topic, "first": first, "last": last}
-        self._inquirer.ask(self._servers[topic], request)
+        self._inquirer.ask(self._following.servers[topic], request)
 
     def _deliver(self, frame: Frame) -> None:
         self._inbox.append(frame)
         self._unread_bytes += frame.payload_bytes
-        active = self._executor.lifecycle is Lifecycle.ACTIVE
-        self._was_active = self._was_active or active
-        if self._was_active and not active and frame.kind == Kind.DATA:
+        self._was_active = self._was_active or self._executor.lifecycle is Lifecycle.ACTIVE
+        if self._was_active and not self._executor.is_active and frame.kind == Kind.DATA:
             self._retain(self._receptions[frame.topic])
 
     def _retain(self, reception: Reception) -> None:
@@ -263,18 +297,3 @@ class Intake:
         self._inquirer.close()
         if self._ledger is not None:
             self._ledger.close()
-
-
-def _strictest(asked: list[Qos]) -> Qos:
-    """Return what serves every input that reads the same topic."""
-    return Qos(
-        reliability="reliable" if any(q.reliability == "reliable" for q in asked) else "best_effort",
-        durability="transient_local" if any(q.durability == "transient_local" for q in asked) else "volatile",
-        depth=max(q.depth for q in asked),
-    )
-
-
-def _checked(rest: list[memoryview]) -> tuple[memoryview, ...]:
-    if len(rest) > MOST_PIECES - 1:
-        raise SchemaMismatch(f"not a palp frame: a message of {len(rest) + 1} pieces")
-    return tuple(rest)

@@ -1,6 +1,7 @@
 """A private line between two of palp's own processes: typed messages on a Unix stream socket.
 
-Here are the messages between a node and the supervisor; those with the fork server are in its module.
+Here are the messages between a node and the supervisor; those of a hot swap are in ``swap_lines``, those with
+the fork server in its module.
 
 Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
 """
@@ -12,6 +13,9 @@ import struct
 from typing import Generic, TypeVar
 
 import msgspec
+
+from palp_core.runtime.line import Line
+from palp_core.runtime.swap_lines import FromSwapped, ToSwapped
 
 __all__ = [
     "Activate",
@@ -37,10 +41,6 @@ _LENGTH = struct.Struct("<I")
 _CHUNK = 1 << 16
 
 
-class Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """Base of what travels on a line."""
-
-
 class Activate(Line, frozen=True):
     """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
 
@@ -61,7 +61,7 @@ class Shutdown(Line, frozen=True):
 
 
 class Hello(Line, frozen=True):
-    """First words of a node's process."""
+    """First words of a node's process; ``name`` is that of its place (see :class:`NodeProcess`)."""
 
     name: str
     pid: int
@@ -119,8 +119,8 @@ class Raised(Line, frozen=True):
     action: str
 
 
-ToNode = Activate | Round | Shutdown
-FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised
+ToNode = Activate | Round | Shutdown | ToSwapped
+FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised | FromSwapped
 
 Received = TypeVar("Received")
 

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import select
 
+import msgspec
+
 from palp_core.runtime.birth import NodeProcess, endpoints, load_class
+from palp_core.runtime.changeover import Changeover
 from palp_core.runtime.clock import SimClock
 from palp_core.runtime.commands import CHANGING, NodeCommands
 from palp_core.runtime.executor import Executor
+from palp_core.runtime.handover import HandOver
 from palp_core.runtime.lifecycle import Transition
+from palp_core.runtime.line import Line
 from palp_core.runtime.link import Activate, Configured, Done, Knock, Link, Matched, Round, Shutdown, ToNode
+from palp_core.runtime.swap_lines import HandedIn, TookOver, ToSwapped
 from palp_core.runtime.zmq_bus import Broadcast
 
 __all__ = ["LockstepMain", "follow_round"]
@@ -20,13 +26,16 @@ class LockstepMain:
 
     def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
         self.link = link
-        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.spec.name))
+        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.place))
         self.clock = SimClock()
         self.frames: list[bytes] = []
-        node_class = load_class(birth.spec.run, birth.workspace)
+        node_class = load_class(birth.spec.run, birth.workspace, fresh=birth.fresh)
         self.executor = Executor(node_class, birth.spec, self.clock, self._send)
         self.broadcast.offer(self.executor.outlets.values())
         self.broadcast.answer(birth.spec.name, NodeCommands(self.executor).operations(), CHANGING)
+        self.changeover = Changeover(
+            self.executor, self.broadcast, self._answer, succeed=self._succeed, successor=birth.successor
+        )
         self.executor.transition(Transition.CONFIGURE)
         self._knocked = False
         self._poll = select.poll()
@@ -35,7 +44,7 @@ class LockstepMain:
 
     def _send(self, frame: bytes) -> None:
         self.frames.append(frame)
-        if self.broadcast.heard:
+        if self.broadcast.heard and not self.changeover.shadowing:
             self.broadcast.send(frame)
 
     def _await_conductor(self) -> None:
@@ -67,14 +76,44 @@ class LockstepMain:
                 follow_round(self.executor, self.clock, message)
             elif isinstance(message, Activate):
                 self.executor.transition(Transition.ACTIVATE)
-            else:
+            elif isinstance(message, Shutdown):
                 self.clock.set(message.now_ns)
                 self.executor.transition(Transition.SHUTDOWN)
+            else:
+                self._change_over(message)
+                if self.changeover.left:
+                    self.link.send(Done([], -1, None))
+                    self.close()
+                    return
+                continue
             due_ns = self.executor.next_due_ns()
             self.link.send(Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code))
             if isinstance(message, Shutdown):
                 self.close()
                 return
+
+    def _change_over(self, message: ToSwapped) -> None:
+        self.changeover.obey(message)
+        while self.changeover.waiting:  # for readers: tools, as nodes read the conductor's word only
+            self._poll.poll(20)
+            self.changeover.turn()
+
+    def _succeed(self, hand_over: HandOver) -> int:
+        """Take up what waits: in lockstep nothing comes between two rounds, so that all of it is handed over.
+
+        It waits only in a node that was deactivated, and still is.
+        """
+        return len(hand_over.inbox)
+
+    def _answer(self, line: Line) -> None:
+        """Add what the node has published on the occasion; the conductor hands it on."""
+        if isinstance(line, TookOver) and not line.error:
+            due_ns = self.executor.next_due_ns()
+            frames, next_due_ns = self.frames, -1 if due_ns is None else due_ns
+            line = msgspec.structs.replace(line, frames=frames, next_due_ns=next_due_ns)
+        elif isinstance(line, HandedIn):
+            line = msgspec.structs.replace(line, frames=self.frames)
+        self.link.send(line)
 
     def close(self) -> None:
         """Let go of the sockets."""

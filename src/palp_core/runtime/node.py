@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import logging
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
@@ -96,6 +96,11 @@ class Node:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         declaration_of(cls)
+
+    @classmethod
+    def shaped(cls, name: str, params: Mapping[str, Any]) -> type[Node]:  # noqa: ARG003 - for subclasses
+        """Return the class to run under a name with parameters: another one where these decide its ports."""
+        return cls
 
     @property
     def name(self) -> str:

@@ -29,7 +29,7 @@ def run_node(birth: NodeProcess) -> int:
         force=True,
     )
     link = node_end(f"{birth.run_dir}/supervisor.sock")
-    link.send(Hello(birth.spec.name, os.getpid()))
+    link.send(Hello(birth.place, os.getpid()))
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop sees the end of the line, at a handler boundary
         signal.signal(number, lambda *_: link.socket.shutdown(socket.SHUT_RD))
     process: LockstepMain | WallMain | None = None

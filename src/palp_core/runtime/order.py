@@ -34,9 +34,11 @@ class OrderLog:
 
     def __init__(self, outlet: Outlet[Order], sources: list[str], snapshot: Callable[[], bytes]) -> None:
         self._outlet = outlet
-        self._sources = [*(transition.value for transition in TRANSITIONS), PARAMETERS, *sources]
+        ends = Transition.SHUTDOWN.value
+        self._sources = [*(transition.value for transition in TRANSITIONS), ends, PARAMETERS, *sources]
         self._index = {source: i for i, source in enumerate(self._sources)}
-        self._begun = False
+        self._begun = self._followed = False
+        self._greeted_count = 0
         self._snapshot = snapshot
         self.next_snapshot_ns = SNAPSHOT_INTERVAL_NS
         self._clear()
@@ -48,6 +50,9 @@ class OrderLog:
 
     def begin(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""
+        if not self._begun:  # the node was taken over: whoever followed it before goes on
+            self._begun = True
+            self._follow()
         self.flush(now_ns)
         self._hand_over = self._snapshot()
         self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
@@ -56,6 +61,26 @@ class OrderLog:
         """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
         if now_ns >= self.next_snapshot_ns:
             self.begin(now_ns)
+
+    def keep_up(self, now_ns: int, *, active: bool) -> None:
+        """Let whoever follows the record have what is new, and a new follower a place to start.
+
+        To be called ten times a second on the wall clock, between two handlers. With no follower it does
+        nothing.
+        """
+        outlet = self._outlet
+        if not outlet.listened:
+            self._followed = False
+        elif active and (not self._followed or outlet.greeted_count > self._greeted_count):
+            if not self._followed:
+                self._clear()
+            self._follow()
+            self.begin(now_ns)
+        elif self._entries:
+            self.flush(now_ns)
+
+    def _follow(self) -> None:
+        self._followed, self._greeted_count = True, self._outlet.greeted_count
 
     def index_of(self, source: str) -> int:
         """Return the number of a source, for :meth:`note_index`."""
@@ -76,13 +101,15 @@ class OrderLog:
         """Add a transition; the first configuration comes before the record, the shutdown ends it.
 
         Returns:
-            Whether it is in the record.
+            Whether it is one that is to be said.
         """
-        self._begun = self._begun or transition is Transition.ACTIVATE
-        noted = self._begun and transition in TRANSITIONS
-        if noted:
+        if transition is Transition.ACTIVATE and not self._begun:
+            self._begun = True
+            if self._outlet.listened:
+                self._follow()
+        if self._begun:
             self.note(transition.value, 0, 0, now_ns)
-        return noted
+        return self._begun and transition in TRANSITIONS
 
     def note_change(self, source: str, change: Mapping[str, Any], now_ns: int) -> None:
         """Add a change of parameters or a call from outside, with what it says."""
@@ -92,6 +119,9 @@ class OrderLog:
     def flush(self, now_ns: int) -> None:
         """Publish the open batch, if there is anything in it, and begin the next one."""
         if not self._entries and not self._hand_over:
+            return
+        if self._outlet.listened and not self._followed:
+            self._clear()  # a new follower cannot tell where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
         batch = Order(

@@ -37,6 +37,7 @@ class Outlet(Generic[M]):
         sequence: Of the last message published; 0 before the first.
         history: The last ``depth`` frames, large ones in pieces.
         listened: Somebody reads the topic; where nobody knows, it counts as read.
+        greeted_count: How many have begun to read it.
         idle_until_next: Nothing is due until the next message, as the node has declared.
     """
 
@@ -54,6 +55,7 @@ class Outlet(Generic[M]):
         self.epoch = epoch
         self.sequence = 0
         self.listened = True
+        self.greeted_count = 0
         self.idle_until_next = False
         self.qos = qos
         self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
@@ -81,6 +83,16 @@ class Outlet(Generic[M]):
         self.sequence += 1
         self.idle_until_next = False
         self._put(message, self.epoch, self.sequence)
+
+    def forward(self, payload: bytes) -> None:
+        """Send a message that is encoded already, its bytes as they are, whatever the node's state is."""
+        self.sequence += 1
+        self.idle_until_next = False
+        now_ns = self._owner.now_ns()
+        frame = pack(self._bytes, Kind.DATA, self.epoch, self.sequence, now_ns, self._type_hash, payload)
+        if self.listened:
+            self._send(frame)
+        self.history.append(frame)
 
     def reply(self, message: M, epoch: int, sequence: int) -> None:
         """Send a reply, which carries its request's epoch and sequence."""
@@ -128,6 +140,11 @@ class Outlet(Generic[M]):
         """Return the frame that states the last sequence."""
         kind = Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT
         return pack(self._bytes, kind, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash)
+
+    def moved(self, payload: bytes) -> bytes:
+        """Return the frame that tells readers of another place, with the last sequence of this one."""
+        now_ns = self._owner.now_ns()
+        return pack(self._bytes, Kind.MOVED, self.epoch, self.sequence, now_ns, self._type_hash, payload)
 
     def kept(self, first: int, last: int, now_ns: int) -> list[bytes]:
         """Return the remembered frames of a range of sequences that are within their lifespan."""

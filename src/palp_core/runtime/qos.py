@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-__all__ = ["Qos", "incompatibility", "on_edge"]
+__all__ = ["Qos", "incompatibility", "on_edge", "strictest"]
 
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -57,3 +57,12 @@ def on_edge(requested: Qos, offered: Qos) -> Qos:
     """Return what holds between a reader and a publisher: the request, with the shorter of two lifespans."""
     lifespans = [ms for ms in (requested.lifespan_ms, offered.lifespan_ms) if ms]
     return msgspec.structs.replace(requested, lifespan_ms=min(lifespans, default=0.0))
+
+
+def strictest(asked: list[Qos]) -> Qos:
+    """Return what serves every input that reads the same topic."""
+    return Qos(
+        reliability="reliable" if any(q.reliability == "reliable" for q in asked) else "best_effort",
+        durability="transient_local" if any(q.durability == "transient_local" for q in asked) else "volatile",
+        depth=max(q.depth for q in asked),
+    )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from palp_core.errors import SchemaMismatch
 from palp_core.runtime.delivery import EdgeCounter
 from palp_core.runtime.latency import Latency
 from palp_core.runtime.qos import Qos
@@ -71,11 +72,19 @@ class Reception:
         self._held: dict[int, Frame] = {}
         self._asked_to = 0
         self._accounted = -1
+        self._first = 0  # where this end began to hear the epoch
+        self._inherited = 0  # up to here a predecessor of the reader has had everything
+        self._moving = False
         self._latched = qos.durability == "transient_local"
         self._fills = self._latched or qos.reliability == "reliable"
         self._ordered = ordered
         self._deliver = deliver
         self._ask = ask
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether its sequences have no gaps by right."""
+        return self._ordered
 
     @property
     def matched(self) -> bool:
@@ -105,7 +114,8 @@ class Reception:
         if frame.epoch > self.epoch:
             self._begin(frame)
         if is_data and frame.sequence < self.next:
-            self._hand_on(frame)
+            if frame.sequence > self._inherited:
+                self._hand_on(frame)
             return
         self._last = max(self._last, frame.sequence)
         if is_data:
@@ -114,7 +124,7 @@ class Reception:
             if self._accounted != self.epoch or frame.kind == Kind.IDLE:
                 self._deliver(frame)  # nothing new: it starts the account of the epoch
             self._accounted = self.epoch
-        elif self._fills:
+        elif self._fills or self._moving:
             self._advance(now_ns)
         else:
             self._skip_to(self._last)
@@ -124,7 +134,7 @@ class Reception:
         first_contact = self.epoch < 0
         if not first_contact:
             self._skip_to(self._last)
-        self.epoch, self._last, self.give_up_ns = frame.epoch, 0, None
+        self.epoch, self._last, self.give_up_ns, self._inherited = frame.epoch, 0, None, 0
         self._held.clear()
         if not first_contact:
             self.next = 1
@@ -133,6 +143,7 @@ class Reception:
         self.next = before + 1
         if self._latched:
             self.next = max(before - self.qos.depth + 1, 1)
+        self._first = self.next
 
     def _advance(self, now_ns: int) -> None:
         """Hand on what is complete; ask for the next gap if that is a new one."""
@@ -144,7 +155,8 @@ class Reception:
         elif self.give_up_ns is None:
             self.give_up_ns = now_ns + FILL_NS
             self._asked_to = min(self._held, default=self._last + 1) - 1
-            self._ask(self.topic, self.next, self._asked_to)
+            if not self._moving:
+                self._ask(self.topic, self.next, self._asked_to)
 
     def fill(self, epoch: int, frames: list[Frame], now_ns: int) -> None:
         """Take the publisher's answer: the frames that it still has of those asked for, the oldest first."""
@@ -162,9 +174,47 @@ class Reception:
     def expire(self, now_ns: int) -> None:
         """Give up a gap that was not filled in time."""
         if self.give_up_ns is not None and now_ns >= self.give_up_ns:
+            if self._moving:  # the old place has died before it could say how far it came
+                self.end_move(now_ns)
+                return
             self.give_up_ns = None
             self._skip_to(min(self._held, default=self._last + 1) - 1)
             self._advance(now_ns)
+
+    def begin_move(self) -> None:
+        """Expect the publisher at two places: what comes from the second waits for the rest of the first."""
+        self._moving = True
+
+    def end_move(self, now_ns: int, last: int = 0) -> None:
+        """Take the first place's word that it has published its last, or that it stays the only one."""
+        if not self._moving:
+            return
+        self._moving, self.give_up_ns = False, None
+        self._last = max(self._last, last)
+        if self._fills:
+            self._advance(now_ns)
+        else:
+            self._skip_to(self._last)
+
+    def succeed(self, epoch: int, last: int) -> None:
+        """Go on where a predecessor of the reader was: it has received everything up to ``last``.
+
+        Raises:
+            SchemaMismatch: What came after that was heard by neither.
+        """
+        if not self._ordered or epoch < 0 or self.epoch > epoch:
+            return
+        if self.epoch < epoch:  # this end has not heard the publisher since it was restarted
+            self.epoch, self._last, self.next = epoch, 0, 0
+            self._held.clear()
+        if self.next > last + 1 and self._first > last + 1:
+            raise SchemaMismatch(
+                f"{self.topic}: messages {last + 1} to {self._first - 1} were heard by neither"
+            )
+        self._inherited = last
+        if self.next <= last:
+            self._held = {sequence: held for sequence, held in self._held.items() if sequence > last}
+            self.next = last + 1
 
     def _skip_to(self, last: int) -> None:
         """Hand on what is held up to a sequence, and let the account know of what is missing up to it."""

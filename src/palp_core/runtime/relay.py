@@ -6,12 +6,18 @@ new. A :class:`Tap` hears local nodes while somebody elsewhere listens. A :class
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import struct
 from collections.abc import Callable
 
 import zmq
 
+from palp_core.errors import SchemaMismatch
+from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.following import Following, Turns
 from palp_core.runtime.reactor import MOST_AT_ONCE, Reactor
+from palp_core.runtime.wire import Kind, parse
 
 __all__ = ["Desk", "StandIn", "Tap"]
 
@@ -78,7 +84,7 @@ class StandIn:
 
 
 class Tap:
-    """Hears local topics that are listened to elsewhere.
+    """Hears local topics that are listened to elsewhere, wherever their publishers go on.
 
     Args:
         reactor: Watches it.
@@ -88,6 +94,8 @@ class Tap:
     def __init__(self, reactor: Reactor, heard: Callable[[bytes, list[bytes]], None]) -> None:
         self._heard = heard
         self._connected: set[str] = set()
+        self._turns: dict[str, Turns[list[bytes]]] = {}
+        self._following = Following(self, {}, self._turns)
         self._socket = reactor.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
@@ -95,14 +103,27 @@ class Tap:
 
     def subscribe(self, topic: bytes, endpoint: str) -> None:
         """Hear a topic."""
-        if endpoint not in self._connected:
-            self._connected.add(endpoint)
-            self._socket.connect(endpoint)
+        name = topic.decode()
+        self._turns[name] = Turns(functools.partial(self._heard, topic))
+        self._following.add(name, endpoint, "")
+        self.go_on(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, topic + b"\0")
 
     def unsubscribe(self, topic: bytes) -> None:
         """Hear it no longer."""
         self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
+
+    def go_on(self, endpoint: str) -> None:
+        """Listen at an endpoint."""
+        if endpoint not in self._connected:
+            self._connected.add(endpoint)
+            self._socket.connect(endpoint)
+
+    def leave(self, endpoint: str) -> None:
+        """Listen at an endpoint no longer."""
+        if endpoint in self._connected:
+            self._connected.discard(endpoint)
+            self._socket.disconnect(endpoint)
 
     def _on_frame(self) -> None:
         for _ in range(MOST_AT_ONCE):
@@ -110,9 +131,12 @@ class Tap:
                 parts = self._socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
                 return
-            end = parts[0].find(0)
-            if end > 0:
-                self._heard(parts[0][:end], parts)
+            with contextlib.suppress(SchemaMismatch, KeyError):
+                frame = parse(parts[0])
+                if frame.kind == Kind.MOVED:  # a matter of this host
+                    self._following.take(frame, monotonic_ns())
+                else:
+                    self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
 
 
 class Desk:

@@ -98,6 +98,23 @@ class RequestDesk:
         if failures:
             raise failures[0]
 
+    @property
+    def remembered(self) -> dict[str, bytes]:
+        """Replies to requests that may be asked again, by their ids."""
+        return {token: reply for token, reply in self._remembered.items() if reply is not None}
+
+    def remember(self, replies: Mapping[str, bytes]) -> None:
+        """Give these replies to requests with these ids."""
+        self._remembered.update(replies)
+
+    def turn_away(self, send: Callable[[list[bytes], bytes], None]) -> None:
+        """Ask those who wait to ask again: another process goes on with the node."""
+        waiting, self._waiting = self._waiting, []
+        for name, envelope, request in waiting:
+            text = f"{name} was swapped for another while this was asked; ask again"
+            for asker in [envelope, *self._also.pop(request.get("id", ""), [])]:
+                send(asker, _pack({"error": text, "again": True}))
+
 
 def _unpack(payload: bytes) -> dict[str, Any]:
     try:

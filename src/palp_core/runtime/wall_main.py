@@ -6,7 +6,8 @@ import select
 from pathlib import Path
 
 from palp_core.runtime.birth import NodeProcess, endpoints, load_class
-from palp_core.runtime.builtin import Progress
+from palp_core.runtime.builtin import Progress, Swap
+from palp_core.runtime.changeover import Changeover
 from palp_core.runtime.clock import WallClock, monotonic_ns
 from palp_core.runtime.commands import CHANGING, NodeCommands
 from palp_core.runtime.doorbell import ENDPOINT, Doorbell
@@ -24,6 +25,7 @@ from palp_core.runtime.link import (
     Pulse,
     Raised,
     Relay,
+    Round,
     Shutdown,
     ToNode,
 )
@@ -40,9 +42,9 @@ class WallMain:
 
     def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
         self.link = link
-        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.spec.name))
+        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.place))
         self.clock = WallClock(monotonic_ns())
-        node_class = load_class(birth.spec.run, birth.workspace)
+        node_class = load_class(birth.spec.run, birth.workspace, fresh=birth.fresh)
         self.executor = Executor(node_class, birth.spec, self, self.broadcast.send)
         self.executor.resend = self.broadcast.send
         self.executor.send_pieces = self.broadcast.send_pieces
@@ -51,11 +53,20 @@ class WallMain:
             name: endpoints(birth.run_dir, name.split("/")[1]) for name in self.executor.ends.inputs
         }
         keeps = birth.spec.restart == "on_failure"
-        ledger = Path(birth.run_dir, f"{birth.spec.name}.ledger") if keeps else None
+        ledger = Path(birth.run_dir, f"{birth.place}.ledger") if keeps else None
         self.intake = Intake(self.executor, publishers, self.broadcast.context, ledger)
+        self.changeover = Changeover(
+            self.executor,
+            self.broadcast,
+            link.send,
+            heard=lambda: self.intake.heard,
+            succeed=self.intake.succeed,
+            begin=self._begin,
+            successor=birth.successor,
+        )
         self.executor.transition(Transition.CONFIGURE)
         for outlet in self.executor.outlets.values():
-            shown = outlet.message is Progress
+            shown = outlet.message in (Progress, Swap)
             self.broadcast.offer([outlet], direct=not shown)
             if shown:
                 outlet.divert(self._send_progress)
@@ -99,12 +110,15 @@ class WallMain:
                 self.link.send(Matched())
             if spoken and self._command():
                 return
+            if self.changeover.waiting:
+                self.changeover.turn()
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
             if self.broadcast.pending():
                 self.broadcast.poll()
-                self.broadcast.perform()
+                if not self.executor.paused:
+                    self.broadcast.perform()
             if self.executor.exit_code is not None and not finished:
                 finished = True
                 self.link.send(Relay(b"", self.executor.exit_code))
@@ -113,8 +127,11 @@ class WallMain:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns:
-            self.broadcast.beat()
+            if not self.changeover.silent:
+                self.broadcast.beat()
             self.intake.keep_house(now_ns, self.now_ns())
+            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
+            self.executor.order.keep_up(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
@@ -169,15 +186,25 @@ class WallMain:
         """Obey the supervisor; return True when the node has ended."""
         message = self.link.receive()
         if isinstance(message, Activate):
-            self.clock = WallClock(message.start_ns)
-            self.intake.begin(message.start_ns)
+            self._begin(message.start_ns)
             self.executor.transition(Transition.ACTIVATE)
         elif isinstance(message, Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
+            self.broadcast.beat()  # its last words: whoever has missed a message knows it
             self.link.send(Done([], -1, self.executor.exit_code))
             self.close()
             return True
+        elif not isinstance(message, Round):
+            self.changeover.obey(message)
+            if self.changeover.left:
+                self.link.send(Done([], -1, None))
+                self.close()
+                return True
         return False
+
+    def _begin(self, start_ns: int) -> None:
+        self.clock = WallClock(start_ns)
+        self.intake.begin(start_ns)
 
     def close(self) -> None:
         """Let go of the sockets."""

@@ -25,6 +25,7 @@ __all__ = [
     "VERSION",
     "Frame",
     "Kind",
+    "checked_pieces",
     "pack",
     "parse",
     "quick_header",
@@ -40,6 +41,7 @@ _QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
+MOST_PIECES = 3
 
 
 IN_PIECES = 1
@@ -149,3 +151,14 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
     payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
     return Frame(topic, kind, epoch, sequence, stamp_ns, type_hash, payload)
+
+
+def checked_pieces(rest: list[memoryview]) -> tuple[memoryview, ...]:
+    """Return the pieces that follow a frame.
+
+    Raises:
+        SchemaMismatch: There are too many.
+    """
+    if len(rest) > MOST_PIECES - 1:
+        raise SchemaMismatch(f"not a palp frame: a message of {len(rest) + 1} pieces")
+    return tuple(rest)

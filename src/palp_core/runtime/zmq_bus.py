@@ -1,10 +1,11 @@
-"""Topics on ZeroMQ: an XPUB and a ROUTER socket per node, a SUB socket per reading node.
+"""The sending side on ZeroMQ: an XPUB and a ROUTER socket per process.
 
-The only module that touches zmq. Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
+Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 """
 
 from __future__ import annotations
 
+import select
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
@@ -12,19 +13,16 @@ from typing import Any
 import zmq
 
 from palp_core.runtime.clock import monotonic_ns
-from palp_core.runtime.doorbell import RING
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.request_desk import Operation, RequestDesk
 from palp_core.runtime.wire import topic_of
-from palp_core.runtime.zmq_inquirer import RECONNECT_MS, ask, readable
+from palp_core.runtime.zmq_inquirer import ask, readable
 
-__all__ = ["Broadcast", "Subscriber", "ask"]
+__all__ = ["Broadcast", "ask"]
 
 COPY_BELOW = 512 * 1024
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
-RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
-_NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
 MAX_REQUEST_BYTES = 1 << 20
 
 
@@ -37,16 +35,21 @@ class Broadcast:
 
     Attributes:
         file_descriptors: Become readable when :meth:`poll` has something to do.
+        endpoints: Both.
+        greeting: What a new reader of a topic is told, and every reader ten times a second.
     """
 
     def __init__(self, publish_endpoint: str, serve_endpoint: str) -> None:
+        self.endpoints = publish_endpoint, serve_endpoint
         self._context = zmq.Context()
         self._publish = self._context.socket(zmq.XPUB)
-        self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
+        self._publish.setsockopt(zmq.XPUB_VERBOSER, 1)  # every reader that comes and goes is counted
         self._publish.setsockopt(zmq.SNDHWM, SEND_QUEUE)
         self._publish.setsockopt(zmq.LINGER, 200)
         self._publish.bind(publish_endpoint)
-        self._send_frame = super(zmq.Socket, self._publish).send  # without the costly options
+        self._send_frame: Callable[[bytes], Any] = super(
+            zmq.Socket, self._publish
+        ).send  # without the costly options
         self._serve = self._context.socket(zmq.ROUTER)
         self._serve.setsockopt(zmq.LINGER, 200)
         self._serve.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
@@ -59,6 +62,8 @@ class Broadcast:
         self._on_their_way: deque[tuple[zmq.MessageTracker, int]] = deque()
         self._bytes_on_their_way = 0
         self._sent = True
+        self._held: list[bytes] | None = None
+        self.greeting: Callable[[Outlet[Any]], list[bytes]] = lambda outlet: [outlet.heartbeat()]
 
     def offer(self, outlets: Iterable[Outlet[Any]], *, direct: bool = False) -> None:
         """Add topics whose new subscribers are greeted with a heartbeat.
@@ -95,9 +100,37 @@ class Broadcast:
         return bool(self._subscribed)
 
     @property
+    def subscription_count(self) -> int:
+        """How many subscriptions there are."""
+        return sum(self._subscribed.values())
+
+    @property
     def waiting(self) -> Collection[str]:
         """Nodes for which a deferred request waits."""
         return self._desk.waiting
+
+    @property
+    def readers(self) -> dict[str, int]:
+        """How many listen, by topic."""
+        return {name.decode(): count for name, count in self._subscribed.items() if name in self._outlets}
+
+    def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
+        """Keep back whatever is published, until :meth:`release`; or give it to somebody else instead."""
+        self._held = []
+        self._send_frame = instead or self._held.append
+
+    def release(self) -> None:
+        """Publish what was kept back."""
+        held, self._held = self._held or [], None
+        self._send_frame = super(zmq.Socket, self._publish).send
+        for frame in held:
+            self.send(frame)
+
+    def tell(self, frames: Iterable[bytes]) -> None:
+        """Send frames past what is kept back."""
+        for frame in frames:
+            self._publish.send(frame)
+        self._sent = True
 
     def send(self, frame: bytes) -> None:
         """Publish a frame if anyone subscribes to its topic."""
@@ -108,14 +141,16 @@ class Broadcast:
 
     def _transmit(self, frame: bytes) -> None:
         self._sent = True
-        if len(frame) < COPY_BELOW:
+        if len(frame) < COPY_BELOW or self._held is not None:
             self._send_frame(frame)
         elif self._has_room(len(frame)):
             self._send_large(frame, 0)
 
     def send_pieces(self, topic: bytes, *pieces: bytes | memoryview) -> None:
         """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic."""
-        if topic in self._subscribed and self._has_room(len(pieces[1])):
+        if self._held is not None:
+            self._send_frame(b"".join(pieces))
+        elif topic in self._subscribed and self._has_room(len(pieces[1])):
             self._sent = True
             self._publish.send(pieces[0], zmq.SNDMORE)
             self._send_large(pieces[1], zmq.SNDMORE)
@@ -137,7 +172,7 @@ class Broadcast:
         for name in self._subscribed:
             outlet = self._outlets.get(name)
             if outlet is not None:
-                self._publish.send(outlet.heartbeat())
+                self.tell(self.greeting(outlet))
         self._sent = True
 
     def notice(self) -> None:
@@ -161,11 +196,13 @@ class Broadcast:
                 outlet = self._outlets.get(name)
                 if outlet is not None:
                     outlet.listened = True
-                    self._publish.send(outlet.heartbeat())
-                    self._sent = True
+                    outlet.greeted_count += 1
+                    self.tell(self.greeting(outlet))
             elif event[:1] == b"\0":
-                # XPUB reports an unsubscription only when the last subscriber of the topic is gone.
-                self._subscribed.pop(name, None)
+                self._subscribed[name] = self._subscribed.get(name, 1) - 1
+                if self._subscribed[name] > 0:
+                    continue
+                self._subscribed.pop(name)
                 outlet = self._outlets.get(name)
                 if outlet is not None and outlet.topic in self._direct:
                     outlet.listened = False
@@ -184,107 +221,25 @@ class Broadcast:
     def _reply(self, envelope: list[bytes], answer: bytes) -> None:
         self._serve.send_multipart([*envelope, answer])
 
+    @property
+    def remembered(self) -> dict[str, bytes]:
+        """Replies to requests that may be asked again, by their ids."""
+        return self._desk.remembered
+
+    def remember(self, replies: Mapping[str, bytes]) -> None:
+        """Answer requests with these ids by what another process has answered."""
+        self._desk.remember(replies)
+
+    def see_off(self, patience_ns: int) -> None:
+        """Answer and wait until nobody listens any more, or for so long."""
+        until_ns = monotonic_ns() + patience_ns
+        self.poll()
+        while self.readers and (left_ns := until_ns - monotonic_ns()) > 0:
+            self._desk.turn_away(self._reply)
+            select.select(self.file_descriptors, (), (), min(left_ns / 1e9, 0.05))
+            self.poll()
+        self._desk.turn_away(self._reply)
+
     def close(self) -> None:
         """Send what is queued and let go."""
         self._context.destroy(linger=200)
-
-
-class Subscriber:
-    """The receiving side of one process.
-
-    Args:
-        endpoints: Endpoint per topic.
-        context: The process's, if it has one.
-        queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
-
-    Attributes:
-        file_descriptor: Becomes readable when something may have arrived.
-    """
-
-    def __init__(
-        self,
-        endpoints: Mapping[str, str],
-        context: zmq.Context[zmq.Socket[bytes]] | None = None,
-        queue: int = RECEIVE_QUEUE,
-    ) -> None:
-        self._own_context = zmq.Context() if context is None else None
-        self._context = self._own_context or context
-        assert self._context is not None
-        self._socket = self._context.socket(zmq.SUB)
-        self._socket.setsockopt(zmq.RCVHWM, queue)
-        self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
-        self._socket.setsockopt(zmq.LINGER, 0)
-        for endpoint in sorted(set(endpoints.values())):
-            self._socket.connect(endpoint)
-        for name in endpoints:
-            self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
-        self._wait_ms = 0
-        self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
-
-    def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, each whole, without waiting."""
-        frames = []
-        while self.pending():
-            parts = self._socket.recv_multipart()
-            frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
-        return frames
-
-    def hear(self, endpoint: str) -> None:
-        """Let a :class:`~palp_core.runtime.doorbell.Doorbell` end :meth:`take`'s waiting."""
-        self._socket.connect(endpoint)
-        self._socket.setsockopt(zmq.SUBSCRIBE, RING)
-
-    def take(
-        self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
-    ) -> tuple[bool, bool]:
-        """Hand on what has arrived; return whether there may be more, and whether the doorbell has rung.
-
-        Args:
-            arrive: Takes a frame and the time; asks :meth:`rest` if its header says that pieces follow.
-            slice_ns: After so long, leave the rest to the next call.
-            wait_ms: How long to wait if nothing has arrived.
-        """
-        receive, rung = self._socket.recv, False
-        try:
-            if wait_ms:
-                if wait_ms != self._wait_ms:
-                    self._wait_ms = wait_ms
-                    self._socket.setsockopt(zmq.RCVTIMEO, wait_ms)
-                raw = receive()
-            else:
-                raw = receive(_NOBLOCK)
-            now_ns = monotonic_ns()
-            until_ns = now_ns + slice_ns
-            while True:
-                if raw == RING:
-                    rung = True
-                else:
-                    arrive(raw, now_ns)
-                if now_ns >= until_ns or (wait_ms and not readable(self._socket)):
-                    return now_ns >= until_ns, rung
-                wait_ms, raw = 0, receive(_NOBLOCK)
-                now_ns = monotonic_ns()
-        except zmq.Again:
-            return False, rung
-
-    def rest(self) -> list[memoryview]:
-        """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
-        pieces: list[memoryview] = []
-        while self._socket.getsockopt(_RCVMORE):
-            piece: zmq.Frame = self._socket.recv(copy=False)
-            pieces.append(piece.buffer)
-        return pieces
-
-    def pending(self) -> bool:
-        """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
-        return readable(self._socket)
-
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until something may have arrived; return False on time-out."""
-        return bool(self._socket.poll(round(timeout_s * 1e3)))
-
-    def close(self) -> None:
-        """Let go."""
-        self._socket.close(linger=0)
-        if self._own_context is not None:
-            self._own_context.term()

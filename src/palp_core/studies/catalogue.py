@@ -20,16 +20,26 @@ class Study:
         name: As in ``palp study run NAME``.
         question: What it answers, in a line.
         target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
+        spreads: Whether its function takes ``workers`` and ``dask`` too.
     """
 
     name: str
     question: str
     target: str
+    spreads: bool = False
 
-    def run(self, out: Path, *, quick: bool = False) -> Path:
-        """Run it and return its page."""
+    def run(self, out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:
+        """Run it and return its page.
+
+        Raises:
+            PalpError: Workers were asked for, and the study has no use for them.
+        """
         module, _, name = self.target.partition(":")
         function: Callable[..., Path] = getattr(importlib.import_module(module), name)
+        if self.spreads:
+            return function(out, quick=quick, workers=workers, dask=dask)
+        if workers > 1 or dask:
+            raise PalpError(f"the study '{self.name}' runs in one process; leave out --workers and --dask")
         return function(out, quick=quick)
 
 
@@ -50,6 +60,34 @@ STUDIES = {
             "contact-validity",
             "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
             "palp_core.studies.contact_validity:run",
+        ),
+        Study(
+            "decision-stability",
+            "Where does the published algorithm fail, what does the naive way give there, and what ours?",
+            "palp_core.studies.decision_stability:run",
+        ),
+        Study(
+            "decision-tradeoff",
+            "How right are decisions after how many probes and seconds, by policy, stop rule and filter?",
+            "palp_core.studies.decision_tradeoff:run",
+            spreads=True,
+        ),
+        Study(
+            "paper",
+            "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
+            "palp_core.studies.paper_study:run",
+            spreads=True,
+        ),
+        Study(
+            "why",
+            "Which hypotheses make a fixed stiffness stop making progress?",
+            "palp_core.studies.why_study:run",
+            spreads=True,
+        ),
+        Study(
+            "features",
+            "How wrong is a sweep's feature, how late is it known, and what does it cost?",
+            "palp_core.studies.feature_tradeoff:run",
         ),
     )
 }

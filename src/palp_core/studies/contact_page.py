@@ -41,14 +41,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead>{line('th', head)}</thead><tbody>{body}</tbody></table>"
 
 
-def figure(chart: Chart, folder: Path) -> str:
-    """Save a chart as PNG, SVG and CSV, and return it as part of a page."""
-    data = base64.b64encode(save(chart, folder, svg=True)).decode("ascii")
+def figure(chart: Chart, folder: Path, *, svg: bool = True) -> str:
+    """Save a chart as PNG, CSV and, unless told not to, SVG; return it as part of a page."""
+    data = base64.b64encode(save(chart, folder, svg=svg)).decode("ascii")
+    files = [
+        f"<code>{escape(chart.name)}.{kind}</code>" for kind in ("png", *(["svg"] if svg else []), "csv")
+    ]
     return (
         f"<h2>{escape(chart.title)}</h2><figure><img alt={escape(chart.title)!r} "
         f'src="data:image/png;base64,{data}"><figcaption>{escape(chart.caption)} '
-        f"Files: <code>{escape(chart.name)}.png</code>, <code>.svg</code>, "
-        f"<code>.csv</code>.</figcaption></figure>"
+        f"Files: {', '.join(files)}.</figcaption></figure>"
     )
 
 

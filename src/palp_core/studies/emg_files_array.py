@@ -22,6 +22,9 @@ _LABELS = re.compile(r"(^|[._/])(labels?|columns?|channels?|chan_?names?|names?|
 _LEAST = 8  # values; what is shorter is a setting
 
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
 def read_numpy(path: Path) -> EmgFile:
     """Read an array or an archive of arrays; structured arrays by their fields. Nothing is unpickled.
 
@@ -48,6 +51,9 @@ def read_matlab(path: Path) -> EmgFile:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
+    with path.open("rb") as file:
+        if file.read(len(_HDF5)) == _HDF5:  # saved as HDF5 without MATLAB's own heading
+            return read_hdf5(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:

@@ -29,7 +29,16 @@ from palp_core.units import Float64Array
 
 __all__ = ["Record", "Row", "read_rows", "read_sweep"]
 
-OWN_FILES = ("trials.csv", "sweeps", "primitives.json", "result.json", "report.html", "charts")
+OWN_FILES = (
+    "trials.csv",
+    "sweeps",
+    "primitives.json",
+    "result.json",
+    "report.html",
+    "charts",
+    "noise.yaml",
+    "repeatability.json",
+)
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):

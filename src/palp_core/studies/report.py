@@ -8,11 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from palp_core.mechanics.scene_file import read_scene
 from palp_core.studies.charts import Chart, save
 from palp_core.studies.estimation_charts import accuracy_chart, belief_chart, calibration_chart, rings_chart
 from palp_core.studies.page import headline, page
+from palp_core.studies.repeatability import headline as headline_of
+from palp_core.studies.repeatability import is_repeatability, measure_repeatability, write_repeatability
 from palp_core.studies.result import build, out_of, write_result
 from palp_core.studies.session import Session, read_session
+from palp_core.studies.stored import read_stored
 from palp_core.studies.training_charts import primitives_chart, sweeps_chart
 
 if TYPE_CHECKING:
@@ -33,12 +37,22 @@ def session(summary: RunSummary) -> str:
     found = read_session(out_of(summary))
     result = build(found, summary)
     write_result(result, found.folder)
+    if is_repeatability([row.phase for row in found.rows]):
+        return _repeatability(found, summary)
     drawn = [(chart, save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
     target = found.folder / "report.html"
     part = target.with_suffix(".part")
     part.write_text(page(result, drawn), encoding="utf-8")
     part.rename(target)
     return f"{headline(result)}\nReport: {target}"
+
+
+def _repeatability(found: Session, summary: RunSummary) -> str:
+    """Write the noise file and the page of the plan ``repeatability``."""
+    path = summary.params.get("phantom", {}).get("scene", "")
+    measured = measure_repeatability(read_stored(found.folder), scene=read_scene(path) if path else None)
+    write_repeatability(measured, found.folder)
+    return f"{headline_of(measured)}\nReport: {found.folder / 'report.html'}"
 
 
 def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from itertools import count
 
 from palp_core.devices.emulator.axis import Axis
 from palp_core.devices.emulator.world import World
@@ -15,6 +16,7 @@ _QUESTION = re.compile(
     r"(AXISSTATUS|AXISFAULT|PFBKPROG|PCMDPROG|VFBK|PLANESTATUS|GETPARM)\(([@A-Z0-9]+)(?:,\s*(\d+))?\)"
 )
 _LONGEST = 256
+_CLIENTS = count(1)
 
 
 class Aerotech:
@@ -39,6 +41,7 @@ class Aerotech:
         refuses_beyond: bool = True,
     ) -> None:
         self.ready_ns = 0
+        self._world, self._client = world, next(_CLIENTS)
         y, z = world.axes["y"], world.axes["z"]
         self._axes: dict[str, Axis] = {names[0]: y, names[1]: z, "@0": y, "@1": z}
         self._end = b"\n" if always_end else b""
@@ -62,6 +65,7 @@ class Aerotech:
         if question:
             value = self._value(question[1], question[2], question[3], now_ns)
             return b"!" + self._end if value is None else b"%" + value.encode("ascii") + b"\n"
+        self._world.log.append((now_ns, self._client, line))
         verb, _, rest = line.partition(" ")
         done = self._do(verb, rest.strip(), now_ns)
         return {True: b"%", False: b"#", None: b"!"}[done] + self._end

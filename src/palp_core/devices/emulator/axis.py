@@ -22,6 +22,7 @@ class AxisSettings:
         ramp_m_per_s2: Acceleration.
         abort_m_per_s2: Deceleration of ABORT.
         home_s: How long homing takes.
+        home_m: Where its reference is; it is there before anything moves, too.
     """
 
     soft_low_m: float = -0.055
@@ -29,6 +30,7 @@ class AxisSettings:
     ramp_m_per_s2: float = 1.0
     abort_m_per_s2: float = 5.0
     home_s: float = 0.5
+    home_m: float = 0.0
 
 
 @dataclass
@@ -53,6 +55,9 @@ class Axis:
     stuck: bool = False
     _profile: MotionProfile = field(default_factory=lambda: MotionProfile(0.0, 0.0, 1.0, 1.0, 0))
 
+    def __post_init__(self) -> None:
+        self._rest(self.settings.home_m, 0)
+
     def position_m(self, now_ns: int) -> float:
         """Return the position at a time."""
         if now_ns >= self._profile.end_ns:
@@ -69,11 +74,16 @@ class Axis:
         """Tell whether a move or homing is under way."""
         return now_ns < self._profile.end_ns or self.homing(now_ns)
 
+    @property
+    def rest_ns(self) -> int:
+        """When the last move ends or ended."""
+        return self._profile.end_ns
+
     def homing(self, now_ns: int) -> bool:
-        """Tell whether homing is under way; its end makes the axis homed at 0."""
+        """Tell whether homing is under way; its end makes the axis homed."""
         if self.homing_until_ns and now_ns >= self.homing_until_ns:
             self.homing_until_ns, self.homed = 0, True
-            self._rest(0.0, now_ns)
+            self._rest(self.settings.home_m, now_ns)
         return self.homing_until_ns > 0
 
     def home(self, now_ns: int) -> bool:

@@ -18,7 +18,7 @@ from palp_core.devices.emulator.lsl import LslOutlet
 from palp_core.devices.emulator.maestro import Maestro
 from palp_core.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.devices.emulator.netft import NetFt, configuration_page
-from palp_core.devices.emulator.ports import PtyPort, TcpPort
+from palp_core.devices.emulator.ports import PtyPort, Speaker, TcpPort
 from palp_core.devices.emulator.reactor import Reactor
 from palp_core.devices.emulator.settings import RigSettings
 from palp_core.devices.emulator.world import World
@@ -67,14 +67,19 @@ class EmulatedRig:
         self._plugs: dict[str, list[Plug]] = {}
         self._faults = {name: Faults(seed=i) for i, name in enumerate(self._devices)}
         self._unplugged: set[str] = set()
+        self._second: TcpPort | None = None
         self.addresses: dict[str, str] = {}
         self.options: dict[str, dict[str, Any]] = {}
 
     def start(self) -> Self:
         """Plug everything in; afterwards ``addresses`` and ``options`` (of the drivers) are known."""
         with ExitStack() as undo:
-            self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
-            undo.callback(shutil.rmtree, self._folder)
+            if self.settings.folder:
+                self._folder = Path(self.settings.folder)
+                self._folder.mkdir(parents=True, exist_ok=True)
+            else:
+                self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
+                undo.callback(shutil.rmtree, self._folder)
             self.world = World(self.settings.world)
             undo.callback(self.world.close)
             self.reactor = Reactor()
@@ -84,6 +89,11 @@ class EmulatedRig:
             self._undo = undo.pop_all()
         return self
 
+    @property
+    def stop_url(self) -> str:
+        """Address of the controller's second TCP port, for the safety process; empty on a terminal."""
+        return self._second.address if self._second is not None else ""
+
     def stop(self) -> None:
         """Pull everything out.
 
@@ -92,6 +102,8 @@ class EmulatedRig:
         """
         for name in self._devices:
             self.disconnect(name)
+        if self._second is not None:
+            self.reactor.call(self._second.unplug)
         failures = list(self.reactor.failures)
         self._undo.close()
         if failures:
@@ -171,6 +183,9 @@ class EmulatedRig:
         self.options[name] = address() if address else self.options[name]
         self.addresses[name] = str(next(iter(self.options[name].values())))
 
+    def _tcp(self, port: int, speaker: Callable[[], Speaker], faults: Faults) -> TcpPort:
+        return TcpPort(self.reactor, port, speaker, faults, self.settings.host)
+
     def _make_aerotech(self, faults: Faults) -> list[Plug]:
         def speaker() -> Aerotech:
             return Aerotech(self.world, always_end=self.settings.stage_always_ends)
@@ -180,7 +195,9 @@ class EmulatedRig:
             path = self._folder / "aerotech"
             self._stage = PtyPort(self.reactor, path, speaker, faults, self.settings.stage_baud)
         else:
-            self._stage = TcpPort(self.reactor, self.settings.aerotech_port, speaker, faults)
+            self._stage = self._tcp(self.settings.aerotech_port, speaker, faults)
+            self._second = self._tcp(self.settings.aerotech_stop_port, speaker, Faults())
+            self._second.plug()
         return [self._stage]
 
     def _address_aerotech(self) -> dict[str, Any]:
@@ -199,12 +216,8 @@ class EmulatedRig:
 
     def _make_ati(self, faults: Faults) -> list[Plug]:
         sensor = Netcanoem(self.world)
-        self._can = TcpPort(
-            self.reactor,
-            self.settings.can_port,
-            lambda: SocketCand(sensor, self.settings.can_bitrate),
-            faults,
-        )
+        bitrate = self.settings.can_bitrate
+        self._can = self._tcp(self.settings.can_port, lambda: SocketCand(sensor, bitrate), faults)
         return [self._can]
 
     def _address_ati(self) -> dict[str, Any]:
@@ -213,14 +226,14 @@ class EmulatedRig:
 
     def _make_netft(self, faults: Faults) -> list[Plug]:
         self._netft = NetFt(self.reactor, self.world, faults, self.settings.netft_rate_hz)
-        self._netft_page = TcpPort(
-            self.reactor, 0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
+        self._netft_page = self._tcp(
+            0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
         )
         return [self._netft, self._netft_page]
 
     def _address_netft(self) -> dict[str, Any]:
         return {
-            "host": "127.0.0.1",
+            "host": self.settings.host,
             "port": self._netft.port,
             "http_port": self._netft_page.port,
             "rate_hz": self.settings.netft_rate_hz,
@@ -228,8 +241,8 @@ class EmulatedRig:
 
     def _make_noraxon(self, faults: Faults) -> list[Plug]:
         amplifier = Noraxon(self.world, self.settings.emg_rate_hz)
-        self._noraxon = TcpPort(
-            self.reactor, self.settings.noraxon_port, lambda: Http(amplifier.page, "application/json"), faults
+        self._noraxon = self._tcp(
+            self.settings.noraxon_port, lambda: Http(amplifier.page, "application/json"), faults
         )
         return [self._noraxon]
 

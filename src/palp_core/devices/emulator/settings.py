@@ -24,9 +24,12 @@ class RigSettings:
         can_bitrate: Of the sensor's bus; 0 for no pacing.
         netft_rate_hz: Rate of the UDP records.
         emg_rate_hz: Rate of Noraxon and LSL.
-        aerotech_port: TCP port; 0 for a free one, as for the next two.
+        aerotech_port: TCP port; 0 for a free one, as for the next three.
+        aerotech_stop_port: The controller's second TCP port, for the safety process.
         can_port: TCP port of socketcand.
         noraxon_port: TCP port of HTTP.
+        host: Address of every TCP port.
+        folder: Where the terminals are; empty for one of its own.
     """
 
     world: WorldSettings = field(default_factory=WorldSettings)
@@ -39,5 +42,8 @@ class RigSettings:
     netft_rate_hz: float = 1000.0
     emg_rate_hz: float = 1500.0
     aerotech_port: int = 0
+    aerotech_stop_port: int = 0
     can_port: int = 0
     noraxon_port: int = 0
+    host: str = "127.0.0.1"
+    folder: str = ""

@@ -8,8 +8,10 @@ the contact is that of the place it goes to: on a rig that palpates, the probe i
 
 from __future__ import annotations
 
+from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -17,13 +19,14 @@ from palp_core.devices.emulator.axis import Axis, AxisSettings
 from palp_core.devices.sim.emg import SimEmg
 from palp_core.devices.sim.ring import RingState, SimRing
 from palp_core.errors import DeviceError
-from palp_core.mechanics import ContactModel, Probe, contact_model, solve
-from palp_core.mechanics.phantom_file import load_phantoms
+from palp_core.mechanics import ContactModel, Probe, solve
+from palp_core.mechanics.scene_rig import Rig, rig
 from palp_core.units import Float64Array
 
 __all__ = ["World", "WorldSettings"]
 
 _STEP_M = 50e-6
+_LOG_LENGTH = 100_000
 _EQUAL = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
 
@@ -34,7 +37,8 @@ class WorldSettings:
     Attributes:
         seed: Of every random number.
         phantoms: File of phantoms by code; empty for the paper's three.
-        code: The phantom that is mounted first.
+        scene: Scene file of gel, probe, indentation and tolerance; empty for the numbers here.
+        code: The phantom that is mounted first; empty for the first of the file.
         height_offset_m: How much higher than nominal it is mounted.
         indentation_m: Indentation at scanning height (assumed, as in the simulated rig).
         from_m: Lower end of the solved stretch.
@@ -43,13 +47,15 @@ class WorldSettings:
         z_axis: The axis that lifts the probe.
         ring_zero_m: Extension of the actuator at ring position 0.
         repeatability_m: Of the actuator's landing (data sheet).
+        ring_error: How that is read: ``uniform`` as hard limits, ``normal`` as the band of 95 %.
         torque_noise_sd_n_m: Noise of each torque (assumed: one step of the sensor's resolution).
         force_noise_sd_n: Noise of each force (assumed: one step of the sensor's resolution).
     """
 
     seed: int = 1
     phantoms: str = ""
-    code: str = "A"
+    scene: str = ""
+    code: str = ""
     height_offset_m: float = 0.0
     indentation_m: float = 0.004
     from_m: float = -0.032
@@ -58,12 +64,17 @@ class WorldSettings:
     z_axis: AxisSettings = field(default_factory=lambda: AxisSettings(soft_low_m=-0.001))
     ring_zero_m: float = 0.001
     repeatability_m: float = 0.3e-3
+    ring_error: Literal["uniform", "normal"] = "uniform"
     torque_noise_sd_n_m: float = 1e-3 / 64
     force_noise_sd_n: float = 1.0 / 320
 
 
 class World:
-    """The state of the emulated rig. Used by one thread; a second one solves sweeps ahead of need."""
+    """The state of the emulated rig. Used by one thread; a second one solves sweeps ahead of need.
+
+    Attributes:
+        log: Every command that the stage's controller got: when, from which client, the line.
+    """
 
     def __init__(self, settings: WorldSettings) -> None:
         self.settings = settings
@@ -78,11 +89,18 @@ class World:
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
         self.emg = SimEmg(matrix=_EQUAL)
-        self._probe = Probe()
-        self._phantoms = load_phantoms(settings.phantoms)
+        self.log: deque[tuple[int, int, str]] = deque(maxlen=_LOG_LENGTH)
+        self._rig = rig(
+            phantoms=settings.phantoms, scene=settings.scene, indentation_m=settings.indentation_m
+        )
         self._solver = ThreadPoolExecutor(1, thread_name_prefix="palp-emulator-mechanics")
         self.ring.open(0, self.ring_state, self._rng)
-        self.mount(settings.code, settings.height_offset_m)
+        self.mount(settings.code or min(self._rig.phantoms), settings.height_offset_m)
+
+    @property
+    def rig(self) -> Rig:
+        """The phantoms, the probe and what stands for their contact."""
+        return self._rig
 
     def mount(self, code: str, height_offset_m: float) -> None:
         """Put a phantom under the probe.
@@ -90,12 +108,11 @@ class World:
         Raises:
             DeviceError: There is none of that code.
         """
-        if code not in self._phantoms:
-            raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(self._phantoms))}")
-        self._indentation_m = self.settings.indentation_m + height_offset_m
-        self._model, _ = contact_model(
-            self._phantoms[code], self._probe.tip_radius_m, indentation_m=self.settings.indentation_m
-        )
+        known = self._rig.phantoms
+        if code not in known:
+            raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")
+        self._indentation_m = self._rig.indentation_m + height_offset_m
+        self._model = self._rig.model(code)
         self._solve()
 
     def extend(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
@@ -106,6 +123,7 @@ class World:
             speed_m_per_s=speed_m_per_s,
             zero_m=0.0,
             repeatability_m=self.settings.repeatability_m,
+            distribution=self.settings.ring_error,
             settle_s=0.0,
         )
         self.ring = ring
@@ -165,7 +183,7 @@ class World:
 
     def _solve(self) -> None:
         ring_m = max(0.0, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
-        arguments = (self._model, self._probe, ring_m, self._indentation_m)
+        arguments = (self._model, self._rig.probe, ring_m, self._indentation_m)
         self._contact: Future[Float64Array] = self._solver.submit(
             _contact, *arguments, self.settings.from_m, self.settings.to_m
         )

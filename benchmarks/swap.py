@@ -1,0 +1,141 @@
+"""What a hot swap costs: messages lost, the gap, and how long the command takes, under a stream of 1 kHz.
+
+The middle one of three nodes is swapped back and forth between two classes while numbers go through it. A
+reader, a process of its own, keeps every number with its maker and the time at which that had it; afterwards
+the file is checked: each number once and in order. The gap is the longest time, at a swap, between the last
+number of one maker and the first of the other (the stream's own period of 1 ms is part of it); beside it
+stands the pause that the runtime itself reports. The command's time is from the request to the old process's
+end. With ``--rival`` the same stream goes through ``dora node replace``.
+
+Run: .venv/bin/python benchmarks/swap.py [--quick] [--json] [--swaps N] [--faults N] [--out DIR]
+     .venv/bin/python benchmarks/swap.py --rival DORA      beside dora-rs; DORA is its executable
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress as Bar
+
+from palp_core.launch.remote import RunningGraph
+
+HERE = Path(__file__).parent / "swap_bench"
+BETWEEN_S = 0.05
+
+
+def measure(swaps: int, faults: int, folder: Path) -> dict[str, Any]:
+    """Swap so often, then so often with a fault; return what the reader got and how long it took."""
+    rows = folder / "rows.npy"
+    launch = [sys.executable, "-m", "palp_core", "launch", str(HERE / "launch/stream.yaml"), f"out:={rows}"]
+    process = subprocess.Popen(launch, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        if not any(line.startswith("stream:") for line in process.stdout):
+            raise SystemExit("the graph did not come up; its output is above")
+        graph = RunningGraph.find("swap_bench")
+        reports, command_s = [], []
+        with Bar(console=Console(stderr=True), transient=True) as bar:
+            for turn in bar.track(range(swaps), description="swaps"):
+                threading.Event().wait(BETWEEN_S)  # nothing comes: a rest between two swaps
+                begun_ns = time.monotonic_ns()
+                answer = graph.swap("relay", f"nodes.stream:{('Second', 'First')[turn % 2]}")
+                command_s.append((time.monotonic_ns() - begun_ns) / 1e9)
+                reports.append(answer["report"])
+            chance, taken_back = random.Random(0), 0
+            for _ in bar.track(range(faults), description="faults"):
+                run = chance.choice(("Dies", "Misfit", "Missing"))
+                taken_back += "failed" in graph.swap("relay", f"nodes.stream:{run}")
+        account = graph.ask("reader", "info")["inputs"]["/relay/out"]
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+    got = np.load(rows)
+    return {
+        "swaps": swaps,
+        "faults": faults,
+        "taken_back": taken_back,
+        **judged(got),
+        "reader_lost": account["lost"],
+        "reader_repeated": account["repeated"],
+        **percentiles("pause", [report["gap_s"] * 1e3 for report in reports]),
+        **percentiles("command", [s * 1e3 for s in command_s]),
+        "held_max": max((report["held"] for report in reports), default=0),
+    }
+
+
+def judged(rows: np.ndarray[Any, Any]) -> dict[str, Any]:
+    """Return what was lost, repeated and out of order, and the gaps where the maker changes."""
+    index, maker, handled_ns = rows.T
+    changes = np.flatnonzero(np.diff(maker))
+    gaps_ms = (handled_ns[changes + 1] - handled_ns[changes]) / 1e6
+    return {
+        "received": len(index),
+        "lost": int(index.max() - index.min() + 1 - len(np.unique(index))),
+        "repeated": int(len(index) - len(np.unique(index))),
+        "reordered": int(np.count_nonzero(np.diff(index) < 0)),
+        "changes": len(changes),
+        **percentiles("gap", gaps_ms.tolist()),
+    }
+
+
+def percentiles(name: str, values_ms: list[float]) -> dict[str, float]:
+    """Return median, 99th percentile and maximum by name."""
+    if not values_ms:
+        return {}
+    p50, p99, most = np.percentile(values_ms, (50, 99, 100))
+    return {f"{name}_p50_ms": float(p50), f"{name}_p99_ms": float(p99), f"{name}_max_ms": float(most)}
+
+
+def show(found: dict[str, Any]) -> None:
+    """Print the figures for a person."""
+    for name, value in found.items():
+        if isinstance(value, dict):
+            print(f"{name}:")
+            show({f"  {key}": entry for key, entry in value.items()})
+        else:
+            print(f"{name:20} {value:.2f}" if isinstance(value, float) else f"{name:20} {value}")
+
+
+def main() -> None:
+    """Measure and say what came out."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--quick", action="store_true", help="30 swaps and 6 faults, within 40 s")
+    parser.add_argument("--json", action="store_true", help="for machines")
+    parser.add_argument("--swaps", type=int)
+    parser.add_argument("--faults", type=int)
+    parser.add_argument("--rival", type=Path, metavar="DORA", help="executable of dora-rs-cli")
+    parser.add_argument("--out", type=Path, help="folder for swap.json")
+    given = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    swaps = given.swaps if given.swaps is not None else 30 if given.quick else 200
+    faults = given.faults if given.faults is not None else 6 if given.quick else 100
+    with tempfile.TemporaryDirectory(prefix="palp-swap-") as folder:
+        found = measure(swaps, faults, Path(folder))
+    if given.rival:
+        from swap_bench.rival import measure as measure_rival
+
+        found["rival"] = measure_rival(20, given.rival)
+    if given.out:
+        given.out.mkdir(parents=True, exist_ok=True)
+        (given.out / "swap.json").write_text(json.dumps(found, indent=2))
+    if given.json:
+        print(json.dumps(found))
+    else:
+        show(found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Follow the co-contraction of a person who palpates at the same time."""
+
+from __future__ import annotations
+
+from nodes.policy import Policy
+from palp_core import Params
+from palp_core.perception import policies
+from palp_core.perception.policies_informed import EmgDriven
+from palp_core.units import Count
+
+
+class EmgParams(Params):
+    """Set in the launch file; ``start_level`` holds until the first burst (assumed: the middle)."""
+
+    start_level: Count = 2
+
+
+class Emg(Policy):
+    """The ring goes where the level of the latest burst puts it: Table 6."""
+
+    params: EmgParams
+
+    def choose(self) -> policies.Policy:
+        heard = None if self.state.heard < 0 else self.state.heard
+        return EmgDriven(heard, self.params.start_level)
+
+    def refreshed(self) -> policies.Policy:
+        return self.choose()

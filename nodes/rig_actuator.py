@@ -1,0 +1,164 @@
+"""Move a real anchor ring: what it says it is decides, and the safety node may stop it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from msgs.actuator import RingCommand, RingState
+from msgs.safety import RingReport, SafetyBeat
+from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core.devices.leash import Leash
+from palp_core.devices.maestro import MaestroState
+from palp_core.devices.protocols import RingReading
+from palp_core.devices.registry import open_device
+from palp_core.errors import DeviceError
+from palp_core.units import HertzPositive, Ratio
+
+
+class RigActuatorParams(Params):
+    """Set in the launch file; ``beat_ms`` is how long it goes on without a word of the safety node."""
+
+    device: ReadOnly[str] = "maestro"
+    options: ReadOnly[dict[str, Any]] = {}
+    watch_hz: HertzPositive = 50.0
+    beat_ms: ReadOnly[Ratio] = 50.0
+
+
+class RigActuatorState(State):
+    """What a replacement inherits: the command under way and those that wait."""
+
+    driver: MaestroState = msgspec.field(default_factory=MaestroState)
+    commands: list[RingCommand] = []
+    activity: str = "ready"
+    acknowledged_count: int = 0
+
+
+class RigActuator(Node):
+    """Follow ring commands one after another; one that was stopped is begun again after the trip."""
+
+    moves = True
+    params: RigActuatorParams
+    state: RigActuatorState
+    command = Sub(RingCommand)
+    ring = Sub(RingCommand)
+    safety = Sub(SafetyBeat)
+    ring_state = Pub(RingState)
+    report = Pub(RingReport)
+    watch = Timer(hz="watch_hz", running=True)
+
+    def on_configure(self) -> None:
+        self.device = open_device("ring", self.params.device, **self.params.options)
+        self.leash = Leash(self.params.beat_ms * 1e-3)
+        self.refused = ""
+
+    def on_activate(self) -> None:
+        self.state.activity = "ready"
+        self.device.open(self.now_ns(), self.state.driver, self.rng)
+
+    def on_resume(self) -> None:
+        self.on_activate()
+
+    def on_deactivate(self) -> None:
+        try:
+            self.device.stop(self.now_ns(), self.state.driver)
+        except DeviceError as error:
+            self.log.warning("could not be stopped at the end: %s", error)
+        finally:
+            self.device.close()
+
+    @on(command)
+    def follow_policy(self, command: RingCommand) -> None:
+        self.state.commands.append(command)
+        self._go_on()
+
+    @on(ring)
+    def follow_experiment(self, command: RingCommand) -> None:
+        self.state.commands.append(command)
+        self._go_on()
+
+    @on(safety)
+    def hear(self, beat: SafetyBeat) -> None:
+        self.leash.renew(beat.stamp_ns, permits=beat.permits)
+        if not beat.permits and self.state.activity == "moving":
+            self._hold(f"the safety node says: {beat.state}: {beat.cause}")
+        if beat.acknowledged_count > self.state.acknowledged_count:
+            self._leave_trip(beat.acknowledged_count)
+
+    @on(watch)
+    def look(self) -> None:
+        if self.state.activity == "moving" and not self.leash.alive(self.now_ns()):
+            self._hold("no heartbeat of the safety node")
+        self._go_on()
+        reading, health = self._read(), self.device.health(self.now_ns())
+        self.report.publish(
+            RingReport(
+                stamp_ns=self.now_ns(),
+                ring_m=reading.measured_m,
+                moving=self.state.activity == "moving",
+                condition=health.condition.value,
+                text=health.cause or self.refused,
+            )
+        )
+
+    def _read(self) -> RingReading:
+        return self.device.read(self.now_ns(), self.state.driver)
+
+    def _go_on(self) -> None:
+        """End the move under way if it has arrived; begin the next if it may."""
+        state, now_ns = self.state, self.now_ns()
+        if state.activity == "moving" and self._read().settled:
+            state.activity = "ready"
+            self._publish(state.commands.pop(0), settled=True)
+        if state.activity != "ready" or not state.commands or not self.leash.permits(now_ns):
+            return
+        command = state.commands[0]
+        try:
+            if command.rehome:
+                self.device.rehome(now_ns, state.driver, self.rng)
+            else:
+                self.device.command(command.ring_m, now_ns, state.driver, self.rng)
+        except DeviceError as error:
+            if str(error) != self.refused:
+                self.log.warning("%s", error)
+            self.refused = str(error)  # the safety node hears of it and decides
+            return
+        state.activity, self.refused = "moving", ""
+        self._publish(command, settled=False)
+
+    def _hold(self, why: str) -> None:
+        """Stop where it is; the command stays the first to follow."""
+        self.state.activity = "ready"
+        try:
+            self.device.stop(self.now_ns(), self.state.driver)
+        except DeviceError as error:
+            self.log.warning("could not be stopped: %s", error)
+        self.log.warning("holds: %s", why)
+
+    def _leave_trip(self, count: int) -> None:
+        """Leave a stall or a reported error behind, which a person has acknowledged."""
+        self.state.acknowledged_count = count
+        try:
+            if self.device.health(self.now_ns()).condition.value == "link lost":
+                self.device.close()
+                self.device.open(self.now_ns(), self.state.driver, self.rng)
+            acknowledge = getattr(self.device, "acknowledge", None)
+            if acknowledge is not None:
+                acknowledge(self.now_ns(), self.state.driver)
+        except DeviceError as error:
+            self.log.warning("%s", error)
+
+    def _publish(self, command: RingCommand, *, settled: bool) -> None:
+        reading = self._read()
+        self.ring_state.publish(
+            RingState(
+                stamp_ns=self.now_ns(),
+                trial=command.trial,
+                iteration=command.iteration,
+                rehome=command.rehome,
+                target_m=reading.target_m,
+                measured_m=reading.measured_m,
+                settled=settled,
+            )
+        )

@@ -1,0 +1,285 @@
+"""Sweep with a real stage on the machine's clock, on the leash of the safety node."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import msgspec
+import numpy as np
+
+from msgs.safety import SafetyBeat, StageReport
+from msgs.stage import SweepGoal
+from nodes.stage import Stage, StageParams, StageState
+from palp_core import Pub, ReadOnly, Sub, Timer, on
+from palp_core.devices.aerotech import AerotechState
+from palp_core.devices.crossing import crossing_ns
+from palp_core.devices.health import Condition
+from palp_core.devices.leash import Leash
+from palp_core.devices.limits import TravelLimits
+from palp_core.devices.registry import open_device
+from palp_core.errors import DeviceError
+from palp_core.units import HertzPositive, Metres, MetresPerSecond, Millimetres, Ratio
+
+AGAIN_NS = 5_000_000
+LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
+ACTIVE = ("returning", "sweeping", "swept", "resting", "retreating")
+
+
+class RigStageParams(StageParams):
+    """Set in the launch file.
+
+    The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
+    stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
+    as nobody knows how the probe lies.
+    """
+
+    device: ReadOnly[str] = "aerotech"
+    options: ReadOnly[dict[str, Any]] = {}
+    from_m: ReadOnly[Metres] = -0.03
+    to_m: ReadOnly[Metres] = 0.05
+    margin_mm: ReadOnly[Millimetres] = 4.0
+    lift_mm: ReadOnly[Millimetres] = 20.0
+    speed_m_s: ReadOnly[MetresPerSecond] = 0.050
+    lift_speed_m_s: ReadOnly[MetresPerSecond] = 0.020
+    retreat_speed_m_s: ReadOnly[MetresPerSecond] = 0.002
+    watch_hz: HertzPositive = 100.0
+    beat_ms: ReadOnly[Ratio] = 50.0
+
+
+class RigStageState(StageState):
+    """What a replacement inherits."""
+
+    driver: AerotechState = msgspec.field(default_factory=AerotechState)
+    acknowledged_count: int = 0
+
+
+class RigStage(Stage):
+    """Move only while the safety node permits it; a sweep that was stopped is cancelled, not resumed."""
+
+    LAG_NS: ClassVar[int] = LAG_NS
+    params: RigStageParams
+    state: RigStageState
+    safety = Sub(SafetyBeat)
+    report = Pub(StageReport)
+    watch = Timer(hz="watch_hz", running=True)
+
+    def on_configure(self) -> None:
+        p = self.params
+        limits = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
+        options = {
+            "limits": limits,
+            "lift_m": p.lift_mm * 1e-3,
+            "lift_speed_m_per_s": p.lift_speed_m_s,
+            **p.options,
+        }
+        self.device = open_device("stage", p.device, sweep_speed_m_per_s=p.sweep_speed_m_s, **options)
+        self.leash = Leash(p.beat_ms * 1e-3)
+        self.waiting: list[SweepGoal] = []
+        self.trouble = ""
+        self.text = ""
+
+    @property
+    def memory(self) -> AerotechState:
+        return self.state.driver
+
+    def on_activate(self) -> None:
+        self.state.activity, self.state.at_start = "down", False
+
+    def on_resume(self) -> None:
+        self.state.activity = "down"  # it connects as soon as the safety node permits it
+
+    def on_deactivate(self) -> None:
+        try:
+            self.device.stop(self.now_ns(), self.memory)
+        except DeviceError as error:
+            self.log.warning("could not be stopped at the end: %s", error)
+        finally:
+            self.device.close()
+
+    # Leash
+
+    @on(safety)
+    def hear(self, beat: SafetyBeat) -> None:
+        self.leash.renew(beat.stamp_ns, permits=beat.permits)
+        if not beat.permits and self.state.activity in ACTIVE:
+            self._halt("halted", f"the safety node says: {beat.state}: {beat.cause}")
+        if beat.acknowledged_count > self.state.acknowledged_count:
+            self._leave_trip(beat.acknowledged_count)
+
+    @on(watch)
+    def look(self) -> None:
+        now_ns, activity = self.now_ns(), self.state.activity
+        if activity in ACTIVE and not self.leash.alive(now_ns):
+            self._halt("unheard", "no heartbeat of the safety node")
+        elif activity in ACTIVE and not self.device.health(now_ns).ok:
+            health = self.device.health(now_ns)
+            self._halt(health.condition, health.cause)
+        elif self.leash.permits(now_ns) and not self.trouble:
+            if activity == "down":
+                self._bring_up()
+                return  # it took long: the next report has a fresh stamp
+            elif activity == "halted":
+                self._raise("retreating", self.params.retreat_speed_m_s)
+            elif activity == "ready" and self.waiting:
+                super().accept(self.waiting.pop(0))
+        self._tell()
+
+    def _halt(self, trouble: str, text: str) -> None:
+        """Stop at once; the goal under way is cancelled."""
+        self.block.stop()
+        self.arrival.clear()
+        was, self.state.activity, self.state.at_start = self.state.activity, "halted", False
+        self.trouble, self.text = trouble, text
+        try:
+            self.device.stop(self.now_ns(), self.memory)
+        except DeviceError as error:
+            self.log.warning("could not be stopped on this link: %s", error)
+        self.log.warning("halted: %s", text)
+        if was in ("returning", "sweeping", "swept"):
+            self._say("cancelled")
+
+    def _leave_trip(self, count: int) -> None:
+        """Leave the trip behind, which a person has acknowledged; the device may disagree."""
+        now_ns = self.now_ns()
+        self.state.acknowledged_count = count
+        self.trouble = self.text = ""
+        if self.state.activity == "down":
+            return
+        self.state.activity = "halted"
+        try:
+            acknowledge = getattr(self.device, "acknowledge", None)
+            if acknowledge is not None:
+                acknowledge(now_ns, self.memory)
+        except DeviceError as error:
+            self.log.warning("%s", error)
+            if self.device.health(now_ns).condition is Condition.LINK_LOST:
+                self.device.close()
+                self.state.activity = "down"  # it connects anew
+            else:
+                self.trouble, self.text = "device fault", str(error)
+
+    def _bring_up(self) -> None:
+        self._tell(bring_up=True)
+        try:
+            self.device.open(self.now_ns(), self.memory, self.rng)
+        except DeviceError as error:
+            self.trouble, self.text = "device fault", str(error)
+            self.log.warning("%s", error)
+            self.device.close()
+            return
+        self._be_ready()
+
+    def _raise(self, activity: str, speed_m_s: float) -> None:
+        """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
+        self.state.activity = activity
+        retreat = getattr(self.device, "retreat", None)
+        if retreat is None:
+            self._be_ready()
+        else:
+            self._try(lambda: retreat(speed_m_s, self.now_ns(), self.memory))
+
+    def _be_ready(self) -> None:
+        self.state.activity, self.state.at_start = "ready", False
+        self._say("ready")
+
+    # Motion
+
+    @on(Stage.goal)
+    def accept(self, goal: SweepGoal) -> None:
+        if goal.cancel:
+            self.waiting.clear()
+            if self.state.activity in ACTIVE:
+                self._cancel()
+        else:
+            self.waiting.append(goal)
+
+    def _return(self, activity: str) -> None:
+        start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
+        self.state.activity = activity
+        self._try(lambda: self.device.return_to(start_m, self.now_ns(), self.memory))
+
+    def _try(self, move: Any) -> None:
+        """Begin a move that arrives, if it may begin."""
+        try:
+            if not self.leash.permits(self.now_ns()):
+                raise DeviceError("the safety node does not permit motion")
+            self.arrival.set(move())
+        except DeviceError as error:
+            self._halt("device fault", str(error))
+
+    def _sweep(self) -> None:
+        if not self.leash.permits(self.now_ns()):
+            self._halt("unheard", "the safety node does not permit motion")
+            return
+        try:
+            super()._sweep()
+        except DeviceError as error:
+            self._halt("device fault", str(error))
+
+    @on(Stage.arrival)
+    def arrive(self) -> None:
+        if getattr(self.device, "moving", False):
+            self.arrival.set(self.now_ns() + AGAIN_NS)
+        elif self.state.activity == "returning":
+            self._sweep()
+        elif self.state.activity == "swept":
+            self._raise("resting", self.params.lift_speed_m_s)
+        else:
+            self._be_ready()
+
+    @on(Stage.block)
+    def sample(self) -> None:
+        known_ns = self.now_ns() - LAG_NS
+        if getattr(self.device, "moving", False) and known_ns >= self.state.leave_ns:
+            self.state.leave_ns = self.now_ns()  # later than predicted
+        try:
+            super().sample()
+        except DeviceError as error:
+            self._halt("stale", str(error))
+
+    def _measure_interval(self) -> None:
+        """Replace the predicted times over the phantom by those at which the stage was there."""
+        state, now_ns = self.state, self.now_ns()
+        begin_ns = max(0, state.enter_ns - 500_000_000)
+        times_ns = np.arange(begin_ns, now_ns - LAG_NS // 2, 1_000_000, dtype=np.int64)
+        y_m = self.device.read(times_ns, self.memory).y_m
+        state.enter_ns, state.leave_ns = (
+            crossing_ns(times_ns, y_m, place_m) for place_m in (state.from_m, state.to_m)
+        )
+        state.sample_count = 0  # the torque streams: who reads it cuts it by these times
+
+    def _measured(self, now_ns: int) -> tuple[float, float, float]:
+        """Return y, z and the larger of the two speeds, as the device has measured them last."""
+        measured = getattr(self.device, "measured", None)
+        if measured is not None:
+            y_m, z_m, speed_m_s = measured()
+            return float(y_m), float(z_m), float(speed_m_s)
+        reading = self.device.read(np.array([now_ns - LAG_NS, now_ns]), self.memory)
+        ways_m = (reading.y_m[1] - reading.y_m[0], reading.z_m[1] - reading.z_m[0])
+        speed_m_s = max(map(abs, ways_m)) / (LAG_NS * 1e-9)
+        return float(reading.y_m[1]), float(reading.z_m[1]), float(speed_m_s)
+
+    # Report
+
+    def _tell(self, *, bring_up: bool = False) -> None:
+        now_ns, condition, text = self.now_ns(), self.trouble, self.text
+        y_m = z_m = speed_m_s = 0.0
+        if self.state.activity == "down":
+            condition = condition or "closed"
+        else:
+            health = self.device.health(now_ns)
+            condition, text = condition or health.condition, text or health.cause
+            y_m, z_m, speed_m_s = self._measured(now_ns)
+        self.report.publish(
+            StageReport(
+                stamp_ns=now_ns,
+                y_m=y_m,
+                z_m=z_m,
+                speed_m_s=speed_m_s,
+                moving=bool(getattr(self.device, "moving", False)),
+                bring_up=bring_up,
+                acknowledged_count=self.state.acknowledged_count,
+                condition=condition,
+                text=text,
+            )
+        )

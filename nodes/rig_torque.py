@@ -1,0 +1,166 @@
+"""Stream the torque of a real sensor, and report its loads to the safety node at once."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+
+from msgs.safety import LoadReport
+from msgs.torque import TorqueBlock
+from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
+from palp_core.devices.protocols import TorqueBlock as Samples
+from palp_core.devices.registry import open_device
+from palp_core.devices.wrench_state import WrenchState
+from palp_core.errors import DeviceError
+from palp_core.units import Float64Array, HertzPositive, Ratio
+
+LARGEST_N_M, LARGEST_N = 1e3, 1e4  # what a message can say
+
+
+class RigTorqueParams(Params):
+    """Set in the launch file.
+
+    ``load_hz`` is how often the sensor is asked for what came, ``block_samples`` how many samples make a
+    block. ``tare`` takes the mean of the first ``tare_samples`` for zero: the probe must hang free then;
+    ``never`` keeps the zero that the state brings. ``largest_gap_ms`` is the longest time between two samples
+    of one block.
+    """
+
+    device: ReadOnly[str] = "ati"
+    options: ReadOnly[dict[str, Any]] = {}
+    rate_hz: ReadOnly[HertzPositive] = 1000.0
+    load_hz: HertzPositive = 1000.0
+    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 20
+    tare: Literal["start", "never"] = "start"
+    tare_samples: Annotated[int, msgspec.Meta(ge=1)] = 500
+    largest_gap_ms: Ratio = 3.0
+
+
+class RigTorqueState(State):
+    """What a replacement inherits: the bias is in the record with the data."""
+
+    driver: WrenchState = msgspec.field(default_factory=WrenchState)
+    tared: bool = False
+
+
+class RigTorque(Node):
+    """Publish blocks always, not only while something is swept; the estimator cuts them by time."""
+
+    params: RigTorqueParams
+    state: RigTorqueState
+    block = Pub(TorqueBlock)
+    load = Pub(LoadReport)
+    tick = Timer(hz="load_hz", running=True)
+
+    def on_configure(self) -> None:
+        p = self.params
+        self.device = open_device("torque", p.device, rate_hz=p.rate_hz, **p.options)
+        self.first: list[Samples] = []
+        self.times_ns: list[int] = []
+        self.torque_n_m: list[float] = []
+        self.saturated_count = 0
+        self.sample_ns = 0
+
+    def on_activate(self) -> None:
+        self.state.tared = self.state.tared or self.params.tare == "never"
+        self.device.open(self.now_ns(), self.state.driver, self.rng)
+
+    def on_resume(self) -> None:
+        self.on_activate()
+
+    def on_deactivate(self) -> None:
+        self.device.close()
+
+    @on(tick)
+    def drain(self) -> None:
+        samples = self.device.drain(self.now_ns(), self.state.driver, self.rng)
+        if not self.state.tared:
+            self._tare(samples)
+            return
+        self._report(samples)
+        self._gather(samples)
+
+    def _tare(self, samples: Samples) -> None:
+        """Collect the first samples, unloaded; nothing is reported before, so nothing may move."""
+        self.first.append(samples)
+        if sum(len(s.times_ns) for s in self.first) < self.params.tare_samples:
+            return
+        parts, self.first = self.first, []
+        try:
+            self.device.tare(
+                Samples(
+                    np.concatenate([s.times_ns for s in parts]),
+                    np.concatenate([s.torque_n_m for s in parts]),
+                    sum(s.saturated_count for s in parts),
+                    faulty=np.concatenate([s.faulty for s in parts]),
+                    wrench=np.concatenate([s.wrench for s in parts]),
+                ),
+                self.state.driver,
+            )
+        except DeviceError as error:
+            self.log.warning("%s", error)
+            return
+        self.state.tared = True
+        self.log.info("zero: %s", [f"{value:.5f}" for value in self.state.driver.bias])
+
+    def _report(self, samples: Samples) -> None:
+        """Say how large the loads are; a number that is none counts as faulty."""
+        if len(samples.times_ns):
+            self.sample_ns = max(0, int(samples.times_ns[-1]))
+        loads = samples.wrench if len(samples.wrench) else _one_axis(samples.torque_n_m)
+        broken = ~np.all(np.isfinite(loads), axis=1)
+        sizes = np.abs(np.where(broken[:, np.newaxis], 0.0, loads))
+        health = self.device.health(self.now_ns())
+        self.load.publish(
+            LoadReport(
+                stamp_ns=self.now_ns(),
+                sample_ns=self.sample_ns,
+                sample_count=len(samples.times_ns),
+                torque_n_m=min(float(np.max(sizes[:, 3:], initial=0.0)), LARGEST_N_M),
+                force_n=min(float(np.max(sizes[:, :3], initial=0.0)), LARGEST_N),
+                saturated_count=samples.saturated_count,
+                faulty_count=int(np.count_nonzero(samples.faulty | broken) - samples.saturated_count),
+                gap_count=int(np.count_nonzero(samples.gap)),
+                condition=health.condition.value,
+            )
+        )
+
+    def _gather(self, samples: Samples) -> None:
+        """Make blocks of equal steps of time; a gap ends one."""
+        longest_ns = round(self.params.largest_gap_ms * 1e6)
+        usable = np.isfinite(samples.torque_n_m)
+        for stamp_ns, torque_n_m, good in zip(
+            samples.times_ns.tolist(), samples.torque_n_m.tolist(), usable.tolist(), strict=True
+        ):
+            if self.times_ns and (not good or stamp_ns - self.times_ns[-1] > longest_ns):
+                self._publish()
+            if good:
+                self.times_ns.append(stamp_ns)
+                self.torque_n_m.append(torque_n_m)
+        self.saturated_count += samples.saturated_count
+        if len(self.times_ns) >= self.params.block_samples:
+            self._publish()
+
+    def _publish(self) -> None:
+        count = len(self.times_ns)
+        span_s = (self.times_ns[-1] - self.times_ns[0]) * 1e-9
+        rate_hz = (count - 1) / span_s if count > 1 and span_s > 0.0 else self.params.rate_hz
+        self.block.publish(
+            TorqueBlock(
+                stamp_ns=self.now_ns(),
+                start_ns=max(0, self.times_ns[0]),
+                rate_hz=rate_hz,
+                over_phantom=False,
+                saturated_count=self.saturated_count,
+                torque_n_m=np.array(self.torque_n_m),
+            )
+        )
+        self.times_ns, self.torque_n_m, self.saturated_count = [], [], 0
+
+
+def _one_axis(torque_n_m: Float64Array) -> Float64Array:
+    loads = np.zeros((len(torque_n_m), 6))
+    loads[:, 3] = torque_n_m
+    return loads

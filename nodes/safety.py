@@ -1,0 +1,298 @@
+"""Watch torque, stage and actuator; stop motion on a link of its own; stay stopped until acknowledged."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from msgs.safety import (
+    AcknowledgeReply,
+    AcknowledgeRequest,
+    LoadReport,
+    RingReport,
+    SafetyBeat,
+    StageReport,
+    StatusReply,
+    StatusRequest,
+    StopRequest,
+    Trip,
+)
+from nodes.safety_record import LastSecond
+from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
+from palp_core.devices.aerotech_stop import AerotechStop
+from palp_core.devices.host_time import HostTime
+from palp_core.devices.limits import TravelLimits, WrenchLimits
+from palp_core.devices.safety_table import Action, Cause, Event, SafetyMachine
+from palp_core.devices.safety_table import SafetyState as Standing
+from palp_core.devices.siblings import Siblings
+from palp_core.devices.watchdog import Finding, Load, Stage, Watchdog, WatchLimits
+from palp_core.errors import DeviceError
+from palp_core.units import HertzPositive, Metres, MetresPerSecond, Millimetres, Newtons, Ratio
+
+SEARCH_NS = 1_000_000_000
+
+
+class SafetyParams(Params):
+    """Set in the launch file. The limits are assumed, below the sensor's range of 120 N mm and 12 N.
+
+    ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
+    ``watch_processes`` trips when a process of the graph is stopped by a signal.
+    """
+
+    stop_url: ReadOnly[str] = ""
+    axes: tuple[str, str] = ("X", "Y")
+    baud: int = 115200
+    tick_hz: HertzPositive = 100.0
+    look_every: Annotated[int, msgspec.Meta(ge=1)] = 5
+    warn_n_mm: Ratio = 80.0
+    stop_n_mm: Ratio = 100.0
+    warn_n: Newtons = 8.0
+    stop_n: Newtons = 10.0
+    from_m: Metres = -0.03
+    to_m: Metres = 0.05
+    margin_mm: Millimetres = 4.0
+    lift_mm: Millimetres = 20.0
+    speed_m_s: MetresPerSecond = 0.050
+    following_mm: Millimetres = 0.5
+    stale_ms: Ratio = 25.0
+    beat_ms: Ratio = 50.0
+    watch_processes: bool = True
+
+
+class SafetyNodeState(State):
+    """What a replacement inherits: a trip outlives its node."""
+
+    standing: str = "starting"
+    cause: str = ""
+    text: str = ""
+    acknowledged_count: int = 0
+
+
+class Safety(Node):
+    """Trip at the first limit that is passed: ABORT, then DISABLE, hold the ring, latch, and say why."""
+
+    moves = True
+    params: SafetyParams
+    state: SafetyNodeState
+    load = Sub(LoadReport)
+    stage = Sub(StageReport)
+    ring = Sub(RingReport)
+    beat = Pub(SafetyBeat)
+    trip = Pub(Trip, qos=Qos(durability="transient_local", depth=20))
+    stop = Srv(StopRequest, StatusReply)
+    acknowledge = Srv(AcknowledgeRequest, AcknowledgeReply)
+    status = Srv(StatusRequest, StatusReply)
+
+    def on_configure(self) -> None:
+        p = self.params
+        travel = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
+        wrench = WrenchLimits(p.warn_n_mm * 1e-3, p.stop_n_mm * 1e-3, p.warn_n, p.stop_n)
+        longest = {"stale_s": p.stale_ms * 1e-3, "beat_s": p.beat_ms * 1e-3}
+        following_m = p.following_mm * 1e-3
+        self.watchdog = Watchdog(
+            WatchLimits(wrench=wrench, travel=travel, following_m=following_m, **longest)
+        )
+        state = self.state
+        self.machine = SafetyMachine(
+            Standing(state.standing), Cause(state.cause) if state.cause else None, state.text
+        )
+        self.machine.acknowledged_count = state.acknowledged_count
+        self.host, self.siblings = HostTime(), Siblings()
+        self.link: AerotechStop | None = None
+        self.memory = LastSecond()
+        self.overloads: list[Finding] = []
+        self.turn = self.stopped_ns = self.search_ns = 0
+        self.moving = False
+
+    def on_activate(self) -> None:
+        self.host.hear(self.now_ns())
+        self._connect()
+
+    def on_resume(self) -> None:
+        self.on_activate()
+
+    def on_deactivate(self) -> None:
+        if self.link is None:
+            return
+        try:
+            if self.machine.state is Standing.MOVING:  # the stage's node may be gone
+                self.link.trip()
+        except DeviceError as error:
+            self.log.warning("the stage could not be stopped at the end: %s", error)
+        finally:
+            self.link.close()
+
+    # What is heard
+
+    @on(load)
+    def feel(self, report: LoadReport) -> None:
+        self.memory.load(report)
+        before = self.watchdog.warning
+        spoilt = (report.saturated_count > 0, report.faulty_count > 0, report.condition)
+        found = self.watchdog.load(Load(report.sample_ns, report.torque_n_m, report.force_n, *spoilt))
+        if report.sample_count or found:  # silence does not take a load away
+            self.overloads = found
+        self._judge(found, report.sample_ns)
+        if self.watchdog.warning and not before:
+            self.log.warning("%s", self.watchdog.warning)
+
+    @on(stage)
+    def see(self, report: StageReport) -> None:
+        self.memory.stage(report)
+        released = report.acknowledged_count == self.machine.acknowledged_count
+        place = (report.stamp_ns, report.y_m, report.z_m, report.speed_m_s)
+        seen = Stage(*place, report.moving, report.bring_up, released, report.condition)
+        self._judge(self.watchdog.stage(seen), report.stamp_ns)
+        self.moving = report.moving
+        if report.stamp_ns <= self.stopped_ns:  # said before the stop was done
+            return
+        if self.machine.state is Standing.STOPPING and self.link is None and not report.moving:
+            self._take(Event.STOPPED)
+        elif released:
+            self._take(Event.MOVES if report.moving or report.bring_up else Event.RESTS)
+
+    @on(ring)
+    def watch_ring(self, report: RingReport) -> None:
+        self.memory.ring(report)
+        self._judge(self.watchdog.ring(report.stamp_ns, report.condition), report.stamp_ns)
+
+    @every("tick_hz")
+    def watch(self) -> None:
+        now_ns, self.turn = self.now_ns(), self.turn + 1
+        if self.machine.permits:
+            late = self.watchdog.late(now_ns)
+            self._judge(late + self._stopped_processes(now_ns), now_ns)
+        elif self.machine.state is Standing.STARTING and not self.watchdog.late(now_ns):
+            self._take(Event.COMPLETE)
+        if self.machine.state is Standing.STOPPING:
+            self._act((Action.STOP,))
+        elif self.turn % self.params.look_every == 0:
+            self._look()
+        self._say()
+
+    def _stopped_processes(self, now_ns: int) -> list[Finding]:
+        if not self.params.watch_processes:
+            return []
+        if now_ns >= self.search_ns and self.machine.state is not Standing.MOVING:
+            self.search_ns = now_ns + SEARCH_NS
+            self.siblings.find()
+        found = self.siblings.stopped()
+        return [Finding(Cause.HEARTBEAT, f"process {pid} of this graph is stopped") for pid in found]
+
+    def _look(self) -> None:
+        """Ask the controller, on the own link, about one axis."""
+        if self.link is None:
+            return
+        try:
+            axis = self.link.look()
+        except DeviceError as error:
+            self._judge([Finding(Cause.LINK_LOST, f"the link of its own: {error}")], self.now_ns())
+            return
+        if self.machine.permits:  # before, a fault may still wait for the stage to acknowledge it
+            fault = axis.fault.words if axis.fault else ""
+            self._judge(self.watchdog.axis(axis.axis, fault, axis.following_m), self.now_ns())
+        elif axis.moving:
+            self._take(Event.MOVES)
+
+    # What is done
+
+    def _judge(self, found: list[Finding], cause_ns: int) -> None:
+        for finding in found[:1]:
+            self._take(Event.TRIP, finding, cause_ns)
+
+    def _take(self, event: Event, why: Finding | None = None, cause_ns: int = 0) -> None:
+        self._act(self.machine.take(event, *(why or ())), cause_ns)
+        machine, state = self.machine, self.state
+        state.standing, state.acknowledged_count = machine.state.value, machine.acknowledged_count
+        state.cause, state.text = str(machine.cause or ""), machine.text
+
+    def _act(self, actions: tuple[Action, ...], cause_ns: int = 0) -> None:
+        written_ns, disabled_ns = self._stop_motion() if Action.STOP in actions else (0, 0)
+        if Action.RECORD in actions:
+            now_ns, cause, text = self.now_ns(), str(self.machine.cause), self.machine.text
+            self.log.error("tripped: %s: %s", cause, text)
+            times = {"cause_ns": cause_ns or now_ns, "written_ns": written_ns, "disabled_ns": disabled_ns}
+            self.trip.publish(self.memory.trip(now_ns, cause, text, **times))
+        if disabled_ns:
+            self._take(Event.STOPPED)
+
+    def _stop_motion(self) -> tuple[int, int]:
+        """ABORT first, then tell stage and ring, then DISABLE; return when both were written."""
+        written_ns = disabled_ns = 0
+        self.host.hear(self.now_ns())
+        try:
+            if self.link is not None:
+                written_ns = self.link.abort()
+            self._say()
+            if self.link is not None:
+                disabled_ns = self.link.rest(written_ns).disabled_ns
+        except DeviceError as error:
+            self._say()
+            self.log.warning("the stage cannot be stopped on the own link: %s", error)
+            self._reconnect()
+        self.stopped_ns = max(self.now_ns(), disabled_ns)
+        return written_ns, disabled_ns
+
+    def _connect(self) -> None:
+        p = self.params
+        if p.stop_url:
+            self.link = AerotechStop(p.stop_url, p.axes, p.baud, clock=self.host.now_ns)
+
+    def _reconnect(self) -> None:
+        if self.link is not None:
+            self.link.close()
+        try:
+            self._connect()
+        except DeviceError as error:
+            self.log.warning("%s", error)
+
+    @serve(stop)
+    def obey(self, request: StopRequest) -> StatusReply:
+        self._take(Event.TRIP, Finding(Cause.OPERATOR, request.reason), self.now_ns())
+        return self._status()
+
+    @serve(status)
+    def tell(self, request: StatusRequest) -> StatusReply:
+        return self._status()
+
+    def _status(self) -> StatusReply:
+        return StatusReply(
+            state=self.state.standing,
+            permits=self.machine.permits,
+            cause=self.state.cause,
+            text=self.state.text,
+            warning=self.watchdog.warning,
+            acknowledged_count=self.state.acknowledged_count,
+        )
+
+    @serve(acknowledge)
+    def release(self, request: AcknowledgeRequest) -> AcknowledgeReply:
+        if not self.machine.tripped:
+            text = "nothing to acknowledge: there is no trip"
+            return AcknowledgeReply(done=False, state=self.machine.state.value, text=text)
+        persisting = [*self.overloads, *self.watchdog.late(self.now_ns())]
+        if self.moving:
+            persisting.append(Finding(Cause.UNPERMITTED, "the stage is not known to be at rest yet"))
+        self._take(Event.ACKNOWLEDGE_EARLY if persisting else Event.ACKNOWLEDGE)
+        done = not self.machine.tripped
+        if done:
+            self.watchdog.arm()
+            self._say()
+            self.log.warning("acknowledged; motion is permitted once everything is heard again")
+        text = persisting[0].text if persisting else "" if done else "the stop is not confirmed yet"
+        return AcknowledgeReply(done=done, state=self.machine.state.value, text=text)
+
+    def _say(self) -> None:
+        machine = self.machine
+        self.beat.publish(
+            SafetyBeat(
+                stamp_ns=self.host.now_ns(),
+                state=machine.state.value,
+                permits=machine.permits,
+                acknowledged_count=machine.acknowledged_count,
+                cause=machine.cause or "",
+                text=machine.text,
+                warning=self.watchdog.warning,
+            )
+        )

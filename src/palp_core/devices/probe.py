@@ -1,0 +1,138 @@
+"""Try a device from the command line: is it there, and what does it deliver?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from palp_core.devices.aerotech_stop import AerotechStop
+from palp_core.devices.description import kind_of
+from palp_core.devices.emg_source import EmgSourceState
+from palp_core.devices.maestro_link import MaestroLink
+from palp_core.devices.protocols import EmgBlock, TorqueBlock
+from palp_core.devices.registry import open_device
+from palp_core.devices.wrench_state import WrenchState
+from palp_core.errors import DeviceError
+
+__all__ = ["probe", "watch"]
+
+_LONGEST_S = 5.0
+_LISTEN_S = 0.5
+
+
+def probe(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
+
+    Args:
+        device: Its name.
+        options: Of its driver.
+
+    Raises:
+        DeviceError: No such device or option, or it does not answer.
+    """
+    kind = kind_of(device)
+    if kind == "stage":
+        return _probe_stage(dict(options))
+    if kind == "ring":
+        return _probe_ring(dict(options))
+    row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
+    if not row["samples"]:
+        raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
+    return row
+
+
+def watch(
+    device: str, options: Mapping[str, Any], seconds: float, every_s: float
+) -> Iterator[dict[str, Any]]:
+    """Yield what a sensor delivered in each stretch of time.
+
+    Args:
+        device: Its name.
+        options: Of its driver.
+        seconds: How long; 0 for ever.
+        every_s: Length of a stretch.
+
+    Raises:
+        DeviceError: It is no sensor, or does not answer.
+    """
+    kind = kind_of(device)
+    if kind in ("stage", "ring"):
+        raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")
+    sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
+    state: Any = WrenchState() if kind == "torque" else EmgSourceState()
+    rng, pause = np.random.default_rng(0), Event()
+    sensor.open(time.monotonic_ns(), state, rng)
+    try:
+        _await_first(sensor, pause)
+        end_ns = time.monotonic_ns() + round(seconds * 1e9) if seconds else 0
+        while not end_ns or time.monotonic_ns() < end_ns:
+            pause.wait(every_s)
+            now_ns = time.monotonic_ns()
+            block = sensor.drain(now_ns, state, rng)
+            yield _row(block, str(sensor.health(now_ns).condition), every_s)
+    finally:
+        sensor.close()
+
+
+def _await_first(sensor: Any, pause: Event) -> None:
+    until_ns = time.monotonic_ns() + round(_LONGEST_S * 1e9)
+    while not (health := sensor.health(time.monotonic_ns())).ok:
+        if time.monotonic_ns() > until_ns:
+            raise DeviceError(f"no data within {_LONGEST_S:g} s: {health.condition}: {health.cause}")
+        pause.wait(0.01)
+
+
+def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float) -> dict[str, Any]:
+    count = len(block.times_ns)
+    row: dict[str, Any] = {
+        "state": condition,
+        "samples": count,
+        "rate_hz": count / every_s,
+        "gaps": int(np.count_nonzero(block.gap)),
+        "drift_ppm": block.clock.drift * 1e6,
+        "jitter_us": block.clock.residual_s * 1e6,
+    }
+    if isinstance(block, TorqueBlock):
+        names = ("fx_n", "fy_n", "fz_n", "tx_n_m", "ty_n_m", "tz_n_m")
+        columns = dict(zip(names, block.wrench.T, strict=True))
+        row["faulty"] = int(np.count_nonzero(block.faulty))
+    else:
+        columns = {"fds_v": block.fds_v, "edc_v": block.edc_v}
+    for name, values in columns.items():
+        row[name] = float(np.mean(values)) if count else 0.0
+        row[f"{name}_sd"] = float(np.std(values)) if count else 0.0
+    return row
+
+
+def _probe_stage(options: dict[str, Any]) -> dict[str, Any]:
+    axes = tuple(options.get("axes", ("X", "Y")))
+    link = AerotechStop(options["url"], axes, int(options.get("baud", 115200))) if "url" in options else None
+    if link is None:
+        raise DeviceError("aerotech: where is it? give url:=/dev/ttyUSB0 or url:=socket://HOST:8000")
+    try:
+        return {
+            report.axis: f"{'enabled' if report.enabled else 'disabled'}, "
+            f"{'moving' if report.moving else 'at rest'}, fault {report.fault.words}"
+            for report in link.poll()
+        }
+    finally:
+        link.close()
+
+
+def _probe_ring(options: dict[str, Any]) -> dict[str, Any]:
+    if "url" not in options:
+        raise DeviceError("maestro: where is it? give url:=/dev/ttyACM0")
+    ring: Any = open_device("ring", "maestro", **options)
+    link = MaestroLink(ring.url, ring.crc, ring.timeout_s, ring.servo)
+    try:
+        counts = link.position(ring.feedback)
+        return {
+            "feedback": f"{counts} counts, {ring.ring_m(counts) * 1e3:.2f} mm by the present calibration",
+            "pulse": f"{link.position(ring.servo) / 4.0:.2f} us",
+        }
+    finally:
+        link.close()

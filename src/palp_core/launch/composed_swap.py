@@ -1,0 +1,119 @@
+"""A swap within one process: the same words on the same bytes as between two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from palp_core.errors import GraphError, PalpError, in_words
+from palp_core.launch.composition import Composition
+from palp_core.launch.describe import DescribeRequest, NodeDescription, describe
+from palp_core.launch.swap import Replacement, SwapFailed, SwapReport, unfit
+from palp_core.runtime.executor import Executor
+from palp_core.runtime.handover import HandOver
+from palp_core.runtime.link import Done
+from palp_core.runtime.message import decode_any, encode_any
+from palp_core.runtime.shadow import Comparison
+from palp_core.runtime.succession import fitting, hand_over_of
+
+__all__ = ["ComposedSwaps"]
+
+
+class ComposedSwaps:
+    """The swaps of a composed graph.
+
+    Args:
+        composition: Has the nodes.
+        workspace: Folder that holds ``nodes/``.
+        elapse: Lets so much simulated time go by.
+    """
+
+    def __init__(self, composition: Composition, workspace: Path, elapse: Callable[[int], None]) -> None:
+        self._composition, self._workspace, self._elapse = composition, workspace, elapse
+
+    def describe_class(self, request: DescribeRequest, timeout_s: float) -> NodeDescription:
+        """Say what a class declares; in this process, which has imported the workspace anyway."""
+        del timeout_s
+        return describe([request], self._workspace)[0]
+
+    def swap(self, replacement: Replacement, now_ns: int) -> tuple[SwapReport, Done | None]:
+        """Let a new executor take the place of a node's.
+
+        Raises:
+            SwapFailed: A step failed; the old node goes on.
+        """
+        composition, request = self._composition, replacement.request
+        old = composition.executor(replacement.index)
+        step = "configure"
+        try:
+            new, sent = composition.understudy(replacement.new)
+            step = "state"
+            running = _copied(hand_over_of(old))
+            if why := unfit(running, replacement):
+                raise GraphError(why)
+            fitting(new, running, request.params)
+            found: dict[str, Any] = {}
+            if request.shadow_s:
+                step = "shadow"
+                new.take_over(_copied(running), request.params)
+                found = self._shadow(replacement, new, sent, running)
+                now_ns += round(request.shadow_s * 1e9)
+            if request.dry_run:
+                new.leave()
+                return _report(replacement, now_ns, 0, found), None
+            step = "take over"
+            handed_frames, handed = composition.hand_in(replacement.index)
+            new.take_over(_copied(handed), request.params)
+        except Exception as error:
+            old.resume()
+            if isinstance(error, SwapFailed):
+                raise
+            text = in_words(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
+            raise SwapFailed(request.node, step, text) from error
+        record = {
+            "at_s": now_ns / 1e9,
+            "before": replacement.old.run,
+            "after": replacement.new.run,
+            "gap_s": 0.0,
+            "held": len(new.inbox),
+        }
+        new.swaps.append(record)
+        done = composition.promote(replacement.index, new, [*handed_frames, *sent])
+        old.leave()
+        return _report(replacement, now_ns, len(new.inbox), found), done
+
+    def _shadow(
+        self, replacement: Replacement, new: Executor, sent: list[bytes], running: HandOver
+    ) -> dict[str, Any]:
+        """Let both work for a while, and only the old one be heard; return how they compare."""
+        comparison = Comparison(running.published)
+        self._composition.shadow = (replacement.index, new, sent, comparison)
+        try:
+            self._elapse(round(replacement.request.shadow_s * 1e9))
+        finally:
+            self._composition.shadow = None
+            sent.clear()
+        new.pause()
+        new.paused = False
+        new.inbox.clear()
+        return comparison.report()
+
+
+def _report(replacement: Replacement, now_ns: int, held: int, found: dict[str, Any]) -> SwapReport:
+    return SwapReport(
+        node=replacement.request.node,
+        before=replacement.old.run,
+        after=replacement.new.run,
+        at_s=now_ns / 1e9,
+        gap_s=0.0,
+        held=held,
+        duration_s=0.0,
+        shadow=found,
+        switched=not replacement.request.dry_run,
+    )
+
+
+def _copied(hand_over: HandOver) -> HandOver:
+    """Return a hand-over as it is after a journey between two processes."""
+    return decode_any(HandOver, encode_any(hand_over))

@@ -1,0 +1,246 @@
+"""A swap between two processes, make before break: each step can fail, and then the old one goes on.
+
+Until the new process is told :class:`Go` it publishes nothing, so that there is one owner at every instant.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import GraphError, NodeError
+from palp_core.launch.describe import DescribeRequest, NodeDescription
+from palp_core.launch.supervisor import Supervisor
+from palp_core.launch.swap import Replacement, SwapReport, unfit
+from palp_core.launch.swap_talk import SwapTalk
+from palp_core.launch.understudies import Understudy
+from palp_core.runtime.birth import endpoints
+from palp_core.runtime.changeover import Heard
+from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.handover import HandOver
+from palp_core.runtime.link import Done
+from palp_core.runtime.message import decode_any
+from palp_core.runtime.shadow import Comparison
+from palp_core.runtime.swap_lines import (
+    Announced,
+    EndShadow,
+    Go,
+    Leave,
+    Meet,
+    Met,
+    Place,
+    Rehearse,
+    Rehearsed,
+    Resume,
+    Shadow,
+    Shadowed,
+    Stay,
+    TakeOver,
+    TookOver,
+    Working,
+)
+
+__all__ = ["ProcessSwaps"]
+
+SEE_OFF_NS = 1_000_000_000
+
+
+class ProcessSwaps:
+    """The swaps of a graph of processes.
+
+    Args:
+        supervisor: Has the processes.
+        folder: The run directory.
+        workspace: Folder that holds ``nodes/``.
+        elapse: Lets so much simulated time go by.
+    """
+
+    def __init__(
+        self, supervisor: Supervisor, folder: Path, workspace: Path, elapse: Callable[[int], None]
+    ) -> None:
+        self._supervisor, self._folder, self._workspace = supervisor, folder, workspace
+        self._elapse = elapse
+
+    def describe_class(self, request: DescribeRequest, timeout_s: float) -> NodeDescription:
+        """Let a forked child import a class and say what it declares."""
+        understudies = self._supervisor.understudies
+        understudies.look([request], self._workspace)
+        deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
+        if not self._supervisor.follow(lambda: understudies.described is not None, deadline_ns):
+            error = f"it could not be imported within {timeout_s:g} s"
+            return NodeDescription(run=request.run, error=error)
+        assert understudies.described is not None
+        return understudies.described[0]
+
+    def swap(self, replacement: Replacement, now_ns: int) -> tuple[SwapReport, Done | None]:
+        """Let a new process take the place of a node's.
+
+        Raises:
+            SwapFailed: A step failed; the old node goes on.
+        """
+        return _Swap(self._supervisor, self._folder, replacement, now_ns, self._elapse).run()
+
+
+class _Swap(SwapTalk):
+    """One swap, step by step."""
+
+    def run(self) -> tuple[SwapReport, Done | None]:
+        if not self._old.matched or self._old.ended or self._old.respawn_at_ns is not None:
+            self._fail("the node is not up just now; ask again when it is")
+        try:
+            after = self._prepare()
+            if self._replacement.request.shadow_s:
+                after = self._shadow(after)
+            if self._replacement.request.dry_run:
+                self._take_back()
+                return self._report(None, 0), None
+            return self._change(after)
+        except BaseException:
+            self._take_back()
+            raise
+
+    # Steps
+
+    def _prepare(self) -> Heard:
+        """Bring a new process as far as it comes while the old one works."""
+        running = decode_any(HandOver, self._hand_in({}, pause=False).hand_over)
+        if why := unfit(running, self._replacement):
+            self._fail(why)
+        self._step = "configure"
+        supervisor, new_spec = self._supervisor, self._replacement.new
+        self._new = supervisor.understudies.start(new_spec, self._old.log, fresh=True)
+        new = self._new.member
+        self._until(lambda: new.configured, "it was not configured")
+        self._until(lambda: new.matched, "it did not hear all of its publishers")
+        self._step = "connect"
+        self._announced = True
+        publish, serve = endpoints(str(self._folder), new.place)
+        self._say_old(Place(publish, serve))
+        readers = self._from_old(Announced).readers
+        self._say_new(Meet(readers))
+        self._from_new(Met)  # who did not come is no node of this graph, and can ask for what it missed
+        self._step = "state"
+        handed = self._hand_in({}, pause=False)
+        self._say_new(Rehearse(handed.hand_over, self._replacement.request.params))
+        rehearsed = self._from_new(Rehearsed)
+        if rehearsed.error:
+            self._fail(rehearsed.error)
+        return rehearsed.after
+
+    def _shadow(self, after: Heard) -> Heard:
+        """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
+        self._step = "shadow"
+        request, supervisor, new = self._replacement.request, self._supervisor, self._new
+        assert new is not None
+        handed = self._hand_in(after, pause=False)
+        start_ns = supervisor.start_ns
+        publish = endpoints(str(self._folder), self._old.place)[0] if start_ns else ""
+        self._say_new(Shadow(handed.hand_over, request.params, start_ns, publish))
+        taken = self._from_new(TookOver)
+        if taken.error:
+            self._fail(taken.error)
+        duration_ns = round(request.shadow_s * 1e9)
+        self._deadline_ns += duration_ns
+        if start_ns:
+            end_ns = monotonic_ns() + duration_ns
+            supervisor.follow(lambda: bool(new.failure) or self._old.ended, end_ns)
+        else:
+            comparison = Comparison(decode_any(HandOver, handed.hand_over).published)
+            begun_ns = monotonic_ns()
+            supervisor.shadow = (self._index, new, comparison)
+            try:
+                self._elapse(duration_ns)
+            finally:
+                supervisor.shadow = None
+            self._deadline_ns += monotonic_ns() - begun_ns
+            self._now_ns += duration_ns
+            self._found = comparison.report()
+        self._say_new(EndShadow())
+        shadowed = self._from_new(Shadowed)
+        if shadowed.report:
+            self._found = msgspec.json.decode(shadowed.report)
+        return shadowed.after
+
+    def _change(self, after: Heard) -> tuple[SwapReport, Done | None]:
+        request = self._replacement.request
+        self._step = "hand over"
+        self._paused = True
+        handed = self._hand_in(after, pause=True)
+        self._old.handed_in = True
+        self._step = "take over"
+        start_ns = self._supervisor.start_ns
+        self._say_new(TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
+        taken = self._from_new(TookOver)
+        if taken.error:
+            self._fail(taken.error)
+        assert self._new is not None
+        if start_ns:
+            self._now_ns = handed.at_ns - start_ns
+        runs = {"before": self._replacement.old.run, "after": self._replacement.new.run}
+        record = {"at_s": self._now_ns / 1e9, **runs}
+        new, self._new = self._new, None  # from here on there is no way back
+        self._supervisor.understudies.send(new, Go(record, handed.at_ns if start_ns else 0))
+        self._supervisor.promote(self._index, new)
+        working = self._working()
+        self._see_off(new)
+        done = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
+        return self._report(working, taken.held), done
+
+    def _report(self, working: Working | None, held: int) -> SwapReport:
+        lockstep = not self._supervisor.start_ns
+        gap_s = 0.0 if working is None else float(str(working.record["gap_s"]))
+        return SwapReport(
+            node=self._replacement.request.node,
+            before=self._replacement.old.run,
+            after=self._replacement.new.run,
+            at_s=self._now_ns / 1e9,
+            gap_s=gap_s,
+            held=held,
+            duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
+            shadow=self._found,
+            switched=not self._replacement.request.dry_run,
+        )
+
+    def _working(self) -> Working | None:
+        """Wait until the new node is at work; if it fails now, that is a failure of the node as any other."""
+        supervisor, index = self._supervisor, self._index
+        member = supervisor.members[index]
+        answered = lambda: isinstance(supervisor.answers.get(index), Working) or member.ended  # noqa: E731
+        supervisor.follow(answered, monotonic_ns() + SEE_OFF_NS)
+        answer = supervisor.answers.pop(index, None)
+        return answer if isinstance(answer, Working) else None
+
+    def _see_off(self, former: Understudy) -> None:
+        """Let the old process end; whoever looks for the node by its name is led to the new one."""
+        supervisor = self._supervisor
+        supervisor.understudies.send(former, Leave(SEE_OFF_NS))
+        if not supervisor.follow(lambda: former.member.ended, monotonic_ns() + 3 * SEE_OFF_NS):
+            supervisor.understudies.kill(former)
+            supervisor.follow(lambda: former.member.ended, monotonic_ns() + SEE_OFF_NS)
+        node, place = self._replacement.request.node, supervisor.members[self._index].place
+        for end in ("pub", "srv"):
+            link = self._folder / f"+{node}.{end}.link"
+            link.unlink(missing_ok=True)
+            link.symlink_to(f"{place}.{end}")
+            link.replace(self._folder / f"{node}.{end}")
+
+    def _take_back(self) -> None:
+        """Leave all as it was; a new process has said nothing to anybody yet."""
+        supervisor = self._supervisor
+        if self._new is not None:
+            supervisor.understudies.kill(self._new)
+        if self._paused:
+            self._say_old(Resume())
+        if self._announced:
+            self._say_old(Stay())
+        new = self._new
+        if new is not None:
+            with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
+                supervisor.follow(lambda: new.member.ended, monotonic_ns() + SEE_OFF_NS)
+        if self._old.handed_in:
+            self._old.handed_in = False
+            if self._old.ended:
+                supervisor.lose(self._index, "its process ended while its successor failed")

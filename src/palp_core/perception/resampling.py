@@ -1,0 +1,156 @@
+"""Intervals and comparisons over sessions: the session, not the trial, is the unit of replication.
+
+Trials of one session share its training and its mountings and are not independent facts. Sessions are drawn
+with replacement (cluster bootstrap; Davison and Hinkley, "Bootstrap Methods and their Application", 1997,
+sec. 3.8), and policies that met the same sessions are compared within them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.methods import method
+from palp_core.units import Float64Array
+
+__all__ = ["Comparison", "Interval", "cluster_bootstrap", "compare", "holm", "sign_flip"]
+
+_EXACT_UP_TO = 14  # sessions whose 2^n sign patterns are all tried
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean over sessions with a 95 % interval.
+
+    Attributes:
+        value: The mean.
+        low: Lower bound; equal to the value with fewer than two sessions or where all agree.
+        high: Upper bound.
+        session_count: Sessions.
+    """
+
+    value: float
+    low: float
+    high: float
+    session_count: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two methods on the same sessions.
+
+    Attributes:
+        first: Name of the first.
+        second: Name of the second.
+        difference: Mean of first minus second, with its interval over sessions.
+        p: Sign-flip p-value, two-sided.
+        p_holm: The same within its family (Holm, 1979).
+    """
+
+    first: str
+    second: str
+    difference: Interval
+    p: float
+    p_holm: float
+
+
+def cluster_bootstrap(
+    values: Sequence[float] | Float64Array,
+    rng: np.random.Generator,
+    *,
+    resamples: int = 2000,
+    confidence: float = 0.95,
+) -> Interval:
+    """Return the mean of a per-session value with its percentile interval over resampled sessions.
+
+    Args:
+        values: One value per session, equally many trials in each, shape (s,).
+        rng: Draws the resamples.
+        resamples: Their number.
+        confidence: Of the interval.
+
+    Raises:
+        PerceptionError: There is no session or a value is not finite.
+    """
+    found = np.asarray(values, dtype=np.float64)
+    if found.size == 0 or found.ndim != 1 or not np.isfinite(found).all():
+        raise PerceptionError("an interval over sessions needs one finite value a session, and a session")
+    mean = float(found.mean())
+    if found.size == 1 or float(np.ptp(found)) == 0.0:
+        return Interval(mean, mean, mean, found.size)
+    means = found[rng.integers(0, found.size, (resamples, found.size))].mean(axis=1)
+    tail = 0.5 * (1.0 - confidence)
+    low, high = np.quantile(means, [tail, 1.0 - tail])
+    return Interval(mean, float(low), float(high), found.size)
+
+
+@method(
+    task="test",
+    name="sign_flip",
+    cost_s=5e-3,
+    evidence="tests/perception/test_resampling.py",
+    fails="fewer than six sessions: its smallest p is 2 / 2^n, above 0.05 below six",
+)
+def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Generator) -> float:
+    """Return the two-sided p-value that a paired difference is symmetric about 0.
+
+    The mean against its values when the sign of every session's difference is flipped: all patterns up to 14
+    sessions, else 20,000 random ones and the one seen (Phipson and Smyth, 2010).
+
+    Args:
+        differences: First minus second, one per session, shape (s,).
+        rng: Draws the patterns.
+
+    Raises:
+        PerceptionError: There is no session.
+    """
+    found = np.asarray(differences, dtype=np.float64)
+    if found.size == 0:
+        raise PerceptionError("a paired comparison needs at least one session")
+    seen = abs(found.mean())
+    if found.size <= _EXACT_UP_TO:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=found.size)))
+        return float(np.mean(np.abs(signs @ found) / found.size >= seen * (1.0 - 1e-12)))
+    signs = rng.choice((-1.0, 1.0), (20_000, found.size))
+    hits = int((np.abs(signs @ found) / found.size >= seen * (1.0 - 1e-12)).sum())
+    return (hits + 1) / 20_001
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values adjusted for their family by Holm's step-down rule, in the order given."""
+    order = np.argsort(p_values, kind="stable")
+    adjusted, reached = [0.0] * len(p_values), 0.0
+    for rank, place in enumerate(order.tolist()):
+        reached = max(reached, min(1.0, (len(p_values) - rank) * p_values[place]))
+        adjusted[place] = reached
+    return adjusted
+
+
+def compare(
+    sessions: Mapping[str, Sequence[float] | Float64Array],
+    pairs: Sequence[tuple[str, str]],
+    rng: np.random.Generator,
+) -> list[Comparison]:
+    """Compare methods on common sessions: differences with intervals, Holm over the pairs.
+
+    Args:
+        sessions: One value per session by name, all over the same sessions in the same order.
+        pairs: Which to compare, first minus second.
+        rng: Draws resamples and sign patterns.
+
+    Raises:
+        PerceptionError: A name is missing, or lengths differ.
+    """
+    found = []
+    for first, second in pairs:
+        missing = [name for name in (first, second) if name not in sessions]
+        if missing or len(sessions[first]) != len(sessions[second]):
+            raise PerceptionError(f"{first} and {second} were not both run on the same sessions {missing}")
+        difference = np.asarray(sessions[first], dtype=np.float64) - np.asarray(sessions[second])
+        found.append((first, second, cluster_bootstrap(difference, rng), sign_flip(difference, rng)))
+    adjusted = holm([p for *_, p in found])
+    return [Comparison(a, b, d, p, q) for (a, b, d, p), q in zip(found, adjusted, strict=True)]

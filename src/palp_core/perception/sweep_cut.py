@@ -1,0 +1,111 @@
+"""Cut the torque of one sweep out of a stream, on an even grid of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from palp_core.units import Float64Array
+
+__all__ = ["Cut", "SweepCut"]
+
+_KEEP_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """The torque of a sweep.
+
+    Attributes:
+        start_ns: Time of the first sample.
+        rate_hz: Of the grid.
+        torque_n_m: Torque, shape (n,).
+        largest_gap_s: Longest time between two samples of the stream that the grid spans.
+    """
+
+    start_ns: int
+    rate_hz: float
+    torque_n_m: Float64Array
+    largest_gap_s: float
+
+
+class SweepCut(msgspec.Struct):
+    """The last second of a stream, and all of it while a sweep is under way; plain data for a successor.
+
+    Attributes:
+        held: Whether a sweep is under way.
+        starts_ns: Time of each block's first sample.
+        rates_hz: Rate within each block.
+        blocks: Samples of each block as bytes.
+        enter_ns: When the sweep came over the interval; 0 while not known.
+        leave_ns: When it left it.
+        last_ns: Time of the latest sample.
+    """
+
+    held: bool = False
+    starts_ns: list[int] = []
+    rates_hz: list[float] = []
+    blocks: list[bytes] = []
+    enter_ns: int = 0
+    leave_ns: int = 0
+    last_ns: int = 0
+
+    def add(self, start_ns: int, rate_hz: float, torque_n_m: Float64Array) -> None:
+        """Add a block."""
+        self.starts_ns.append(start_ns)
+        self.rates_hz.append(rate_hz)
+        self.blocks.append(torque_n_m.tobytes())
+        self.last_ns = start_ns + round((len(torque_n_m) - 1) * 1e9 / rate_hz)
+        while not self.held and len(self.blocks) > 1 and self.starts_ns[0] < self.last_ns - _KEEP_NS:
+            del self.starts_ns[0], self.rates_hz[0], self.blocks[0]
+
+    def hold(self) -> None:
+        """Begin a sweep: keep everything from now on, and the second before."""
+        self.held, self.enter_ns, self.leave_ns = True, 0, 0
+
+    def release(self) -> None:
+        """End a sweep."""
+        self.held, self.enter_ns, self.leave_ns = False, 0, 0
+
+    def bound(self, enter_ns: int, leave_ns: int) -> None:
+        """Say when the sweep was over the interval."""
+        self.enter_ns, self.leave_ns = enter_ns, leave_ns
+
+    @property
+    def complete(self) -> bool:
+        """Whether the stream has passed the end of the interval."""
+        return 0 < self.leave_ns <= self.last_ns
+
+    def cut(self, rate_hz: float) -> Cut:
+        """Return the samples between entering and leaving, linear between those of the stream.
+
+        Raises:
+            ValueError: The stream began after the sweep, or was silent.
+        """
+        times_s, torque_n_m = self._samples()
+        first_ns = -(-self.enter_ns * rate_hz // 1e9)
+        grid_s = np.arange(first_ns, self.leave_ns * rate_hz // 1e9 + 1) / rate_hz
+        grid_s -= self.enter_ns * 1e-9
+        within = (times_s >= grid_s[0] - 1.0 / rate_hz) & (times_s <= grid_s[-1] + 1.0 / rate_hz)
+        if np.count_nonzero(within) < 2 or times_s[0] > grid_s[0]:
+            raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
+        return Cut(
+            self.enter_ns + round(float(grid_s[0]) * 1e9),
+            rate_hz,
+            np.interp(grid_s, times_s, torque_n_m),
+            float(np.max(np.diff(times_s[within]))),
+        )
+
+    def _samples(self) -> tuple[Float64Array, Float64Array]:
+        """Return times in s from entering, and torques, both in order."""
+        parts = [np.frombuffer(block, dtype=np.float64) for block in self.blocks]
+        times_s = np.concatenate(
+            [
+                (start_ns - self.enter_ns) * 1e-9 + np.arange(len(part)) / rate_hz
+                for start_ns, rate_hz, part in zip(self.starts_ns, self.rates_hz, parts, strict=True)
+            ]
+        )
+        order = np.argsort(times_s, kind="stable")
+        return times_s[order], np.concatenate(parts)[order]

@@ -1,0 +1,184 @@
+"""The study ``decision-tradeoff``: accuracy of decisions against probes and against seconds on the rig."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palp_core.perception.optimal import Optimum, chernoff_information, optimum
+from palp_core.perception.stopping import (
+    FixedNumber,
+    PaperGuarded,
+    PaperVerbatim,
+    PosteriorThreshold,
+    StopRule,
+)
+from palp_core.studies.batch_trials import Outcomes
+from palp_core.studies.contact_page import figure, paragraph, table, write_page
+from palp_core.studies.decision_charts import calibration_chart, rungs_chart, tradeoff_chart
+from palp_core.studies.decision_rungs import rung_rows
+from palp_core.studies.paper_jobs import seeds
+from palp_core.studies.policy_summary import summarise
+from palp_core.studies.policy_table import begin
+from palp_core.studies.policy_table import run as run_policy
+from palp_core.studies.spread_work import spread
+from palp_core.studies.touch import Gel, Touch, touch
+from palp_core.studies.virtual_rig import Conditions
+
+__all__ = ["POLICIES", "STOPS", "TradeoffJob", "limits", "pareto", "run", "tradeoff_session"]
+
+POLICIES = (
+    *(f"fixed_{mm}" for mm in (4, 8, 12, 16)),
+    "fixed_best",
+    "markov",
+    "uniform",
+    "uniform_stiff",
+    "reposition_best",
+    "information_gain",
+    "information_gain_latent",
+)
+STOPS: dict[str, StopRule] = {
+    "paper_verbatim": PaperVerbatim(),
+    "paper_guarded": PaperGuarded(),
+    "posterior_0.95": PosteriorThreshold(0.95),
+    "fixed_1": FixedNumber(1),
+    "fixed_3": FixedNumber(3),
+    "fixed_8": FixedNumber(8),
+}
+FEATURES = ("peak", "contrast")
+FILTERS = ("naive", "latent")
+UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
+"""Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
+
+
+@dataclass(frozen=True, eq=False)
+class TradeoffJob:
+    """A session of one feature under every policy, stop rule and filter."""
+
+    touch: Touch
+    conditions: Conditions
+    seed: tuple[int, ...]
+
+
+def tradeoff_session(job: TradeoffJob) -> dict[tuple[str, str, str], Outcomes]:
+    """Return outcomes by policy, stop rule and filter."""
+    session = begin(job.touch, job.conditions, job.seed)
+    return {
+        (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
+        for policy in POLICIES
+        for stop in STOPS
+        for filter_name in FILTERS
+    }
+
+
+def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Tell which points (cost, accuracy) no other point beats in both.
+
+    >>> pareto([(1.0, 0.5), (2.0, 0.9), (3.0, 0.8)])
+    [True, True, False]
+    """
+    return [
+        not any(c <= cost and a >= share and (c, a) != (cost, share) for c, a in points)
+        for cost, share in points
+    ]
+
+
+def limits(felt: Touch, conditions: Conditions) -> tuple[list[Optimum], float]:
+    """Return the optimum with independent readings at several prices, and Chernoff's rate in nats a probe.
+
+    A reading's spread is then that of landing, height and noise together, drawn anew each time.
+    """
+    variance = (
+        felt.noise_sd**2
+        + (felt.ring_slope() * conditions.ring_sd_m) ** 2
+        + 2.0 * (felt.height_slope() * conditions.height_sd_m) ** 2
+    )
+    mean, sd = felt.nominal(), np.sqrt(variance)
+    best = [optimum(mean, sd, cost) for cost in (0.2, 0.1, 0.05, 0.02, 0.01, 0.005)]
+    return best, chernoff_information(mean, sd)
+
+
+def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+    """Run every combination, write tables and charts, and return the page.
+
+    Args:
+        out: Folder for the files; made if missing.
+        quick: Few sessions and rungs.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+        seed: Of everything but the measured times.
+    """
+    count = 4 if quick else 20
+    rows: list[dict[str, Any]] = []
+    for feature in FEATURES:
+        felt = touch(Gel(feature=feature))
+        jobs = [TradeoffJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
+        found = spread(tradeoff_session, jobs, workers=workers, dask=dask)
+        for key in found[0]:
+            line = summarise([one[key] for one in found], felt.gel.depths_m)
+            names = dict(zip(("policy", "stop", "filter"), key, strict=True))
+            rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
+    for cost in ("probes", "seconds"):
+        for row, front in zip(rows, pareto([(r[cost], r["accuracy"]) for r in rows]), strict=True):
+            row[f"front_{cost}"] = front
+    best, rate = limits(touch(Gel()), UNKNOWN)
+    rungs = rung_rows(quick=quick, seed=seed)
+    out.mkdir(parents=True, exist_ok=True)
+    report = {"rows": rows, "optimum_independent": best, "chernoff_nats_per_probe": rate, "rungs": rungs}
+    (out / "decision_tradeoff.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
+    with (out / "decision_tradeoff.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    charts = [
+        tradeoff_chart(rows, "probes", best, rate),
+        tradeoff_chart(rows, "seconds", [], rate),
+        calibration_chart(rows),
+        rungs_chart(rungs),
+    ]
+    return write_page(
+        out,
+        "Speed against accuracy of decisions",
+        [_lead(rows, count), *(figure(chart, out, svg=False) for chart in charts), _front(rows)],
+    )
+
+
+_KEPT = ("accuracy", "ci", "probes", "seconds", "moves", "ece", "overconfidence", "undecided", "sessions")
+
+
+def _label(row: dict[str, Any]) -> str:
+    return f"{row['policy']}, {row['stop']}, {row['feature']}, {row['filter']} filter".replace("_", " ")
+
+
+def _lead(rows: Sequence[dict[str, Any]], sessions: int) -> str:
+    best = max(rows, key=lambda row: row["accuracy"])
+    return paragraph(
+        f"{len(rows)} combinations of policy, stop rule, feature and filter on {sessions} common sessions. "
+        f"The most accurate is {_label(best)}: {100 * best['accuracy']:.1f} % after {best['probes']:.1f} "
+        f"probes and {best['seconds']:.0f} s. The height differs from trial to trial (0.1 mm sd, assumed).",
+        "lead",
+    )
+
+
+def _front(rows: Sequence[dict[str, Any]]) -> str:
+    front = sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"]))
+    return "<h2>On the front of accuracy against seconds</h2>" + table(
+        ["combination", "accuracy", "95 %", "probes", "seconds", "calibration error"],
+        [
+            [
+                _label(r),
+                f"{100 * r['accuracy']:.1f} %",
+                f"{100 * r['ci'][0]:.1f} to {100 * r['ci'][1]:.1f} %",
+                f"{r['probes']:.2f}",
+                f"{r['seconds']:.1f}",
+                f"{r['ece']:.3f}",
+            ]
+            for r in front
+        ],
+    )

@@ -1,0 +1,58 @@
+"""The three scenes fixed in advance: is information gain with the latent filter better at equal seconds?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from palp_core.perception.resampling import cluster_bootstrap, sign_flip
+from palp_core.studies.batch_trials import Outcomes
+from palp_core.studies.policy_summary import accuracies, summarise
+from palp_core.units import Float64Array
+
+__all__ = ["judge"]
+
+
+def judge(sessions: Sequence[Mapping[str, Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return a scene's lines and the paired comparison with the best fixed ring at equal seconds.
+
+    A fixed ring stops after the first number of probes at which it has taken at least as long, on average, as
+    information gain; ring and filter are the best in hindsight.
+
+    Args:
+        sessions: Outcomes by name, of :func:`~palp_core.studies.paper_jobs.scene_session`, a session each.
+        depths_m: Depth of each class.
+    """
+    gain = [one["information_gain_latent"] for one in sessions]
+    budget_s = float(np.mean([one.seconds.mean() for one in gain]))
+    fixed = {name: [one[name] for one in sessions] for name in sessions[0] if "/" in name}
+    at_budget = {name: _right_at(found, budget_s) for name, found in fixed.items()}
+    best = max(at_budget, key=lambda name: float(at_budget[name][0].mean()))
+    right, seconds = at_budget[best]
+    rng = np.random.default_rng(14)
+    difference = accuracies(gain) - right
+    interval = cluster_bootstrap(difference, rng)
+    lines = {
+        name: summarise([one[name] for one in sessions], depths_m) for name in sessions[0] if "/" not in name
+    }
+    return lines | {
+        "best_fixed": {"name": best, "accuracy": float(right.mean()), "seconds": seconds},
+        "difference": interval.value,
+        "difference_ci": [interval.low, interval.high],
+        "p": sign_flip(difference, rng),
+        "better": interval.low > 0.0,
+        "calibrated": lines["information_gain_latent"]["ece"] <= 0.03,
+    }
+
+
+def _right_at(sessions: Sequence[Outcomes], budget_s: float) -> tuple[Float64Array, float]:
+    """Return each session's accuracy after the probes that fill the budget, and the seconds they take."""
+    probes = sessions[0].right.shape[1]
+    whole_s = float(np.mean([one.seconds.mean() for one in sessions]))
+    sweep_s = 8.0
+    first_s = whole_s - (probes - 1) * sweep_s  # a fixed ring moves once
+    count = int(np.clip(np.ceil((budget_s - first_s) / sweep_s + 1.0 - 1e-9), 1, probes))
+    right = np.array([one.right[:, count - 1].mean() for one in sessions])
+    return right, first_s + (count - 1) * sweep_s

@@ -1,0 +1,90 @@
+"""Sessions of one policy made into the numbers of a table: accuracy, probes, seconds, calibration.
+
+Intervals are over sessions (cluster bootstrap): trials of one session are not independent facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from palp_core.perception.resampling import cluster_bootstrap
+from palp_core.perception.statistics import calibration
+from palp_core.studies.batch_trials import Outcomes
+from palp_core.units import Float64Array
+
+__all__ = ["accuracies", "average_of", "depth_key", "summarise"]
+
+_SEED = 11  # of the resamples; every table gives the same intervals for the same sessions
+
+
+def depth_key(depth_m: float) -> str:
+    """Return a depth as a table's key, in mm."""
+    return f"{depth_m * 1e3:g}"
+
+
+def accuracies(sessions: Sequence[Outcomes]) -> Float64Array:
+    """Return the share of right estimates of each session, shape (s,)."""
+    return np.array([one.correct.mean() for one in sessions])
+
+
+def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return one policy's line.
+
+    Args:
+        sessions: Its outcomes, a session each.
+        depths_m: Depth of each class.
+
+    Returns:
+        ``accuracy`` with ``ci`` as [low, high], ``per_depth`` and ``per_depth_ci`` by depth in mm, mean
+        ``probes``, ``moves`` and ``seconds`` a trial, ``ece`` (expected calibration error over all trials),
+        ``overconfidence``, ``undecided`` share, the number of ``sessions`` and each one's accuracy.
+    """
+    rng = np.random.default_rng(_SEED)
+    per_session = accuracies(sessions)
+    overall = cluster_bootstrap(per_session, rng)
+    depth = {
+        depth_key(depth_m): cluster_bootstrap([one.correct[one.depth == c].mean() for one in sessions], rng)
+        for c, depth_m in enumerate(depths_m)
+    }
+    stated = calibration(
+        np.clip(np.concatenate([one.confidence for one in sessions]), 0.0, 1.0),
+        np.concatenate([one.correct for one in sessions]).tolist(),
+    )
+    return {
+        "accuracy": overall.value,
+        "ci": [overall.low, overall.high],
+        "per_depth": {key: one.value for key, one in depth.items()},
+        "per_depth_ci": {key: [one.low, one.high] for key, one in depth.items()},
+        "probes": _mean([one.probes for one in sessions]),
+        "moves": _mean([one.moves for one in sessions]),
+        "seconds": _mean([one.seconds for one in sessions]),
+        "ece": stated.expected_error,
+        "overconfidence": stated.overconfidence,
+        "undecided": 1.0 - _mean([one.decided for one in sessions]),
+        "sessions": len(sessions),
+        "per_session": per_session.tolist(),
+    }
+
+
+def _mean(values: Sequence[Any]) -> float:
+    return float(np.mean(np.concatenate(values)))
+
+
+def average_of(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return the line of the average over several policies, a session's average being one value.
+
+    Args:
+        sessions: Outcomes by policy, all over the same sessions.
+        depths_m: Depth of each class.
+    """
+    joined = [_join(row) for row in zip(*sessions.values(), strict=True)]
+    return summarise(joined, depths_m)
+
+
+def _join(parts: Sequence[Outcomes]) -> Outcomes:
+    """Return the trials of several policies in one session as one."""
+    names = Outcomes.__dataclass_fields__
+    return Outcomes(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

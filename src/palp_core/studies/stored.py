@@ -1,0 +1,125 @@
+"""Recorded sweeps of a session, from its folder or from a bag of its run, ready to be decided again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palp_core.bag.reader import Bag
+from palp_core.errors import PalpError
+from palp_core.studies.record import read_rows, read_sweep
+from palp_core.units import Float64Array
+
+__all__ = ["StoredSession", "StoredSweep", "read_stored"]
+
+_TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSweep:
+    """A sweep and what is known of it.
+
+    Attributes:
+        phase: ``training``, ``estimation``, or a condition of the plan ``repeatability``.
+        phantom: Code of the phantom.
+        trial: Number of its trial.
+        iteration: Number of the sweep within it, from 1.
+        remount: Number of the mounting.
+        depth_m: Nodule's true depth; None where nobody told.
+        ring_m: Ring position as commanded.
+        torque_n_m: As measured, shape (n,).
+        rate_hz: Sampling rate.
+    """
+
+    phase: str
+    phantom: str
+    trial: int
+    iteration: int
+    remount: int
+    depth_m: float | None
+    ring_m: float
+    torque_n_m: Float64Array
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSession:
+    """A session's sweeps in their order.
+
+    Attributes:
+        path: Its folder or bag.
+        sweeps: Every sweep.
+        ring_moves_each_time: Whether the ring was homed before every palpation; None where nobody told.
+    """
+
+    path: Path
+    sweeps: tuple[StoredSweep, ...]
+    ring_moves_each_time: bool | None = None
+
+    def phase(self, name: str) -> list[StoredSweep]:
+        """Return the sweeps of a phase."""
+        return [sweep for sweep in self.sweeps if sweep.phase == name]
+
+
+def read_stored(path: Path) -> StoredSession:
+    """Read a session's folder (``trials.csv`` and ``sweeps/``) or a bag of a run.
+
+    Raises:
+        PalpError: It is neither, or holds no sweep.
+        BagError: The bag cannot be read.
+    """
+    if (path / "trials.csv").exists():
+        sweeps, each = tuple(_of_record(path)), _rehomes(path)
+    elif path.suffix == ".mcap" or any(path.glob("*.mcap")):
+        sweeps, each = tuple(_of_bag(path)), None
+    else:
+        raise PalpError(f"{path}: neither a session's folder (trials.csv) nor a bag (*.mcap)")
+    if not sweeps:
+        raise PalpError(f"{path}: holds no sweep")
+    return StoredSession(path, sweeps, each)
+
+
+def _of_record(folder: Path) -> Iterator[StoredSweep]:
+    for row in read_rows(folder):
+        torque_n_m, rate_hz = read_sweep(folder, row.row)
+        yield StoredSweep(
+            row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
+            torque_n_m, rate_hz,
+        )  # fmt: skip
+
+
+def _rehomes(folder: Path) -> bool | None:
+    try:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        return bool(result["protocol"]["experiment"]["rehome"]["value"] == "palpation")
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _of_bag(path: Path) -> Iterator[StoredSweep]:
+    """Yield the bag's sweeps; a phantom's depth in estimation is what training told of its code."""
+    with Bag(path) as bag:
+        missing = [topic for topic in _TOPICS if topic not in bag.topics()]
+        if missing:
+            raise PalpError(
+                f"{path}: has no {', '.join(missing)}; record the whole run: palp launch FILE --record DIR"
+            )
+        messages = list(bag.messages(_TOPICS))  # in the order of recording: a mount follows its last sweep
+    depths: dict[str, float] = {}
+    code, remount, trial = "", -1, None
+    for message in messages:
+        value: Any = message.value
+        if message.topic == _TOPICS[0]:
+            code, remount = value.code, value.remount
+        elif message.topic == _TOPICS[1]:
+            trial = value
+            if value.label_known:
+                depths[code] = value.depth_m
+        elif trial is not None and value.trial == trial.trial:
+            yield StoredSweep(
+                trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
+                value.torque_n_m, value.rate_hz,
+            )  # fmt: skip

@@ -1,0 +1,190 @@
+"""A session on the simulated rig in numbers: training, what is learnt from it, and the trials to be decided.
+
+All randomness of a session is drawn here, before any policy chooses: policies compared on a session meet the
+same mountings, landings and noise at the same probe of the same trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PalpError
+from palp_core.perception.latent import OffsetModel
+from palp_core.perception.primitives import Primitives, fit, quantisation_sd
+from palp_core.studies.touch import RESOLUTION_N_M, Touch
+from palp_core.units import Float64Array
+
+__all__ = ["Conditions", "Draws", "Trained", "draw", "independent_model", "offset_model", "train"]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What varies on the rig, and how an experiment is run on it.
+
+    Attributes:
+        repeatability_m: The ring's +-0.3 mm (data sheet).
+        distribution: ``uniform`` reads it as hard limits, ``normal`` as the band of 95 %.
+        height_sd_m: Spread of the surface's height over mountings (assumed).
+        training: Palpations per depth and ring position; 25 as published.
+        training_lands: ``each`` palpation of training lands anew, or once a ``cell`` of depth and ring
+            (blocked, not re-homed). Not published.
+        trials: Trials per depth; 100 as published.
+        remount: Whether the phantom is put on anew for every trial, or once a phase. Not published.
+        rehome: Whether the ring is re-homed before each trial. If not, a ring that never moves keeps one
+            landing for all trials of a phantom. Not published.
+        landing: A ``move`` lands anew; or each ``level`` has one landing for the whole of estimation.
+        drift_n_m: Spread of a bias that comes between training and estimation, N m.
+        same_reading: Whether a trial's later probes repeat its first reading wherever the ring is the same.
+        max_probes: Probes after which a trial is undecided (assumed).
+    """
+
+    repeatability_m: float = 0.3e-3
+    distribution: str = "uniform"
+    height_sd_m: float = 0.1e-3
+    training: int = 25
+    training_lands: str = "each"
+    trials: int = 100
+    remount: bool = False
+    rehome: bool = True
+    landing: str = "move"
+    drift_n_m: float = 0.0
+    same_reading: bool = False
+    max_probes: int = 15
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("distribution", ("uniform", "normal")),
+            ("training_lands", ("each", "cell")),
+            ("landing", ("move", "level")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise PalpError(f"no {name} '{getattr(self, name)}'; use one of {', '.join(allowed)}")
+        if self.training < 2 or self.trials < 1 or self.max_probes < 1:
+            raise PalpError("training needs 2 palpations a cell, a session one trial of one probe, at least")
+
+    @property
+    def ring_sd_m(self) -> float:
+        """Standard deviation of a landing."""
+        return self.repeatability_m / (np.sqrt(3.0) if self.distribution == "uniform" else 2.0)
+
+    def landings_m(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Float64Array:
+        """Return landing errors."""
+        if self.distribution == "normal":
+            return np.asarray(rng.normal(0.0, self.repeatability_m / 2.0, shape))
+        return np.asarray(rng.uniform(-self.repeatability_m, self.repeatability_m, shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """What training left behind.
+
+    Attributes:
+        primitives: Fitted to all palpations.
+        readings: The palpations, N m, shape (m, k, training).
+    """
+
+    primitives: Primitives
+    readings: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """The luck of n trials of up to t probes.
+
+    Attributes:
+        depth: Class, shape (n,).
+        height_m: Height of the surface, shape (n,).
+        landing_m: Landing error if the ring moves before this probe, shape (n, t).
+        level_landing_m: Landing error of each level, shape (k,); used with one landing per level.
+        noise: Standard normal, shape (n, t).
+        uniforms: For the policy, shape (n, t).
+        bias_n_m: Of all readings of estimation.
+    """
+
+    depth: NDArray[np.int64]
+    height_m: Float64Array
+    landing_m: Float64Array
+    level_landing_m: Float64Array
+    noise: Float64Array
+    uniforms: Float64Array
+    bias_n_m: float
+
+
+def train(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Trained:
+    """Return what a training on the rig leaves: every depth at every ring position, one mounting a depth."""
+    m, k = len(touch.gel.depths_m), len(touch.gel.rings_m)
+    count = conditions.training
+    height_m = conditions.height_sd_m * rng.standard_normal((m, 1, 1))
+    landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
+    depth, ring, _ = np.indices((m, k, count))
+    readings = touch.reading(
+        depth.ravel(),
+        ring.ravel(),
+        np.broadcast_to(landing_m, depth.shape).ravel(),
+        np.broadcast_to(height_m, depth.shape).ravel(),
+        rng.standard_normal(depth.size),
+    )
+    primitives = fit(
+        readings,
+        depth.ravel().tolist(),
+        ring.ravel().tolist(),
+        depths_m=touch.gel.depths_m,
+        rings_m=touch.gel.rings_m,
+        floor=quantisation_sd(RESOLUTION_N_M),
+    )
+    return Trained(primitives, readings.reshape(depth.shape))
+
+
+def draw(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Draws:
+    """Return the luck of a session's trials: ``trials`` of every depth."""
+    m, count = len(touch.gel.depths_m), conditions.trials
+    shape = (m * count, conditions.max_probes)
+    depth = np.repeat(np.arange(m), count)
+    height_m = conditions.height_sd_m * rng.standard_normal((m, count))
+    if not conditions.remount:
+        height_m = np.broadcast_to(height_m[:, :1], height_m.shape)
+    landing_m = conditions.landings_m(rng, shape)
+    if not conditions.rehome:
+        landing_m[:, 0] = np.repeat(landing_m[::count, 0], count)
+    return Draws(
+        depth,
+        height_m.ravel(),
+        landing_m,
+        conditions.landings_m(rng, (len(touch.gel.rings_m),)),
+        rng.standard_normal(shape),
+        rng.random(shape),
+        conditions.drift_n_m * float(rng.standard_normal()),
+    )
+
+
+def independent_model(primitives: Primitives) -> OffsetModel:
+    """Return the paper's reading of the primitives: every reading is independent, eq. (7)."""
+    mean = primitives.mean[..., None]
+    nothing = np.zeros((*mean.shape, 0))
+    return OffsetModel(mean, (primitives.sd**2)[..., None, None], nothing, np.zeros(0), ())
+
+
+def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> OffsetModel:
+    """Return primitives that know what stays.
+
+    Offsets: the ring's landing (until it moves), the height (for the trial), and the error that training left
+    in each ring position's mean (for the trial; its landings were as few as they were). Means are the
+    session's own. Known from the rig, not from this session: the spreads of landing and height, the sensor's
+    noise, and how a reading answers to both offsets. A height counts against that of the training's mounting,
+    hence its variance twice.
+    """
+    mean = trained.primitives.mean[..., None]
+    m, k, _ = mean.shape
+    landings = conditions.training if conditions.training_lands == "each" else 1
+    ring = touch.ring_slope()
+    slope = np.zeros((m, k, 1, 2 + k))
+    slope[..., 0, 0], slope[..., 0, 1] = ring, touch.height_slope()
+    for setting in range(k):
+        slope[:, setting, 0, 2 + setting] = ring[:, setting]
+    sd = conditions.ring_sd_m
+    offset_sd = np.array([sd, np.sqrt(2.0) * conditions.height_sd_m, *[sd / np.sqrt(landings)] * k])
+    noise = touch.noise_sd**2 * (1.0 + 1.0 / conditions.training) + trained.primitives.floor**2
+    return OffsetModel(mean, noise[..., None, None], slope, offset_sd, (True, *[False] * (1 + k)))

@@ -1,0 +1,136 @@
+"""The rig's graph on emulated devices: whichever node dies or stops during a sweep, the stage rests."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.rig_bench.running import TO_M, RunningRig
+
+SHORT = ("trials:=1", "training:=1")
+LENIENT = (*SHORT, "stale_ms:=500.0", "beat_ms:=500.0")  # a busy machine is no fault
+ALL = ("experiment", "policy", "stage", "actuator", "torque", "estimator", "emg", "cocontraction")
+SOME = [
+    ("stage", signal.SIGKILL),
+    ("stage", signal.SIGSTOP),
+    ("safety", signal.SIGSTOP),
+    ("torque", signal.SIGSTOP),
+    ("estimator", signal.SIGSTOP),
+    ("estimator", signal.SIGKILL),
+]
+EVERY = [
+    (node, number)
+    for node in (*ALL, "safety", "phantom")
+    for number in (signal.SIGKILL, signal.SIGSTOP)
+    if (node, number) not in SOME
+]
+Start = Callable[..., RunningRig]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    rigs: list[RunningRig] = []
+
+    def begin(*arguments: str, home_s: float = 0.05) -> RunningRig:
+        rig = RunningRig(tmp_path, *arguments, home_s=home_s, lenient=True)
+        rig.__enter__()
+        rigs.append(rig)
+        rig.put_on()
+        return rig
+
+    yield begin
+    for rig in rigs:
+        rig.__exit__(None, None, None)
+
+
+def is_motion(line: str) -> bool:
+    return line.startswith(("MOVE", "HOME", "ENABLE"))
+
+
+def strike(rig: RunningRig, node: str, number: signal.Signals) -> None:
+    rig.sweep()
+    rig.signal(node, number)
+
+    def aborted() -> bool:
+        return any(line.startswith("ABORT") for _, _, line in rig.log(rig.signalled_ns))
+
+    pause = rig.until
+    try:
+        pause(lambda: aborted() and rig.at_rest(), "stop")
+    except TimeoutError:  # the graph may have ended meanwhile, after it has stopped the stage
+        assert aborted()
+        assert rig.at_rest()
+    place_m = rig.emulated.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns))
+    assert place_m < TO_M  # it did not just come to the end of its leg
+    abort_ns = next(t for t, _, line in rig.log(rig.signalled_ns) if line.startswith("ABORT"))
+    assert [line for _, _, line in rig.log(abort_ns) if is_motion(line)] == []
+
+
+@pytest.mark.parametrize(("node", "number"), SOME)
+def test_motion_stops_when_a_node_dies_or_stops(start: Start, node: str, number: signal.Signals) -> None:
+    strike(start(*LENIENT), node, number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("node", "number"), EVERY)
+def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, number: signal.Signals) -> None:
+    strike(start(*LENIENT), node, number)
+
+
+def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Start) -> None:
+    rig = start(*LENIENT)
+    rig.sweep()
+    assert rig.call("safety", "stop", reason="a test")["cause"] == "operator"
+    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    assert rig.at_rest()
+    lines = [line for _, _, line in rig.log()]
+    last_move = max(i for i, line in enumerate(lines) if line.startswith("MOVE"))
+    after = lines[last_move + 1 :]
+    assert after.index("ABORT X") < after.index("DISABLE X")
+    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
+    mark = len(lines)
+    assert rig.call("safety", "acknowledge")["done"]
+    rig.sweep()  # the palpation that was stopped is done again
+    later = [line for _, _, line in rig.log()][mark:]
+    first_move = next(line for line in later if line.startswith("MOVE"))
+    assert first_move == "MOVEABS Y 5.000 YF 2.000"  # up, at 2 mm/s
+    assert rig.safety()["acknowledged_count"] == 1
+
+
+def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwards(start: Start) -> None:
+    rig = start(*LENIENT, home_s=2.0)
+    rig.until(lambda: any(line == "HOMEASYNC Y" for _, _, line in rig.log()), "homing")
+    rig.call("safety", "stop", reason="a test")
+    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
+    rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
+    rig.sweep()
+
+
+def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts(start: Start) -> None:
+    rig = start(*LENIENT)
+    rig.sweep()
+    rig.emulated.fault("ati", "saturated")
+    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    assert rig.safety()["cause"] == "saturated"
+    assert not rig.call("safety", "acknowledge")["done"]
+    rig.emulated.clear("ati")
+    rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
+    rig.sweep()
+
+
+def test_an_emergency_stop_is_acknowledged_only_after_it_is_released(start: Start) -> None:
+    rig = start(*LENIENT)
+    rig.sweep()
+    rig.emulated.fault("aerotech", "e-stop")
+    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    assert rig.safety()["cause"] == "axis fault"
+    rig.call("safety", "acknowledge")
+    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
+    rig.emulated.clear("aerotech")
+    rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
+    rig.sweep()

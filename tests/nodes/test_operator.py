@@ -1,0 +1,44 @@
+"""The person who puts phantoms on: asked, and believed once."""
+
+from __future__ import annotations
+
+import pytest
+
+from msgs.experiment import Mount, MountedRequest
+from nodes.operator import Operator
+from palp_core import Bench
+from palp_core.errors import NodeError
+
+ASKED = Mount(stamp_ns=0, code="B", remount=3)
+
+
+def test_the_phantom_is_on_when_the_person_says_so() -> None:
+    bench = Bench(Operator)
+    bench.feed(Operator.mount, ASKED)
+    assert bench.sent(Operator.truth) == []
+    assert bench.call(Operator.mounted, MountedRequest()).done
+    (truth,) = bench.sent(Operator.truth)
+    assert (truth.code, truth.remount, truth.height_offset_m) == ("B", 3, 0.0)
+    assert truth.depth_m > 0.0
+
+
+def test_nobody_is_believed_twice_or_unasked() -> None:
+    bench = Bench(Operator)
+    assert not bench.call(Operator.mounted, MountedRequest()).done
+    bench.feed(Operator.mount, ASKED)
+    assert bench.call(Operator.mounted, MountedRequest()).done
+    assert not bench.call(Operator.mounted, MountedRequest()).done
+    assert len(bench.sent(Operator.truth)) == 1
+
+
+def test_the_wrong_phantom_is_refused() -> None:
+    bench = Bench(Operator)
+    bench.feed(Operator.mount, ASKED)
+    reply = bench.call(Operator.mounted, MountedRequest(code="A"))
+    assert (reply.done, reply.code) == (False, "B")
+    assert bench.call(Operator.mounted, MountedRequest(code="B")).done
+
+
+def test_a_phantom_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(NodeError, match="no phantom 'Z'"):
+        Bench(Operator).feed(Operator.mount, Mount(stamp_ns=0, code="Z", remount=0))

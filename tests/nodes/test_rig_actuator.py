@@ -1,0 +1,168 @@
+"""The real ring's node: it goes by what the ring says, and holds when the safety node says so or is gone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from msgs.actuator import RingCommand
+from msgs.safety import SafetyBeat
+from nodes import rig_actuator
+from nodes.rig_actuator import RigActuator
+from palp_core import Bench
+from palp_core.devices.health import HEALTHY, Condition, Health
+from palp_core.devices.protocols import RingReading
+from palp_core.errors import DeviceError
+from palp_core.runtime.lifecycle import Transition
+
+
+class ScriptedRing:
+    """Settles when the test says so; ``calls`` says what was asked of it."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.settled = True
+        self.refuses = self.broken = False
+        self.target_m = 0.0
+        self.condition = Condition.OK
+
+    def open(self, *_: Any) -> None:
+        self.calls.append("open")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def health(self, now_ns: int) -> Health:
+        return HEALTHY if self.condition is Condition.OK else Health(self.condition, 0, "scripted")
+
+    def command(self, target_m: float, *_: Any) -> int:
+        if self.refuses:
+            raise DeviceError("ring: stalled")
+        self.calls.append(f"go {target_m * 1e3:g}")
+        self.target_m, self.settled = target_m, False
+        return 0  # a prediction, which is not to be believed
+
+    def rehome(self, *_: Any) -> int:
+        self.calls.append("rehome")
+        self.settled = False
+        return 0
+
+    def stop(self, *_: Any) -> None:
+        self.calls.append("stop")
+        if self.broken:
+            raise DeviceError("ring: the link is lost")
+
+    def acknowledge(self, *_: Any) -> None:
+        self.calls.append("acknowledge")
+
+    def read(self, *_: Any) -> RingReading:
+        return RingReading(self.target_m, self.target_m, self.settled)
+
+
+class Leashed:
+    """A bench with a safety node that speaks every 10 ms."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.device = ScriptedRing()
+        monkeypatch.setattr(rig_actuator, "open_device", lambda *_, **__: self.device)
+        self.bench = Bench(RigActuator)
+
+    def run(self, seconds: float, state: str = "ready", count: int = 0) -> None:
+        for _ in range(round(seconds * 100)):
+            self.bench.advance(0.01)
+            beat = SafetyBeat(
+                stamp_ns=self.bench.clock.now_ns(),
+                state=state,
+                permits=state == "ready",
+                acknowledged_count=count,
+            )
+            self.bench.feed(RigActuator.safety, beat)
+
+    def send(self, iteration: int, ring_mm: float, *, rehome: bool = False) -> None:
+        command = RingCommand(stamp_ns=0, trial=1, iteration=iteration, ring_m=ring_mm * 1e-3, rehome=rehome)
+        self.bench.feed(RigActuator.command, command)
+
+    @property
+    def words(self) -> list[tuple[int, bool]]:
+        return [(state.iteration, state.settled) for state in self.bench.sent(RigActuator.ring_state)]
+
+
+@pytest.fixture
+def leashed(monkeypatch: pytest.MonkeyPatch) -> Leashed:
+    return Leashed(monkeypatch)
+
+
+def test_a_command_waits_for_permission(leashed: Leashed) -> None:
+    leashed.send(1, 8.0)
+    leashed.run(0.5, "starting")
+    assert leashed.device.calls == ["open"]
+    leashed.run(0.1)
+    assert leashed.device.calls == ["open", "go 8"]
+
+
+def test_it_is_settled_when_the_ring_says_so_and_not_when_it_was_predicted(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.send(1, 8.0)
+    leashed.run(5.0)
+    assert leashed.words == [(1, False)]
+    leashed.device.settled = True
+    leashed.run(0.1)
+    assert leashed.words == [(1, False), (1, True)]
+
+
+def test_commands_are_followed_one_after_another(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.send(0, 0.0, rehome=True)
+    leashed.send(1, 16.0)
+    leashed.run(0.1)
+    assert leashed.device.calls[1:] == ["rehome"]
+    leashed.device.settled = True
+    leashed.run(0.1)
+    assert leashed.device.calls[1:] == ["rehome", "go 16"]
+
+
+def test_at_a_trip_it_holds_and_afterwards_goes_on(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.send(1, 8.0)
+    leashed.run(0.1)
+    leashed.run(0.5, "latched")
+    assert leashed.device.calls[1:] == ["go 8", "stop"]
+    leashed.run(0.1, "starting", count=1)
+    assert leashed.device.calls[-1] == "acknowledge"
+    leashed.run(0.1, "ready", count=1)
+    assert leashed.device.calls[-1] == "go 8"
+
+
+def test_it_holds_without_a_heartbeat(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.send(1, 8.0)
+    leashed.run(0.1)
+    leashed.bench.advance(0.1)
+    assert leashed.device.calls[-1] == "stop"
+
+
+def test_a_refused_command_is_said_and_tried_again(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.device.refuses = True
+    leashed.device.condition = Condition.STALLED
+    leashed.send(1, 8.0)
+    leashed.run(0.1)
+    assert leashed.bench.sent(RigActuator.report)[-1].condition == "stalled"
+    leashed.device.refuses = False
+    leashed.run(0.1)
+    assert leashed.device.calls[-1] == "go 8"
+
+
+def test_a_lost_link_is_opened_again_after_the_acknowledgement(leashed: Leashed) -> None:
+    leashed.run(0.1)
+    leashed.device.condition = Condition.LINK_LOST
+    leashed.run(0.1, "latched")
+    leashed.run(0.1, "starting", count=1)
+    assert leashed.device.calls[-3:] == ["close", "open", "acknowledge"]
+
+
+def test_a_lost_link_at_the_end_is_no_failure(leashed: Leashed) -> None:
+    leashed.device.broken = True
+    leashed.bench.executor.transition(Transition.DEACTIVATE)
+    assert leashed.device.calls[-2:] == ["stop", "close"]

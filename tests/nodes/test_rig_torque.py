@@ -1,0 +1,141 @@
+"""The real sensor's node: tares before it reports, reports every load, makes even blocks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nodes import rig_torque
+from nodes.rig_torque import RigTorque
+from palp_core import Bench
+from palp_core.devices.health import HEALTHY, Health
+from palp_core.devices.protocols import TorqueBlock
+from palp_core.devices.wrench_state import bias_from
+
+MS = 1_000_000
+
+
+class ScriptedSensor:
+    """Delivers what it is given."""
+
+    def __init__(self) -> None:
+        self.waiting: list[TorqueBlock] = []
+        self.is_open = False
+
+    def open(self, *_: Any) -> None:
+        self.is_open = True
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def health(self, now_ns: int) -> Health:
+        return HEALTHY
+
+    def drain(self, now_ns: int, state: Any, rng: Any) -> TorqueBlock:
+        return self.waiting.pop(0) if self.waiting else samples([], [])
+
+    def tare(self, block: TorqueBlock, state: Any) -> None:
+        bias_from(block, state)
+
+
+def samples(times_ms: list[float], torque: list[float], **counts: Any) -> TorqueBlock:
+    wrench = np.zeros((len(times_ms), 6))
+    wrench[:, 3] = torque
+    wrench[:, 1] = 2.0
+    return TorqueBlock(
+        (np.array(times_ms) * MS).astype(np.int64),
+        np.array(torque, dtype=float),
+        counts.get("saturated", 0),
+        gap=np.zeros(len(times_ms), dtype=bool),
+        faulty=counts.get("faulty", np.zeros(len(times_ms), dtype=bool)),
+        wrench=wrench,
+    )
+
+
+@pytest.fixture
+def sensor(monkeypatch: pytest.MonkeyPatch) -> ScriptedSensor:
+    scripted = ScriptedSensor()
+    monkeypatch.setattr(rig_torque, "open_device", lambda *_, **__: scripted)
+    return scripted
+
+
+def test_it_tares_before_it_says_anything(sensor: ScriptedSensor) -> None:
+    bench = Bench(RigTorque, {"tare_samples": 4})
+    sensor.waiting = [samples([1, 2], [0.01, 0.03]), samples([3, 4], [0.01, 0.03])]
+    bench.advance(0.0015)
+    assert bench.sent(RigTorque.load) == []
+    bench.advance(0.001)
+    assert bench.node.state.driver.bias[3] == pytest.approx(0.02)
+    assert bench.node.state.driver.bias[1] == pytest.approx(2.0)
+    bench.advance(0.001)
+    assert len(bench.sent(RigTorque.load)) == 1
+
+
+def test_a_tare_over_bad_samples_is_done_again(sensor: ScriptedSensor) -> None:
+    bench = Bench(RigTorque, {"tare_samples": 2})
+    sensor.waiting = [
+        samples([1, 2], [0.1, 0.1], faulty=np.array([False, True])),
+        samples([3, 4], [0.01, 0.03]),
+    ]
+    bench.advance(0.0015)
+    assert not bench.node.state.tared
+    bench.advance(0.001)
+    assert bench.node.state.tared
+    assert bench.node.state.driver.bias[3] == pytest.approx(0.02)
+
+
+def streaming(**params: Any) -> Bench[RigTorque]:
+    return Bench(RigTorque, {"tare": "never", **params})
+
+
+def test_every_load_is_reported_at_once_with_its_largest_values(sensor: ScriptedSensor) -> None:
+    bench = streaming()
+    sensor.waiting = [samples([0.2, 0.7], [0.01, -0.05])]
+    bench.advance(0.001)
+    report = next(report for report in bench.sent(RigTorque.load) if report.sample_count)
+    assert report.torque_n_m == pytest.approx(0.05)
+    assert report.force_n == pytest.approx(2.0)
+    assert report.sample_ns == 700_000
+
+
+def test_silence_is_reported_too_and_the_last_sample_stays_old(sensor: ScriptedSensor) -> None:
+    bench = streaming()
+    sensor.waiting = [samples([0.5], [0.01])]
+    bench.advance(0.010)
+    reports = bench.sent(RigTorque.load)
+    assert len(reports) >= 10
+    assert {report.sample_ns for report in reports[2:]} == {500_000}
+
+
+def test_a_value_that_is_no_number_is_faulty_and_in_no_block(sensor: ScriptedSensor) -> None:
+    bench = streaming(block_samples=3)
+    sensor.waiting = [samples([1, 2, 3, 4], [0.01, float("nan"), 0.02, 0.03])]
+    bench.advance(0.002)
+    assert sum(report.faulty_count for report in bench.sent(RigTorque.load)) == 1
+    assert all(np.all(np.isfinite(block.torque_n_m)) for block in bench.sent(RigTorque.block))
+
+
+def test_saturated_samples_are_counted(sensor: ScriptedSensor) -> None:
+    bench = streaming()
+    sensor.waiting = [samples([1, 2], [0.12, 0.12], saturated=2, faulty=np.array([True, True]))]
+    bench.advance(0.001)
+    assert sum(report.saturated_count for report in bench.sent(RigTorque.load)) == 2
+    assert sum(report.faulty_count for report in bench.sent(RigTorque.load)) == 0
+
+
+def test_blocks_are_even_and_end_at_a_gap(sensor: ScriptedSensor) -> None:
+    bench = streaming(block_samples=4)
+    sensor.waiting = [
+        samples([1, 2], [0.1, 0.2]),
+        samples([3, 8, 9], [0.3, 0.4, 0.5]),
+        samples([10, 11], [0.6, 0.7]),
+    ]
+    bench.advance(0.010)
+    before, after = bench.sent(RigTorque.block)
+    assert before.torque_n_m.tolist() == [0.1, 0.2, 0.3]
+    assert after.torque_n_m.tolist() == [0.4, 0.5, 0.6, 0.7]
+    assert (before.start_ns, after.start_ns) == (1 * MS, 8 * MS)
+    assert after.rate_hz == pytest.approx(1000.0)
+    assert not before.over_phantom

@@ -1,0 +1,312 @@
+"""The safety node: ABORT before anything else, DISABLE, latched, and permission only when all is heard."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from msgs.safety import AcknowledgeRequest, LoadReport, RingReport, StageReport, StatusRequest, StopRequest
+from nodes import safety
+from nodes.safety import Safety
+from palp_core import Bench
+from palp_core.devices.aerotech_stop import AxisReport, StopTimes
+from palp_core.devices.wire.aerotech import Fault
+from palp_core.errors import DeviceError
+from palp_core.runtime.lifecycle import Transition
+
+
+class ScriptedStop:
+    """The link of its own; ``calls`` says what was written to it."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.broken = False
+        self.report = AxisReport("X", Fault(0), moving=False, enabled=True)
+
+    def look(self) -> AxisReport:
+        self._need_link()
+        return self.report
+
+    def abort(self) -> int:
+        self._need_link()
+        self.calls.append("abort")
+        return 1
+
+    def rest(self, written_ns: int) -> StopTimes:
+        self._need_link()
+        self.calls.append("disable")
+        return StopTimes(written_ns, written_ns, written_ns + 1)
+
+    def trip(self) -> StopTimes:
+        return self.rest(self.abort())
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def _need_link(self) -> None:
+        if self.broken:
+            raise DeviceError("aerotech: the link is lost")
+
+
+class Watched:
+    """A bench with a sensor, a stage and a ring that speak."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **params: Any) -> None:
+        self.link = ScriptedStop()
+        monkeypatch.setattr(safety, "AerotechStop", lambda *_, **__: self.link)
+        given = {"stop_url": "socket://nowhere:8001", "watch_processes": False, **params}
+        self.bench = Bench(Safety, given)
+        self.torque_n_m, self.condition, self.moving, self.y_m = 0.01, "ok", False, 0.0
+        self.released: int | None = None
+        self.silent: set[str] = set()
+
+    @property
+    def now_ns(self) -> int:
+        return self.bench.clock.now_ns()
+
+    def load(self, **fields: Any) -> None:
+        values: dict[str, Any] = {
+            "stamp_ns": self.now_ns, "sample_ns": self.now_ns, "sample_count": 1,
+            "torque_n_m": self.torque_n_m, "force_n": 0.1, "saturated_count": 0, "faulty_count": 0,
+            "gap_count": 0, "condition": "ok",
+        }  # fmt: skip
+        self.bench.feed(Safety.load, LoadReport(**{**values, **fields}))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * 200)):
+            self.bench.advance(0.005)
+            if "torque" not in self.silent:
+                self.load()
+            if "ring" not in self.silent:
+                report = RingReport(stamp_ns=self.now_ns, ring_m=0.008, moving=False, condition="ok")
+                self.bench.feed(Safety.ring, report)
+            if "stage" not in self.silent:
+                self.see()
+
+    def see(self, **fields: Any) -> None:
+        count = self.status.acknowledged_count if self.released is None else self.released
+        values: dict[str, Any] = {
+            "stamp_ns": self.now_ns, "y_m": self.y_m, "z_m": 0.0, "speed_m_s": 0.0, "moving": self.moving,
+            "bring_up": False, "acknowledged_count": count, "condition": self.condition,
+        }  # fmt: skip
+        self.bench.feed(Safety.stage, StageReport(**{**values, **fields}))
+
+    @property
+    def status(self) -> Any:
+        return self.bench.call(Safety.status, StatusRequest())
+
+    def acknowledge(self) -> Any:
+        return self.bench.call(Safety.acknowledge, AcknowledgeRequest())
+
+    def trips(self) -> list[str]:
+        return [trip.cause for trip in self.bench.sent(Safety.trip)]
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+def sweeping(watched: Watched) -> None:
+    watched.run(0.1)
+    watched.moving = True
+    watched.run(0.1)
+    assert watched.status.state == "moving"
+
+
+@pytest.mark.parametrize("missing", ["torque", "stage", "ring"])
+def test_nothing_is_permitted_before_everything_was_heard(watched: Watched, missing: str) -> None:
+    watched.silent = {missing}
+    watched.run(0.5)
+    assert watched.status.state == "starting"
+    watched.silent = set()
+    watched.run(0.05)
+    assert watched.status.permits
+
+
+def test_a_load_over_the_limit_aborts_and_disables_within_the_handler(watched: Watched) -> None:
+    sweeping(watched)
+    watched.load(torque_n_m=0.101)
+    assert watched.link.calls == ["abort", "disable"]
+    assert watched.status.state == "latched"
+    beat = watched.bench.sent(Safety.beat)[-1]
+    assert (beat.permits, beat.cause) == (False, "torque")
+
+
+def test_a_trip_is_published_with_its_cause_and_the_last_second(watched: Watched) -> None:
+    watched.run(2.0)
+    watched.load(torque_n_m=0.101)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.cause == "torque"
+    assert "101.0 N mm" in trip.text
+    assert trip.torque_n_m[-1] == 0.101
+    assert -1.01 <= trip.load_time_s[0] < -0.98
+    assert len(trip.load_time_s) == pytest.approx(200, abs=3)
+    assert len(trip.y_m) == len(trip.stage_time_s) == pytest.approx(200, abs=3)
+    assert trip.ring_m[-1] == 0.008
+    assert (trip.written_ns, trip.disabled_ns) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("missing", "cause"), [("torque", "stale"), ("stage", "lost heartbeat"), ("ring", "lost heartbeat")]
+)
+def test_who_falls_silent_trips(watched: Watched, missing: str, cause: str) -> None:
+    sweeping(watched)
+    watched.silent = {missing}
+    watched.run(0.07)
+    assert watched.trips() == [cause]
+    assert watched.link.calls[:2] == ["abort", "disable"]
+
+
+def test_a_stage_out_of_its_window_trips(watched: Watched) -> None:
+    sweeping(watched)
+    watched.y_m = 0.056
+    watched.run(0.01)
+    assert watched.trips() == ["travel"]
+
+
+def test_an_axis_fault_on_the_own_link_trips(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.report = AxisReport("X", Fault.E_STOP, moving=False, enabled=False)
+    watched.run(0.1)
+    assert watched.trips() == ["axis fault"]
+
+
+def test_an_axis_that_does_not_follow_trips(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.report = AxisReport("X", Fault(0), moving=True, enabled=True, following_m=0.6e-3)
+    watched.run(0.1)
+    assert watched.trips() == ["following error"]
+
+
+def test_a_lost_link_of_its_own_trips_and_is_tried_again_until_it_can_stop(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.broken = True
+    watched.run(0.2)
+    assert watched.trips() == ["lost link"]
+    assert watched.status.state == "stopping"
+    assert not watched.acknowledge().done
+    watched.link.broken = False
+    watched.run(0.05)
+    assert watched.status.state == "latched"
+    assert watched.link.calls[-2:] == ["abort", "disable"]
+
+
+def test_the_operator_stops_it(watched: Watched) -> None:
+    sweeping(watched)
+    reply = watched.bench.call(Safety.stop, StopRequest(reason="palp stop"))
+    assert (reply.state, reply.cause) == ("latched", "operator")
+
+
+def test_motion_before_permission_is_stopped(watched: Watched) -> None:
+    watched.silent = {"ring"}
+    watched.moving = True
+    watched.run(0.05)
+    assert watched.trips() == ["unpermitted motion"]
+
+
+def test_motion_after_a_trip_is_stopped_again(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.moving = False
+    watched.run(0.1)
+    assert watched.link.calls == ["abort", "disable"]
+    watched.moving = True
+    watched.run(0.01)
+    assert watched.link.calls[2:4] == ["abort", "disable"]
+
+
+def test_a_trip_is_left_by_an_acknowledgement_once_all_is_well(watched: Watched) -> None:
+    sweeping(watched)
+    watched.torque_n_m = 0.120
+    watched.run(0.01)
+    watched.moving = False
+    watched.run(1.0)
+    reply = watched.acknowledge()
+    assert (reply.done, reply.state) == (False, "latched")
+    assert "120.0 N mm" in reply.text
+    watched.torque_n_m = 0.01
+    watched.run(0.05)
+    reply = watched.acknowledge()
+    assert (reply.done, reply.state) == (True, "starting")
+    watched.run(0.05)
+    assert watched.status.permits
+
+
+def test_a_trip_is_not_left_while_the_stage_still_moves(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.run(0.02)
+    reply = watched.acknowledge()
+    assert not reply.done
+    assert "not known to be at rest" in reply.text
+
+
+def test_silence_after_an_overload_is_no_all_clear(watched: Watched) -> None:
+    sweeping(watched)
+    watched.load(torque_n_m=0.101)
+    watched.moving = False
+    watched.see()
+    watched.load(sample_count=0, torque_n_m=0.0, force_n=0.0)
+    assert not watched.acknowledge().done
+
+
+def test_after_an_acknowledgement_the_stage_must_take_note_first(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.moving = False
+    watched.released = 0
+    watched.run(0.1)
+    assert watched.acknowledge().done
+    watched.condition = "disabled"
+    watched.run(0.3)
+    assert watched.status.state == "starting"
+    watched.released, watched.condition = 1, "ok"
+    watched.run(0.05)
+    assert watched.status.permits
+
+
+def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> None:
+    watched.run(0.1)
+    reply = watched.acknowledge()
+    assert (reply.done, reply.state) == (False, "ready")
+
+
+def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch, stop_url="")
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.run(0.05)
+    assert watched.status.state == "stopping"
+    watched.moving = False
+    watched.run(0.05)
+    assert watched.status.state == "latched"
+    assert watched.link.calls == []
+
+
+def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch, watch_processes=True)
+    monkeypatch.setattr(watched.bench.node.siblings, "find", lambda: 1)
+    found: list[int] = []
+    monkeypatch.setattr(watched.bench.node.siblings, "stopped", lambda: found)
+    sweeping(watched)
+    found.append(4711)
+    watched.run(0.02)
+    assert watched.trips() == ["lost heartbeat"]
+    assert "4711" in watched.status.text
+
+
+def test_it_stops_what_moves_when_it_ends(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.executor.transition(Transition.DEACTIVATE)
+    assert watched.link.calls == ["abort", "disable", "close"]
+
+
+def test_a_trip_outlives_its_node(watched: Watched, successor: Any) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    following = successor(watched.bench)
+    following.advance(0.1)
+    reply = following.call(Safety.status, StatusRequest())
+    assert (reply.state, reply.cause) == ("latched", "operator")
