@@ -215,6 +215,7 @@ class Sink(Node):
 class PlannerParams(Params):
     rate_hz: float = 10.0
     run: str = "swap_toys:Other"
+    params: str = '{"gain": 5}'
 
 
 class Planner(Node):
@@ -227,7 +228,7 @@ class Planner(Node):
         self.state.index += 1
         if self.state.index == 3:
             run = self.params.run
-            self.swap.publish(Swap(stamp_ns=self.now_ns(), node="relay", run=run, params='{"gain": 5}'))
+            self.swap.publish(Swap(stamp_ns=self.now_ns(), node="relay", run=run, params=self.params.params))
         if self.state.index == 6:
             self.finish()
 
@@ -264,15 +265,18 @@ clock: {clock}
 args:
   run: {{default: "swap_toys:Relay", help: of the middle node}}
   rate_hz: {{default: 1000.0, help: of the numbers}}
-nodes:
+{args}nodes:
   source: {{run: "swap_toys:Source", params: {{rate_hz: $(var rate_hz)}}}}
   relay: {{run: $(var run), inputs: {{num: source/out}}}}
   sink: {{run: "swap_toys:Sink", inputs: {{num: relay/out}}}}
   asker: {{run: "swap_toys:Asker", inputs: {{ask: relay/ask}}}}
 {more}
 """
+PLANNED = """
+  params: {default: '{"gain": 5}', help: of the node that takes over}
+"""
 PLANNER = """
-  planner: {run: "swap_toys:Planner", on_exit: shutdown}
+  planner: {run: "swap_toys:Planner", params: {params: $(var params)}, on_exit: shutdown}
 """
 
 
@@ -281,8 +285,8 @@ def workspace(folder: Path) -> Path:
     (folder / "nodes").mkdir(parents=True)
     (folder / "launch").mkdir()
     (folder / "swap_toys.py").write_text(NODES)
-    (folder / "launch/wall.yaml").write_text(LAUNCH.format(clock="wall", more=""))
-    (folder / "launch/sim.yaml").write_text(LAUNCH.format(clock="sim", more=PLANNER))
+    (folder / "launch/wall.yaml").write_text(LAUNCH.format(clock="wall", more="", args=""))
+    (folder / "launch/sim.yaml").write_text(LAUNCH.format(clock="sim", more=PLANNER, args=PLANNED))
     return folder / "launch"
 
 

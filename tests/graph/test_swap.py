@@ -9,6 +9,7 @@ import os
 import signal
 from pathlib import Path
 
+import psutil
 import pytest
 
 from palp_core.bag.reader import read
@@ -204,6 +205,56 @@ def test_a_listening_tool_follows_the_node(palp: Palp, stage: Stage) -> None:
     while heard[-1]["index"] < stage.judgement()[0] - 2000:
         heard.append(json.loads(listener.stdout.readline()))
     assert [message["index"] for message in heard] == list(range(first + 1, first + 1 + len(heard)))
+
+
+def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -> None:
+    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=20.0)
+    before = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]["received"]
+    stage.passes(50)
+    account = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
+    assert account["received"] > before
+    assert account["repeated"] == 0
+
+
+def test_a_reader_that_is_stopped_keeps_its_publisher_from_a_swap_and_misses_nothing(stage: Stage) -> None:
+    sink = stage.process_of("sink")
+    os.kill(sink, signal.SIGSTOP)
+    failed = stage.swap("Other", timeout_s=2.0)["failed"]
+    assert failed["step"] == "connect"
+    assert "/sink" in failed["text"]
+    os.kill(sink, signal.SIGCONT)
+    stage.passes(100)
+    assert "report" in stage.swap("Other")
+    stage.passes(100)
+    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
+    account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
+    assert (account["lost"], account["repeated"]) == (0, 0)
+
+
+def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:
+    processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
+    stage.swap("Other")
+    before = {name: process.num_fds() for name, process in processes.items()}
+    for turn in range(4):
+        stage.swap(("Relay", "Other")[turn % 2])
+        stage.swap("Faulty", step="state", deed="raise")
+        stage.passes(20)
+    for name, process in processes.items():  # a connection may be closing
+        assert process.num_fds() <= before[name] + 2
+    assert len(list(stage.folder.glob("+*"))) == 2
+    assert not list(stage.folder.glob("description[0-9]*"))
+
+
+def test_a_class_that_takes_too_long_to_import_is_not_taken_for_the_next_one(
+    stage: Stage, tmp_path: Path
+) -> None:
+    endless = tmp_path / "endless.py"
+    endless.write_text("while True:\n    pass\n")
+    failed = stage.swap(f"{endless}:X", timeout_s=1.0)["failed"]
+    assert failed["step"] == "check"
+    assert "within 1 s" in failed["text"]
+    assert "it has no output 'out'" in stage.swap("NoOut")["failed"]["text"]
+    assert "report" in stage.swap("Other")
 
 
 def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from palp_core.errors import NodeError
 from palp_core.launch.graph import Graph
 from palp_core.launch.swap import SwapFailed, SwapReport, SwapRequest
 from tests.graph.conftest import Palp
@@ -52,6 +53,12 @@ def test_a_planned_swap_that_fails_ends_the_run(launch: Path) -> None:
             with pytest.raises(SwapFailed, match="cannot take the state") as failure:
                 graph.run()
         assert failure.value.step == "state"
+
+
+@pytest.mark.parametrize("params", ["{", "[1]", '{"gian": 1}'])
+def test_a_plan_that_is_no_plan_ends_the_run_by_name(launch: Path, params: str) -> None:
+    with Graph(launch, compose=True, params=params) as graph, pytest.raises(NodeError, match=r"planner|gian"):
+        graph.run()
 
 
 @pytest.mark.parametrize("compose", [False, True])

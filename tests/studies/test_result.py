@@ -171,3 +171,9 @@ def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: 
     nowhere = msgspec.structs.replace(summary(tmp_path), args={}, params={})
     with pytest.raises(PalpError, match="names no folder"):
         result.out_of(nowhere)
+
+
+def test_a_label_names_the_policies_that_took_over() -> None:
+    swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine"}
+    found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
+    assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import GraphOption, JsonOption, NodeArgument
+from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import GraphError
 
@@ -41,6 +41,7 @@ def swap(
             "--shadow",
             metavar="S",
             min=0.0,
+            max=86400.0,
             help="First let both work for so long on the graph's clock, hear only the old one, and compare.",
         ),
     ] = 0.0,
@@ -48,7 +49,10 @@ def swap(
         bool, typer.Option("--dry-run", help="Try every step, or the shadow, and change nothing.")
     ] = False,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.1, help="Seconds for all of it but the shadow.")
+        float,
+        typer.Option(
+            "--timeout", metavar="S", min=0.1, max=3600.0, help="Seconds for all of it but the shadow."
+        ),
     ] = 10.0,
     graph: GraphOption = None,
     as_json: JsonOption = False,
@@ -70,11 +74,16 @@ def swap(
         raise GraphError(
             "name the new class, as in nodes.policy_uniform:Uniform, or --reload the one that runs"
         )
+    if target is not None and not all(target.rpartition(":")[::2]):
+        raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     run = _absolute(target) if target is not None else ""
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in pairs("parameter", given).items()}}
-    answer = RunningGraph.find(graph).swap(
-        node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options
-    )
+    running = RunningGraph.find(graph)
+    try:
+        answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
+    except KeyboardInterrupt:
+        note(f"the launcher goes on with the swap; what came of it is told by: palp node info {node}")
+        sys.exit(INTERRUPTED)
     if as_json:
         print_json(answer)
     failed = answer.get("failed")

@@ -14,7 +14,7 @@ from palp_core.runtime.executor import Executor
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.link import Done
 from palp_core.runtime.message import decode_any, encode_any
-from palp_core.runtime.shadow import Comparison
+from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.succession import fitting, hand_over_of
 
 __all__ = ["ComposedSwaps"]
@@ -87,7 +87,9 @@ class ComposedSwaps:
         self, replacement: Replacement, new: Executor, sent: list[bytes], running: HandOver
     ) -> dict[str, Any]:
         """Let both work for a while, and only the old one be heard; return how they compare."""
-        comparison = Comparison(running.published)
+        topics = replacement.checked.topics
+        arrays = {name: array_fields(info.json_schema) for name, info in topics.items()}
+        comparison = Comparison(running.published, arrays)
         self._composition.shadow = (replacement.index, new, sent, comparison)
         try:
             self._elapse(round(replacement.request.shadow_s * 1e9))

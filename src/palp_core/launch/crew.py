@@ -37,7 +37,7 @@ from palp_core.runtime.link import (
     ToNode,
 )
 from palp_core.runtime.spec import NodeSpec
-from palp_core.runtime.swap_lines import FromSwapped
+from palp_core.runtime.swap_lines import FromSwapped, Listening
 
 __all__ = ["ProcessCrew"]
 
@@ -62,6 +62,7 @@ class ProcessCrew:
         start_ns: The graph's start on the wall clock; 0 before.
         between: Called in every turn of :meth:`run_wall`.
         answers: What nodes have last said in a swap.
+        listening: Which nodes listen to which topic at which second place.
         renewed: Called when a node has a new process.
         watch, forget: As of the switchboard.
     """
@@ -90,6 +91,7 @@ class ProcessCrew:
         self.start_ns = 0
         self._replies: dict[int, Done] = {}
         self.answers: dict[int, FromSwapped] = {}
+        self.listening: set[tuple[int, str, str]] = set()
         self._knocks: set[int] = set()
         self._keeper = Keeper(self.members, self, bus, restarts=clock == "wall")
         self._lines = Switchboard(
@@ -165,6 +167,8 @@ class ProcessCrew:
                 self._observe(monotonic_ns() - self.start_ns, message.frame)
             if message.exit_code is not None and member.spec.shutdown_on_exit:
                 self.exit_code = message.exit_code
+        elif isinstance(message, Listening):
+            self.listening.add((index, message.topic, message.publish))
         elif isinstance(message, FromSwapped):
             self.answers[index] = message
         elif isinstance(message, Configured):

@@ -23,7 +23,7 @@ from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.link import Done
 from palp_core.runtime.message import decode_any
-from palp_core.runtime.shadow import Comparison
+from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.swap_lines import (
     Announced,
     EndShadow,
@@ -46,6 +46,8 @@ from palp_core.runtime.swap_lines import (
 __all__ = ["ProcessSwaps"]
 
 SEE_OFF_NS = 1_000_000_000
+LINGER_NS = 60_000_000_000
+"""How long an old process stays for a reader that is stopped or slow (assumed)."""
 
 
 class ProcessSwaps:
@@ -70,6 +72,7 @@ class ProcessSwaps:
         understudies.look([request], self._workspace)
         deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
         if not self._supervisor.follow(lambda: understudies.described is not None, deadline_ns):
+            understudies.look_away()
             error = f"it could not be imported within {timeout_s:g} s"
             return NodeDescription(run=request.run, error=error)
         assert understudies.described is not None
@@ -118,8 +121,11 @@ class _Swap(SwapTalk):
         self._step = "connect"
         self._announced = True
         publish, serve = endpoints(str(self._folder), new.place)
+        supervisor.listening.clear()
         self._say_old(Place(publish, serve))
         readers = self._from_old(Announced).readers
+        if supervisor.start_ns:
+            self._await_readers(publish)
         self._say_new(Meet(readers))
         self._from_new(Met)  # who did not come is no node of this graph, and can ask for what it missed
         self._step = "state"
@@ -129,6 +135,22 @@ class _Swap(SwapTalk):
         if rehearsed.error:
             self._fail(rehearsed.error)
         return rehearsed.after
+
+    def _await_readers(self, publish: str) -> None:
+        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
+        supervisor, checked = self._supervisor, self._replacement.checked
+        wanted = {
+            (supervisor.names.index(reader), name, publish)
+            for name, ends in checked.edges.items()
+            if name.split("/")[1] == self._replacement.request.node
+            for reader, _ in ends
+            if reader in supervisor.names and supervisor.members[supervisor.names.index(reader)].active
+        }
+        deaf = {f"/{supervisor.names[index]}" for index, _, _ in wanted}
+        text = (
+            f"not every reader listened at the new place; one is stopped or busy: {', '.join(sorted(deaf))}"
+        )
+        self._until(lambda: wanted <= supervisor.listening, text)
 
     def _shadow(self, after: Heard) -> Heard:
         """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
@@ -148,7 +170,9 @@ class _Swap(SwapTalk):
             end_ns = monotonic_ns() + duration_ns
             supervisor.follow(lambda: bool(new.failure) or self._old.ended, end_ns)
         else:
-            comparison = Comparison(decode_any(HandOver, handed.hand_over).published)
+            topics = self._replacement.checked.topics
+            arrays = {name: array_fields(info.json_schema) for name, info in topics.items()}
+            comparison = Comparison(decode_any(HandOver, handed.hand_over).published, arrays)
             begun_ns = monotonic_ns()
             supervisor.shadow = (self._index, new, comparison)
             try:
@@ -187,7 +211,8 @@ class _Swap(SwapTalk):
         working = self._working()
         self._see_off(new)
         done = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
-        return self._report(working, taken.held), done
+        held = taken.held if working is None else int(str(working.record["held"]))
+        return self._report(working, held), done
 
     def _report(self, working: Working | None, held: int) -> SwapReport:
         lockstep = not self._supervisor.start_ns
@@ -214,18 +239,33 @@ class _Swap(SwapTalk):
         return answer if isinstance(answer, Working) else None
 
     def _see_off(self, former: Understudy) -> None:
-        """Let the old process end; whoever looks for the node by its name is led to the new one."""
+        """Let the old process end; whoever looks for the node by its name is led to the new one.
+
+        It stays as long as a reader has not had all that it published, but nobody waits for that.
+        """
         supervisor = self._supervisor
-        supervisor.understudies.send(former, Leave(SEE_OFF_NS))
-        if not supervisor.follow(lambda: former.member.ended, monotonic_ns() + 3 * SEE_OFF_NS):
-            supervisor.understudies.kill(former)
-            supervisor.follow(lambda: former.member.ended, monotonic_ns() + SEE_OFF_NS)
-        node, place = self._replacement.request.node, supervisor.members[self._index].place
-        for end in ("pub", "srv"):
-            link = self._folder / f"+{node}.{end}.link"
-            link.unlink(missing_ok=True)
-            link.symlink_to(f"{place}.{end}")
-            link.replace(self._folder / f"{node}.{end}")
+        supervisor.understudies.send(former, Leave(LINGER_NS))
+        former.on_end = self._lead(former.member.place, supervisor.members[self._index].place)
+        supervisor.follow(lambda: former.member.ended, monotonic_ns() + SEE_OFF_NS)
+        former.on_end()
+
+    def _lead(self, before: str, place: str) -> Callable[[], None]:
+        node, folder, members, index = (
+            self._replacement.request.node, self._folder, self._supervisor.members, self._index
+        )  # fmt: skip
+
+        def lead() -> None:
+            if members[index].place != place:
+                return  # it has changed hands again
+            for end in ("pub", "srv"):
+                link = folder / f"+{node}.{end}.link"
+                link.unlink(missing_ok=True)
+                link.symlink_to(f"{place}.{end}")
+                link.replace(folder / f"{node}.{end}")
+                if before != node:
+                    (folder / f"{before}.{end}").unlink(missing_ok=True)
+
+        return lead
 
     def _take_back(self) -> None:
         """Leave all as it was; a new process has said nothing to anybody yet."""
@@ -240,6 +280,8 @@ class _Swap(SwapTalk):
         if new is not None:
             with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
                 supervisor.follow(lambda: new.member.ended, monotonic_ns() + SEE_OFF_NS)
+            for end in ("pub", "srv"):
+                (self._folder / f"{new.member.place}.{end}").unlink(missing_ok=True)
         if self._old.handed_in:
             self._old.handed_in = False
             if self._old.ended:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -191,8 +192,17 @@ class RunningGraph:
             GraphError: No such node, or the launcher does not answer.
         """
         wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
-        request = {"node": node, "run": run, "timeout_s": timeout_s, **options}
-        reply = self.ask(LAUNCHER, "swap", timeout_s=wait_s, request=request)
+        wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
+        request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
+        reply = None
+        for _ in range(math.ceil(wait_s)):  # by the same id it is done once; a launcher that ends is noticed
+            reply = self._request(self.record.serve, request, 1.0)
+            if reply is not None or not self.alive:
+                break
+        if reply is None:
+            raise GraphError(f"/{LAUNCHER} did not answer: {self.whereabouts(self.node(LAUNCHER))}")
+        if "error" in reply:
+            raise GraphError(str(reply["error"]))
         return {key: value for key, value in reply.items() if key in ("report", "failed")}
 
     def ask_all(

@@ -30,7 +30,7 @@ def objections(checked: CheckedGraph, spec: NodeSpec, described: NodeDescription
     for info in _published(checked, spec.name):
         found += _output(checked, info, described)
     for port_name, reading in checked.readings[spec.name].items():
-        found += _input(checked, port_name, reading, described)
+        found += _input(checked, topic(spec.name, port_name), port_name, reading, described)
     for port in described.ports.values():
         wanted = port.kind == "client" or (port.kind == "sub" and not port.optional)
         if wanted and port.name not in spec.inputs:
@@ -71,13 +71,24 @@ def _output(checked: CheckedGraph, info: TopicInfo, described: NodeDescription) 
     return reasons
 
 
-def _input(checked: CheckedGraph, port_name: str, reading: Reading, described: NodeDescription) -> list[str]:
+def _input(
+    checked: CheckedGraph, own: str, port_name: str, reading: Reading, described: NodeDescription
+) -> list[str]:
     port = described.ports.get(port_name)
     if port is None:
         return []  # what it does not read it need not have
-    info = checked.topics[reading.topic]
     if port.kind == "client":
-        return [] if port.types[0].name == info.type else [f"client '{port_name}' asks {_other(port, info)}"]
+        asked, answered = checked.topics.get(own), checked.topics.get(reading.topic + own)
+        if asked is None or answered is None:
+            return [f"client '{port_name}' of it is an input in the launch file"]
+        wanted = [asked.type_hash, answered.type_hash]
+        if [kind.type_hash for kind in port.types] == wanted:
+            return []
+        given = " and ".join(kind.name for kind in port.types)
+        return [f"client '{port_name}' is of {given}, {reading.topic} of {asked.type} and {answered.type}"]
+    info = checked.topics.get(reading.topic)
+    if info is None:
+        return [f"'{port_name}' is no client of it, but is wired to the service {reading.topic}"]
     if port.kind != "sub":
         return [f"'{port_name}' is no input of it, but is wired to {reading.topic}"]
     if port.types[0].type_hash != info.type_hash:

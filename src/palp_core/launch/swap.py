@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, NodeError
 from palp_core.launch.checked import CheckedGraph
 from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.problems import hint
@@ -74,7 +74,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
     switched: bool = True
 
 
-class SwapFailed(GraphError):
+class SwapFailed(NodeError):
     """The old node is at work, and nothing has changed.
 
     Attributes:
@@ -82,8 +82,8 @@ class SwapFailed(GraphError):
     """
 
     def __init__(self, node: str, step: str, text: str) -> None:
-        self.node, self.step, self.text = node, step, text
-        super().__init__(f"swap of '{node}' failed at step '{step}': {text}; the old node goes on")
+        self.step, self.text = step, text
+        super().__init__(node, f"its swap failed at step '{step}': {text}; the old node goes on")
 
 
 class Replacement(msgspec.Struct, frozen=True, kw_only=True):
@@ -156,7 +156,11 @@ class Swapper:
         """Take a message that a node publishes, which may ask for a swap."""
         if self._asks and topic_of(frame) in self._asks and (parsed := parse(frame)).kind == Kind.DATA:
             asked = decode(Swap, parsed.payload)
-            params = msgspec.json.decode(asked.params, type=dict[str, Any])
+            try:
+                params = msgspec.json.decode(asked.params, type=dict[str, Any])
+            except msgspec.MsgspecError as error:
+                text = f"'params' of its Swap message is not a JSON map: {error}: {asked.params!r}"
+                raise NodeError(parsed.topic.split("/")[1], text) from error
             self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
 
     def turn(self) -> None:
@@ -171,7 +175,10 @@ class Swapper:
         due = [request for at_ns, request in self._planned if at_ns <= now_ns]
         self._planned = [entry for entry in self._planned if entry[0] > now_ns]
         for request in due:
-            self.swap(request)
+            try:
+                self.swap(request)
+            except GraphError as error:
+                raise SwapFailed(request.node, "check", str(error)) from error
 
     def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Swap for a tool that asks.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.fork_client import ForkServer
-from palp_core.launch.fork_server import LOOKING, Describe, Exited, News, Started
+from palp_core.launch.fork_server import LOOKING, Describe, News, Started
 from palp_core.launch.member import Member, how_it_ended
 from palp_core.launch.switchboard import Switchboard
 from palp_core.runtime.line import Line
@@ -28,12 +28,14 @@ class Understudy:
         member: The process.
         said: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
+        on_end: Called when its process has ended.
     """
 
     def __init__(self, number: int, member: Member) -> None:
         self.number, self.member = number, member
         self.said: list[FromNode] = []
         self.failure = ""
+        self.on_end: Callable[[], None] = lambda: None
 
     def hear(self, message: FromNode) -> None:
         """Take what it says."""
@@ -71,6 +73,7 @@ class Understudies:
         self._count = 0
         self._all: dict[int, Understudy] = {}
         self._answer = folder
+        self._looks = self._looker = 0
         self.described: list[NodeDescription] | None = None
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Understudy:
@@ -84,18 +87,27 @@ class Understudies:
 
     def look(self, requests: Sequence[DescribeRequest], workspace: Path) -> None:
         """Let a child describe node classes; :attr:`described` is set when it has ended."""
-        self.described = None
-        self._answer = self._folder / "description"
-        self._answer.unlink(missing_ok=True)
+        self._looks += 1
+        self.described, self._looker = None, 0
+        self._answer = self._folder / f"description{self._looks}"
         self._server.send(Describe(list(requests), str(workspace), str(self._answer)))
 
+    def look_away(self) -> None:
+        """Wait for the child no longer, and end it."""
+        if self._looker:
+            self._server.signal(self._looker, signal.SIGKILL)
+        self._looker = 0
+
     def _looked(self, status: int) -> None:
+        log = Path(f"{self._answer}.log")
         if self._answer.exists():
             self.described = decode_any(list[NodeDescription], self._answer.read_bytes())
         else:
-            said = Path(f"{self._answer}.log").read_text(errors="replace").strip().splitlines()[-3:]
+            said = log.read_text(errors="replace").strip().splitlines()[-3:]
             text = f"looking at the class ended with status {status}: " + " | ".join(said)
             self.described = [NodeDescription(run="", error=text)]
+        for file in (self._answer, log):
+            file.unlink(missing_ok=True)
 
     def exchange(self, index: int, member: Member, understudy: Understudy) -> Member:
         """Give an understudy a node's part, and the one who had it the understudy's; return the new one."""
@@ -118,7 +130,9 @@ class Understudies:
     def take(self, news: News) -> bool:
         """Take news of a process; return False if it is none of these."""
         if news.name == LOOKING:
-            if isinstance(news, Exited):
+            if isinstance(news, Started):
+                self._looker = news.pid
+            elif news.pid == self._looker:
                 self._looked(news.status)
             return True
         for number, understudy in self._all.items():
@@ -133,6 +147,7 @@ class Understudies:
                     understudy.hear(message)
                 understudy.failure = understudy.failure or f"its process {how_it_ended(news.status)}"
                 del self._all[number]
+                understudy.on_end()
                 return True
         return False
 

@@ -18,7 +18,8 @@ from palp_core.runtime.line import Line
 from palp_core.runtime.message import decode_any, encode_any
 from palp_core.runtime.moves import Move
 from palp_core.runtime.outlet import Outlet
-from palp_core.runtime.shadow import Comparison
+from palp_core.runtime.schema import json_schema, schema_of
+from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.succession import fitting, hand_over_of
 from palp_core.runtime.swap_lines import (
     Announced,
@@ -65,6 +66,8 @@ class Changeover:
         succeed: Merges what this process has received with what was handed over; returns how many messages
             wait.
         begin: Is told the graph's start before the node takes over.
+        depart: Stops listening to the inputs.
+        line: Descriptor of the line to the supervisor.
         successor: This process waits for its word.
     """
 
@@ -73,14 +76,16 @@ class Changeover:
         executor: Executor,
         broadcast: Broadcast,
         say: Callable[[Line], None],
+        line: int,
         *,
         heard: Callable[[], Heard] = dict[str, tuple[int, int]],
         succeed: Callable[[HandOver], int] = lambda hand_over: len(hand_over.inbox),
         begin: Callable[[int], None] = lambda _: None,
+        depart: Callable[[], None] = lambda: None,
         successor: bool = False,
     ) -> None:
-        self._executor, self._broadcast, self._say = executor, broadcast, say
-        self._heard, self._succeed, self._begin = heard, succeed, begin
+        self._executor, self._broadcast, self._say, self._line = executor, broadcast, say, line
+        self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
         self._place: Place | None = None
         self._hand_in: HandIn | None = None
         self._meet: tuple[Meet, int] | None = None
@@ -167,7 +172,8 @@ class Changeover:
         """Send the readers away, and wait for those that are slow to go."""
         self._broadcast.greeting = lambda outlet: [self._moved(outlet, "gone")]
         self._broadcast.tell(self._moved_all("gone"))
-        self._broadcast.see_off(patience_ns)
+        self._depart()
+        self._broadcast.see_off(patience_ns, self._line)
         self._executor.leave()
         self.left = True
 
@@ -199,7 +205,9 @@ class Changeover:
     def _begin_shadow(self, line: Shadow) -> TookOver:
         """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
         published = decode_any(HandOver, line.hand_over).published
-        self._comparison = Comparison(published)
+        outlets = self._executor.outlets.items()
+        arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in outlets}
+        self._comparison = Comparison(published, arrays)
         self._broadcast.hold(self._comparison.new)
         if line.publish:
             places = dict.fromkeys(published, line.publish)

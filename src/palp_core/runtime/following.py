@@ -12,6 +12,9 @@ from palp_core.runtime.wire import Frame, Kind
 __all__ = ["Following", "Ordered", "Turns"]
 
 PATIENCE_NS = 1_000_000_000
+GIVE_UP_NS = 90_000_000_000
+"""Longer than an old place stays for a slow reader."""
+
 Item = TypeVar("Item")
 
 
@@ -82,14 +85,21 @@ class Following:
         ear: The subscription to all of them.
         publishers: Per topic, where it is published and where its publisher answers.
         orders: Puts each topic in order.
+        listening: Is told a topic and the second place where it is listened to.
     """
 
     def __init__(
-        self, ear: _Ear, publishers: Mapping[str, tuple[str, str]], orders: Mapping[str, Ordered]
+        self,
+        ear: _Ear,
+        publishers: Mapping[str, tuple[str, str]],
+        orders: Mapping[str, Ordered],
+        listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
+        self._listening = listening
         self._ear, self._orders = ear, orders
         self._at = {name: publish for name, (publish, _) in publishers.items()}
         self._next: dict[str, str] = {}
+        self._spoke: dict[str, int] = {}
         self.servers = {name: serve for name, (_, serve) in publishers.items()}
 
     def add(self, name: str, publish: str, serve: str) -> None:
@@ -105,6 +115,7 @@ class Following:
         move, name = read_move(frame.payload), frame.topic
         if move.phase == "here":
             self.servers[name] = move.serve
+            self._spoke[name] = now_ns
         elif self._at[name] == move.publish:
             return  # it is known there already
         elif move.phase == "prepare":
@@ -115,11 +126,22 @@ class Following:
         elif move.phase == "gone":
             self._listen_at(name, move.publish)
             self.servers[name] = move.serve
-            del self._next[name]
-            old, self._at[name] = self._at[name], move.publish
-            if old not in self._at.values():
-                self._ear.leave(old)
-            self._orders[name].end_move(now_ns, frame.sequence)
+            self._part(name, now_ns, frame.sequence)
+
+    def tick(self, now_ns: int) -> None:
+        """Give up old places that have died before they could say that they were done."""
+        for name in [name for name, since_ns in self._spoke.items() if now_ns - since_ns > GIVE_UP_NS]:
+            if name in self._next:
+                self._part(name, now_ns, 0)
+            self._spoke.pop(name, None)
+
+    def _part(self, name: str, now_ns: int, last: int) -> None:
+        """Listen at the old place no longer."""
+        old, self._at[name] = self._at[name], self._next.pop(name)
+        self._spoke.pop(name, None)
+        if old not in self._at.values():
+            self._ear.leave(old)
+        self._orders[name].end_move(now_ns, last)
 
     def _listen_at(self, name: str, publish: str) -> None:
         if self._next.get(name) == publish:
@@ -129,6 +151,7 @@ class Following:
             self._ear.go_on(publish)
         self._next[name] = publish
         self._orders[name].begin_move()
+        self._listening(name, publish)
 
     def _forget(self, name: str) -> None:
         publish = self._next.pop(name, None)

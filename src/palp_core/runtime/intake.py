@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ class Intake:
         publishers: Per input topic, where it is published and where its publisher answers.
         context: The process's ZeroMQ context.
         ledger: File of what a predecessor has taken up and what this process does; None: not kept.
+        listening: Is told a topic and the second place where it is listened to.
 
     Attributes:
         more: The last :meth:`take` left something in the socket.
@@ -49,6 +50,7 @@ class Intake:
         publishers: Mapping[str, tuple[str, str]],
         context: Any,
         ledger: Path | None,
+        listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
         self.more = False
         self._executor = executor
@@ -59,7 +61,7 @@ class Intake:
         self._receptions = {
             name: self._reception(name, wired) for name, wired in executor.ends.inputs.items()
         }
-        self._following = Following(self._subscriber, publishers, self._receptions)
+        self._following = Following(self._subscriber, publishers, self._receptions, listening)
         self._unread_bytes = 0
         self._silent: set[str] = set()
         self._rates = dict.fromkeys(self._receptions, (0, 0, 0.0))
@@ -95,9 +97,6 @@ class Intake:
 
     def succeed(self, hand_over: HandOver) -> int:
         """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
-
-        Returns:
-            How many messages wait.
 
         Raises:
             SchemaMismatch: A message was heard by neither.
@@ -140,10 +139,7 @@ class Intake:
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
-
-        Args:
-            slice_ns: Length of the slice.
-            wait_ms: How long to wait for something to arrive.
+        ``wait_ms`` is how long to wait for something to arrive.
         """
         if self._inbox_is_full():
             return False
@@ -253,6 +249,8 @@ class Intake:
 
     def keep_house(self, now_ns: int, graph_ns: int) -> None:
         """Look for silence, give up what cannot be had, measure rates; to be called ten times a second."""
+        self._following.tick(now_ns)
+        self._inquirer.keep(set(self._following.servers.values()))
         for name, reception in self._receptions.items():
             reception.expire(now_ns)
             count, since_ns, _ = self._rates[name]

@@ -34,7 +34,12 @@ class LockstepMain:
         self.broadcast.offer(self.executor.outlets.values())
         self.broadcast.answer(birth.spec.name, NodeCommands(self.executor).operations(), CHANGING)
         self.changeover = Changeover(
-            self.executor, self.broadcast, self._answer, succeed=self._succeed, successor=birth.successor
+            self.executor,
+            self.broadcast,
+            self._answer,
+            link.socket.fileno(),
+            succeed=self._succeed,
+            successor=birth.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
         self._knocked = False

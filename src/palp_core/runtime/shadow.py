@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -10,7 +10,7 @@ import numpy as np
 
 from palp_core.runtime.wire import Frame, Kind, parse
 
-__all__ = ["Comparison"]
+__all__ = ["Comparison", "array_fields"]
 
 MOST_WAITING = 100_000
 
@@ -20,9 +20,11 @@ class Comparison:
 
     Args:
         published: Last sequence of each topic before both began.
+        arrays: Which fields of each topic's messages are arrays of numbers.
     """
 
-    def __init__(self, published: Mapping[str, int]) -> None:
+    def __init__(self, published: Mapping[str, int], arrays: Mapping[str, Collection[str]]) -> None:
+        self._arrays = arrays
         self._published = dict(published)
         self._waiting: tuple[dict[tuple[str, int], bytes], ...] = ({}, {})
         self._equal: dict[str, int] = {}
@@ -56,7 +58,8 @@ class Comparison:
     def _differ(self, frame: Frame, old: bytes, new: bytes) -> None:
         self._differing[frame.topic] = self._differing.get(frame.topic, 0) + 1
         ours, theirs = (msgspec.msgpack.decode(payload) for payload in (old, new))
-        for name, difference in _differences(ours, theirs):
+        arrays = self._arrays.get(frame.topic, ())
+        for name, difference in _differences(ours, theirs, arrays):
             key = f"{frame.topic}.{name}"
             self._largest[key] = max(self._largest.get(key, 0.0), difference)
         if self._first is None:
@@ -64,8 +67,8 @@ class Comparison:
                 "topic": frame.topic,
                 "sequence": frame.sequence,
                 "stamp_s": frame.stamp_ns / 1e9,
-                "old": _shown(ours),
-                "new": _shown(theirs),
+                "old": _shown(ours, arrays),
+                "new": _shown(theirs, arrays),
             }
 
     def report(self) -> dict[str, Any]:
@@ -91,23 +94,31 @@ class Comparison:
         }
 
 
-def _differences(old: Any, new: Any) -> Iterator[tuple[str, float]]:
+def array_fields(json_schema: Mapping[str, Any]) -> list[str]:
+    """Return the fields of a message, by its JSON Schema, that are arrays of numbers."""
+    properties: dict[str, dict[str, Any]] = json_schema.get("properties", {})
+    return [name for name, field in properties.items() if "x-dtype" in field]
+
+
+def _differences(old: Any, new: Any, arrays: Collection[str]) -> Iterator[tuple[str, float]]:
     """Yield the fields of two messages that differ, and by how much (infinity where that has no number)."""
     for name in {**old, **new}:
         ours, theirs = old.get(name), new.get(name)
         if ours == theirs:
             continue
-        arrays = isinstance(ours, bytes) and isinstance(theirs, bytes) and len(ours) == len(theirs)
-        if arrays and len(ours) % 8 == 0:
+        if name in arrays and len(ours) == len(theirs):
             yield name, float(np.max(np.abs(np.frombuffer(ours) - np.frombuffer(theirs))))
             continue
         numbers = isinstance(ours, int | float) and isinstance(theirs, int | float)
         yield name, abs(float(ours) - float(theirs)) if numbers else float("inf")
 
 
-def _shown(message: Any) -> dict[str, Any]:
+def _shown(message: Any, arrays: Collection[str]) -> dict[str, Any]:
     """Return a message as JSON can hold it."""
-    return {
-        name: np.frombuffer(value).tolist() if isinstance(value, bytes) and len(value) % 8 == 0 else value
-        for name, value in message.items()
-    }
+    shown = {}
+    for name, value in message.items():
+        if name in arrays:
+            shown[name] = np.frombuffer(value).tolist()
+        else:
+            shown[name] = value.hex() if isinstance(value, bytes) else value
+    return shown

@@ -17,6 +17,7 @@ __all__ = [
     "HandIn",
     "HandedIn",
     "Leave",
+    "Listening",
     "Meet",
     "Met",
     "Place",
@@ -44,6 +45,13 @@ class Announced(Line, frozen=True):
     """The readers have been told; ``readers`` are how many there are, by topic."""
 
     readers: dict[str, int]
+
+
+class Listening(Line, frozen=True):
+    """From a reader: it listens to a topic at the second place, too."""
+
+    topic: str
+    publish: str
 
 
 class Meet(Line, frozen=True):
@@ -178,4 +186,4 @@ class Leave(Line, frozen=True):
 
 
 ToSwapped = Place | HandIn | Resume | Stay | Leave | Meet | Rehearse | TakeOver | Go | Shadow | EndShadow
-FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed
+FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening

@@ -29,6 +29,7 @@ from palp_core.runtime.link import (
     Shutdown,
     ToNode,
 )
+from palp_core.runtime.swap_lines import Listening
 from palp_core.runtime.zmq_bus import Broadcast
 
 __all__ = ["WallMain"]
@@ -54,14 +55,22 @@ class WallMain:
         }
         keeps = birth.spec.restart == "on_failure"
         ledger = Path(birth.run_dir, f"{birth.place}.ledger") if keeps else None
-        self.intake = Intake(self.executor, publishers, self.broadcast.context, ledger)
+        self.intake = Intake(
+            self.executor,
+            publishers,
+            self.broadcast.context,
+            ledger,
+            lambda name, publish: link.send(Listening(name, publish)),
+        )
         self.changeover = Changeover(
             self.executor,
             self.broadcast,
             link.send,
+            link.socket.fileno(),
             heard=lambda: self.intake.heard,
             succeed=self.intake.succeed,
             begin=self._begin,
+            depart=self.intake.close,
             successor=birth.successor,
         )
         self.executor.transition(Transition.CONFIGURE)

@@ -230,13 +230,21 @@ class Broadcast:
         """Answer requests with these ids by what another process has answered."""
         self._desk.remember(replies)
 
-    def see_off(self, patience_ns: int) -> None:
-        """Answer and wait until nobody listens any more, or for so long."""
+    def see_off(self, patience_ns: int, line: int) -> None:
+        """Answer and wait until nobody listens any more, for so long at most.
+
+        Args:
+            patience_ns: How long.
+            line: Descriptor that ends the wait when it can be read.
+        """
         until_ns = monotonic_ns() + patience_ns
         self.poll()
-        while self.readers and (left_ns := until_ns - monotonic_ns()) > 0:
+        while self.readers:
+            left_ns = until_ns - monotonic_ns()
             self._desk.turn_away(self._reply)
-            select.select(self.file_descriptors, (), (), min(left_ns / 1e9, 0.05))
+            ready = select.select((*self.file_descriptors, line), (), (), max(min(left_ns / 1e9, 0.05), 0.0))
+            if left_ns <= 0 or line in ready[0]:
+                break
             self.poll()
         self._desk.turn_away(self._reply)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Collection
 from typing import Any
 
 import msgpack
@@ -25,9 +26,17 @@ class Inquirer:
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]]) -> None:
-        self.file_descriptors: list[int] = []
+        self._descriptors: dict[str, int] = {}
         self._context = context
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
+        self.file_descriptors: tuple[int, ...] = ()
+
+    def keep(self, endpoints: Collection[str]) -> None:
+        """Ask nobody else any more."""
+        for endpoint in self._sockets.keys() - endpoints:
+            self._sockets.pop(endpoint).close(linger=0)
+            del self._descriptors[endpoint]
+            self.file_descriptors = tuple(self._descriptors.values())
 
     def ask(self, endpoint: str, request: dict[str, Any]) -> None:
         """Send a request."""
@@ -36,7 +45,8 @@ class Inquirer:
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
             socket.connect(endpoint)
-            self.file_descriptors.append(int(socket.getsockopt(zmq.FD)))
+            self._descriptors[endpoint] = int(socket.getsockopt(zmq.FD))
+            self.file_descriptors = tuple(self._descriptors.values())
         with contextlib.suppress(zmq.Again):  # whoever asks asks again, or gives up
             self._sockets[endpoint].send(msgpack.packb(request), zmq.NOBLOCK)
 

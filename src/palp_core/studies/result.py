@@ -134,9 +134,15 @@ def read_result(out: str | Path) -> dict[str, Any]:
 
 
 def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy's name, with its ring position where it has one."""
-    ring = result["protocol"].get("policy", {}).get("ring_mm")
-    return str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
+    """Return the policy's name, with its ring position where it has one, and those that took over from it."""
+    protocol = result["protocol"]
+    ring = protocol.get("policy", {}).get("ring_mm")
+    label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
+    swaps = protocol.get("experiment", {}).get("swaps", {}).get("value", "")
+    for swap in filter(None, swaps.split(",")):
+        trial, _, run = swap.partition("=")
+        label += f", from trial {trial.strip()} on {run.rpartition(':')[2].lower()}"
+    return label
 
 
 def without_times(result: dict[str, Any]) -> dict[str, Any]:
