@@ -70,6 +70,7 @@ def test_the_window_is_the_path_of_the_experiment() -> None:
         assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
 
 
+@pytest.mark.slow
 def test_the_experiment_runs_on_emulated_wires(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
     process = palp.start("launch", EMULATED, *SMALL, *LENIENT, f"out:={out}")
