@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.rig_bench.running import TO_M, RunningRig
 
-# Real drivers keep real deadlines (0.1 s for an answer): on a machine that is shared such a run may trip rightly.
+# Real drivers keep real deadlines (0.1 s for an answer): on a shared machine such a run may rightly trip.
 pytestmark = pytest.mark.slow
 SHORT = ("trials:=1", "training:=1")
 LENIENT = (*SHORT, "stale_ms:=500.0", "beat_ms:=500.0")  # a busy machine is no fault
