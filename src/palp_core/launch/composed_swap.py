@@ -14,10 +14,11 @@ from palp_core.runtime.executor import Executor
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.link import Done
 from palp_core.runtime.message import decode_any, encode_any
-from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.succession import fitting, hand_over_of
 
 __all__ = ["ComposedSwaps"]
+
+_AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
 
 
 class ComposedSwaps:
@@ -61,7 +62,7 @@ class ComposedSwaps:
                 now_ns += round(request.shadow_s * 1e9)
             if request.dry_run:
                 new.leave()
-                return _report(replacement, now_ns, 0, found), None
+                return replacement.report(at_ns=now_ns, **_AT_ONCE, held=0, shadow=found), None
             step = "take over"
             handed_frames, handed = composition.hand_in(replacement.index)
             new.take_over(_copied(handed), request.params)
@@ -81,15 +82,13 @@ class ComposedSwaps:
         new.swaps.append(record)
         done = composition.promote(replacement.index, new, [*handed_frames, *sent])
         old.leave()
-        return _report(replacement, now_ns, len(new.inbox), found), done
+        return replacement.report(at_ns=now_ns, **_AT_ONCE, held=len(new.inbox), shadow=found), done
 
     def _shadow(
         self, replacement: Replacement, new: Executor, sent: list[bytes], running: HandOver
     ) -> dict[str, Any]:
         """Let both work for a while, and only the old one be heard; return how they compare."""
-        topics = replacement.checked.topics
-        arrays = {name: array_fields(info.json_schema) for name, info in topics.items()}
-        comparison = Comparison(running.published, arrays)
+        comparison = replacement.comparison(running.published)
         self._composition.shadow = (replacement.index, new, sent, comparison)
         try:
             self._elapse(round(replacement.request.shadow_s * 1e9))
@@ -100,20 +99,6 @@ class ComposedSwaps:
         new.paused = False
         new.inbox.clear()
         return comparison.report()
-
-
-def _report(replacement: Replacement, now_ns: int, held: int, found: dict[str, Any]) -> SwapReport:
-    return SwapReport(
-        node=replacement.request.node,
-        before=replacement.old.run,
-        after=replacement.new.run,
-        at_s=now_ns / 1e9,
-        gap_s=0.0,
-        held=held,
-        duration_s=0.0,
-        shadow=found,
-        switched=not replacement.request.dry_run,
-    )
 
 
 def _copied(hand_over: HandOver) -> HandOver:

@@ -35,7 +35,7 @@ def attachments(facts: dict[str, Any], params: dict[str, dict[str, Any]] | None 
         facts: From :func:`launch_facts`.
         params: The nodes' parameters now; default: those of the launch file.
     """
-    from palp_core.launch.replay import NODES_ATTACHMENT
+    from palp_core.bag.rounds import NODES_ATTACHMENT
 
     launched = {spec["name"]: spec["params"] for spec in facts[_NODES]}
     return {

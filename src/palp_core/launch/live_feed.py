@@ -16,6 +16,7 @@ from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.launch.live_topics import LiveTopic
 from palp_core.launch.remote import RunningGraph
 from palp_core.runtime.clock import monotonic_ns
+from palp_core.runtime.moves import read_move
 from palp_core.runtime.wire import IN_PIECES, Kind, parse
 from palp_core.runtime.zmq_inquirer import Inquirer
 from palp_core.runtime.zmq_subscriber import Subscriber
@@ -47,14 +48,6 @@ class _Question(NamedTuple):
     first: int
     last: int
     asked_ns: int
-
-
-class _Place(msgspec.Struct):
-    """What a frame of kind MOVED says: where the topic goes on, and how far that is."""
-
-    phase: str
-    publish: str
-    serve: str
 
 
 class Feed:
@@ -106,10 +99,8 @@ class Feed:
     def move(self, topic: str, payload: bytes) -> None:
         """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
         try:
-            place = msgspec.msgpack.decode(payload, type=_Place)
-        except msgspec.MsgspecError:
-            return
-        if not (place.publish.startswith("ipc://") and place.serve.startswith("ipc://")):
+            place = read_move(memoryview(payload))
+        except SchemaMismatch:
             return
         if place.phase == "stay":
             self._leave(place.publish)

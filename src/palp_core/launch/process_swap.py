@@ -23,7 +23,6 @@ from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.handover import HandOver
 from palp_core.runtime.link import Done
 from palp_core.runtime.message import decode_any
-from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.swap_lines import (
     Announced,
     EndShadow,
@@ -170,9 +169,7 @@ class _Swap(SwapTalk):
             end_ns = monotonic_ns() + duration_ns
             supervisor.follow(lambda: bool(new.failure) or self._old.ended, end_ns)
         else:
-            topics = self._replacement.checked.topics
-            arrays = {name: array_fields(info.json_schema) for name, info in topics.items()}
-            comparison = Comparison(decode_any(HandOver, handed.hand_over).published, arrays)
+            comparison = self._replacement.comparison(decode_any(HandOver, handed.hand_over).published)
             begun_ns = monotonic_ns()
             supervisor.shadow = (self._index, new, comparison)
             try:
@@ -217,16 +214,12 @@ class _Swap(SwapTalk):
     def _report(self, working: Working | None, held: int) -> SwapReport:
         lockstep = not self._supervisor.start_ns
         gap_s = 0.0 if working is None else float(str(working.record["gap_s"]))
-        return SwapReport(
-            node=self._replacement.request.node,
-            before=self._replacement.old.run,
-            after=self._replacement.new.run,
-            at_s=self._now_ns / 1e9,
+        return self._replacement.report(
+            at_ns=self._now_ns,
             gap_s=gap_s,
             held=held,
             duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
             shadow=self._found,
-            switched=not self._replacement.request.dry_run,
         )
 
     def _working(self) -> Working | None:

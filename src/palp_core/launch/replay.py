@@ -16,6 +16,7 @@ import msgspec
 
 from palp_core.bag.reader import Bag, RecordedMessage
 from palp_core.bag.recorder import SUMMARY_NAME
+from palp_core.bag.rounds import NODES_ATTACHMENT
 from palp_core.errors import BagError, NodeError
 from palp_core.launch.replay_result import Divergence, NodeReplay, differing_fields
 from palp_core.launch.replay_streams import InOrder, Inputs, key_of
@@ -32,9 +33,8 @@ from palp_core.runtime.order import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.runtime.spec import NodeSpec, topic
 from palp_core.runtime.wire import Kind, pack, parse
 
-__all__ = ["NODES_ATTACHMENT", "Divergence", "NodeReplay", "replay"]
+__all__ = ["Divergence", "NodeReplay", "replay"]
 
-NODES_ATTACHMENT = "palp/nodes.json"
 RECENT = 5
 
 

@@ -21,6 +21,7 @@ from palp_core.runtime.handover import HandOver
 from palp_core.runtime.link import Done
 from palp_core.runtime.message import decode
 from palp_core.runtime.schema import schema_of
+from palp_core.runtime.shadow import Comparison, array_fields
 from palp_core.runtime.spec import NodeSpec
 from palp_core.runtime.wire import Kind, parse, topic_of
 
@@ -94,6 +95,22 @@ class Replacement(msgspec.Struct, frozen=True, kw_only=True):
     old: NodeSpec
     new: NodeSpec
     checked: CheckedGraph
+
+    def report(self, *, at_ns: int, **found: Any) -> SwapReport:
+        """Return what came of it, which was at that time on the graph's clock."""
+        return SwapReport(
+            node=self.request.node,
+            before=self.old.run,
+            after=self.new.run,
+            at_s=at_ns / 1e9,
+            switched=not self.request.dry_run,
+            **found,
+        )
+
+    def comparison(self, published: Mapping[str, int]) -> Comparison:
+        """Return what compares the two nodes' messages after those that were published before."""
+        arrays = {name: array_fields(info.json_schema) for name, info in self.checked.topics.items()}
+        return Comparison(published, arrays)
 
 
 def unfit(found: HandOver, replacement: Replacement) -> str:

@@ -57,6 +57,22 @@ def _checked(signal: Float64Array, least: int) -> Float64Array:
     return samples
 
 
+@dataclass(frozen=True)
+class _Wavelet:
+    level: int = 5
+    wavelet: str = "db10"
+
+    @property
+    def lag(self) -> int:
+        """The edge cone; a threshold is the whole sweep's unless it is stated."""
+        return edge_cone(self.level, self.wavelet)
+
+    @property
+    def edge(self) -> int:
+        """The edge cone."""
+        return self.lag
+
+
 @method(
     task="smoother",
     name="db10_soft",
@@ -66,26 +82,13 @@ def _checked(signal: Float64Array, least: int) -> Float64Array:
     survivor="savitzky_golay",
 )
 @dataclass(frozen=True)
-class WaveletSoft:
+class WaveletSoft(_Wavelet):
     """db10 at five levels with the soft universal threshold; the default.
 
     Attributes:
         level: Number of decomposition levels.
         wavelet: Name of a discrete wavelet.
     """
-
-    level: int = 5
-    wavelet: str = "db10"
-
-    @property
-    def lag(self) -> int:
-        """The edge cone; the threshold is the whole sweep's unless it is stated."""
-        return edge_cone(self.level, self.wavelet)
-
-    @property
-    def edge(self) -> int:
-        """The edge cone."""
-        return self.lag
 
     def apply(self, signal: Float64Array) -> Float64Array:
         return denoise(signal, wavelet=self.wavelet, level=self.level)
@@ -100,21 +103,8 @@ class WaveletSoft:
     survivor="db10_soft",
 )
 @dataclass(frozen=True)
-class WaveletApproximation:
+class WaveletApproximation(_Wavelet):
     """db10 at five levels, the approximation alone; attributes as of :class:`WaveletSoft`."""
-
-    level: int = 5
-    wavelet: str = "db10"
-
-    @property
-    def lag(self) -> int:
-        """The edge cone."""
-        return edge_cone(self.level, self.wavelet)
-
-    @property
-    def edge(self) -> int:
-        """The edge cone."""
-        return self.lag
 
     def apply(self, signal: Float64Array) -> Float64Array:
         return denoise(signal, wavelet=self.wavelet, level=self.level, rule="approximation")

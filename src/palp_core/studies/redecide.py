@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
+from typing import Protocol
 
 import numpy as np
 
@@ -160,14 +161,15 @@ def redecide(
     return Again(session, primitives, tuple(trials))
 
 
-class _Filter:
-    """Belief of one trial; :meth:`feel` returns the posterior after a reading."""
+class _Filter(Protocol):
+    """Belief of one trial."""
 
     def feel(self, reading: float, ring: int) -> Float64Array:
-        raise NotImplementedError
+        """Return the posterior after a reading."""
+        ...
 
 
-class _Naive(_Filter):
+class _Naive:
     def __init__(self, primitives: Primitives, likelihood: str) -> None:
         self.primitives, self.likelihood = primitives, likelihood
         self.log_belief = bayes.flat_prior(primitives.depths_m.size)
@@ -178,7 +180,7 @@ class _Naive(_Filter):
         return bayes.posterior(self.log_belief)
 
 
-class _Latent(_Filter):
+class _Latent:
     def __init__(self, model: latent.OffsetModel, moves_each_time: bool | None) -> None:
         self.model, self.each, self.ring = model, bool(moves_each_time), -1
         self.belief = latent.start(model)
