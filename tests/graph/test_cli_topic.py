@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
 import json
 import signal
@@ -9,6 +10,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import pytest
 
 from tests.graph.conftest import Palp
@@ -83,7 +85,8 @@ def test_echo_has_ros_2s_forms(talk: Talk) -> None:
     flow = talk.said("topic", "echo", TOPIC, "--once", "--flow-style").splitlines()
     assert flow[0].startswith("{stamp_ns: ")
     assert flow[1:] == ["---"]
-    assert talk.said("topic", "echo", TOPIC, "Sample", "--once", "--raw").startswith("b'")
+    raw = ast.literal_eval(talk.said("topic", "echo", TOPIC, "Sample", "--once", "--raw"))
+    assert list(msgpack.unpackb(raw)) == ["stamp_ns", "index", "name", "torque_n_m"]
     assert "carries Sample, not Seen" in talk.refused("topic", "echo", TOPIC, "Seen")
 
 
