@@ -4,13 +4,17 @@ CAN: samples a second of the ATI driver as fast as the sensor answers, against `
 receives. Serial: questions a second of the stage's link, against ``pyserial``'s write and ``read_until``.
 Both on the same emulator, in a process of its own, without pacing, in interleaved rounds; a ratio is the
 median over the rounds, above 1 where palp is faster. Polls at 1 kHz and 500 kbit/s: intervals over 3 ms are
-gaps. Faults: from the command to the emulator to the named state, per device.
+gaps. ``faults``: from the command to the emulator to the named state, per device, and whether in time.
 
-With ``--rig``: launch/rig.yaml on emulated devices of this process; from a gauge at its end to ABORT at the
-controller, how far a sweep goes on, and how long after the death or stop of each node the stage rests. This
-process is devices and observer at once: on a busy host the latencies are mostly its own.
+Of the whole rig, its nodes on devices that are emulated in a process of their own:
 
-Run: .venv/bin/python benchmarks/devices.py [--quick] [--json] [--rig]
+``trips``: from the sensor's first sample over the limit to ABORT at the controller, as the kernel stamped its
+arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIGSTOP of each node and the
+launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
+beside those of the simulation.
+
+Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations] [--json] [--quick] ...
+     [--burners N] [--no-collector] [--of NODE,NODE] [--single-line]
 """
 
 from __future__ import annotations
@@ -18,18 +22,20 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 import serial
-from rig_bench.trips import deaths, trips
+from rig_bench.emulator import EmulatorProcess, emulator
+from rig_bench.faults import FAULTS, KINDS, Fault
+from rig_bench.palpations import palpations
+from rig_bench.trips import NODES, deaths, trips
 
 from palp_core.devices import open_device
 from palp_core.devices.aerotech import AerotechState
@@ -45,60 +51,6 @@ STATES: dict[str, type[Any]] = {
     "torque": WrenchState,
     "emg": EmgSourceState,
 }
-KINDS = {
-    "aerotech": "stage",
-    "maestro": "ring",
-    "ati": "torque",
-    "netft": "torque",
-    "noraxon": "emg",
-    "spikershield": "emg",
-}
-FAULTS = {
-    "aerotech": ["garbage", "truncation", "delay 0.6", "silence", "disconnect", "limit", "e-stop"],
-    "maestro": ["garbage", "truncation", "delay 0.5", "silence", "disconnect", "checksum", "stalled"],
-    "ati": ["truncation", "delay 0.1", "silence", "disconnect", "saturated", "status"],
-    "netft": ["garbage", "truncation", "delay 0.2", "silence", "disconnect", "saturated", "status"],
-    "noraxon": ["garbage", "truncation", "delay 2", "silence", "disconnect"],
-    "spikershield": ["garbage", "truncation", "delay 0.5", "silence", "disconnect"],
-}
-
-
-class Emulator:
-    """An emulated rig in a process of its own."""
-
-    def __init__(self, *arguments: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "palp_core.devices.emulator", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        self.options: dict[str, dict[str, Any]] = json.loads(self._line())
-
-    def tell(self, command: str) -> str:
-        """Send a command and return its answer."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(command + "\n")
-        return self._line()
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate("quit\n", timeout=20)
-
-    def _line(self) -> str:
-        assert self._process.stdout is not None
-        return self._process.stdout.readline().strip()
-
-
-@contextmanager
-def emulator(*arguments: str) -> Iterator[Emulator]:
-    """Run an emulated rig for a while."""
-    rig = Emulator(*arguments)
-    try:
-        yield rig
-    finally:
-        rig.close()
 
 
 def bare_can(options: dict[str, Any], seconds: float) -> float:
@@ -183,9 +135,9 @@ def polled(options: dict[str, Any], seconds: float) -> dict[str, float]:
     }
 
 
-def name_fault(rig: Emulator, device: str, fault: str) -> dict[str, object]:
+def name_fault(rig: EmulatorProcess, fault: Fault) -> dict[str, object]:
     """Return the state that a fault led to and how soon, for a device that was moving or streaming."""
-    kind = KINDS[device]
+    device, kind = fault.device, KINDS[fault.device]
     driver: Any = open_device(kind, device, **rig.options[device])  # type: ignore[call-overload]
     state, pause = STATES[kind](), threading.Event()
     driver.open(time.monotonic_ns(), state, RNG)
@@ -195,35 +147,86 @@ def name_fault(rig: Emulator, device: str, fault: str) -> dict[str, object]:
         driver.command(0.01, time.monotonic_ns(), state, RNG)
     pause.wait(0.1)
     begin = time.monotonic()
-    rig.tell(f"fault {device} {fault}")
+    value = (
+        f" {fault.value or 0.1} {fault.count}" if fault.count else f" {fault.value}" if fault.value else ""
+    )
+    rig.tell(f"fault {device} {fault.name}{value}")
     while driver.health(time.monotonic_ns()).ok and time.monotonic() - begin < 5.0:
         pause.wait(0.0005)
     took_s, health = time.monotonic() - begin, driver.health(time.monotonic_ns())
     driver.close()
-    return {"state": str(health.condition), "within_s": round(took_s, 4)}
+    return {
+        "state": str(health.condition),
+        "after_s": round(took_s, 4),
+        "in_time": str(health.condition) in fault.states and took_s * 1e3 <= fault.within_ms,
+    }
 
 
 def faults() -> dict[str, dict[str, object]]:
     """Return what every fault of every device is named and how soon, each on an emulator of its own."""
     result = {}
-    for device, names in FAULTS.items():
-        for fault in names:
-            with emulator("--devices", device) as rig:
-                result[f"{device} {fault}"] = name_fault(rig, device, fault)
+    for fault in FAULTS:
+        with emulator("--devices", fault.device) as rig:
+            result[f"{fault.device} {fault.name}"] = name_fault(rig, fault)
     return result
+
+
+def draw(result: dict[str, Any], path: Path) -> None:
+    """Draw both rates of both links side by side, with their ratio."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 3.0), layout="constrained")
+    axes = figure.add_subplot()
+    for i, link in enumerate(("can", "serial")):
+        for shift, who, colour in ((-0.2, "bare", "0.7"), (0.2, "driver", "C0")):
+            axes.bar(i + shift, result[f"{link}_{who}_per_s"], 0.38, color=colour)
+    names = [f"{link}\nratio {result[f'{link}_ratio']:.2f}" for link in ("can", "serial")]
+    axes.set_xticks([0, 1], names)
+    axes.set_ylabel("exchanges per second")
+    axes.set_title("grey: python-can, pyserial alone; blue: the driver", fontsize=9)
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="within 40 s, without the table of faults")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "what", nargs="?", default="links", choices=["links", "faults", "trips", "deaths", "palpations"]
+    )
+    parser.add_argument("--quick", action="store_true", help="of links: within 40 s")
+    parser.add_argument("--chart", type=Path, help="of links: PNG of the rates beside the bare libraries'")
     parser.add_argument("--json", action="store_true", help="one object for machines")
-    parser.add_argument("--rig", action="store_true", help="only how soon the whole rig stops, 20 min")
+    parser.add_argument(
+        "--count", type=int, default=0, help="trips (1000), repeats of a death (3), palpations (10)"
+    )
+    parser.add_argument("--burners", type=int, default=0, help="processes that keep a core busy meanwhile")
+    parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose")
+    parser.add_argument("--single-line", action="store_true", help="of deaths: the stage on one RS-232")
+    parser.add_argument("--no-collector", action="store_true", help="of trips: without Python's collector")
     given = parser.parse_args()
-    if given.rig:
-        print(json.dumps({"trips": trips(1000, 20), "deaths_ms": deaths()}, indent=1))
-        return
-    rounds, seconds = (5, 0.8) if given.quick else (9, 3.0)
+    count, burners = given.count, given.burners
+    if given.what == "trips":
+        swept = min(20, count or 20)
+        result = trips((count or 1000) - swept, swept, burners=burners, collector=not given.no_collector)
+    elif given.what == "deaths":
+        words = {"tell": lambda line: print(line, file=sys.stderr), "single_line": given.single_line}
+        result = deaths(tuple(given.of.split(",")), count or 3, burners, **words)
+    elif given.what == "palpations":
+        result = palpations(count or 10, burners=burners)
+    elif given.what == "faults":
+        result = faults()
+    else:
+        result = links(given.quick)
+        if given.chart:
+            draw(result, given.chart)
+    print(json.dumps(result, indent=None if given.what == "links" else 1) if given.json else in_lines(result))
+
+
+def links(quick: bool) -> dict[str, Any]:
+    """Return how fast the drivers are beside the bare libraries, and how evenly they poll."""
+    rounds, seconds = (5, 0.8) if quick else (9, 3.0)
     result: dict[str, Any] = {}
     with emulator("--devices", "ati", "--can-bitrate", "0") as rig:
         link = rig.options["ati"]
@@ -234,18 +237,19 @@ def main() -> None:
             "serial", lambda s: bare_serial(port, s), lambda s: driven_serial(port, s), rounds, seconds
         )
     with emulator("--devices", "ati") as rig:
-        result |= polled(rig.options["ati"], 5.0 if given.quick else 60.0)
-    if not given.quick:
-        result["faults"] = faults()
-    if given.json:
-        print(json.dumps(result))
-        return
+        result |= polled(rig.options["ati"], 5.0 if quick else 60.0)
+    return result
+
+
+def in_lines(result: dict[str, Any]) -> str:
+    """Return a line per number, and per row of a table."""
+    lines = []
     for key, value in result.items():
         if isinstance(value, dict):
-            for name, row in value.items():
-                print(f"{name:28} {row['state']:14} {row['within_s'] * 1e3:8.1f} ms")
+            lines += [f"{key} {name:28} {json.dumps(row)}" for name, row in value.items()]
         else:
-            print(f"{key:24} {value:.4g}")
+            lines.append(f"{key:24} {value:.4g}" if isinstance(value, float) else f"{key:24} {value}")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Nanoseconds, Ratio, RatioArray, VoltsArray
 
-__all__ = ["CoContraction", "EmgBlock"]
+__all__ = ["CoContraction", "EmgBlock", "EmgReport"]
 
 
 class EmgBlock(Message):
@@ -20,6 +20,19 @@ class EmgBlock(Message):
     phase: str
     fds_v: VoltsArray
     edc_v: VoltsArray
+
+
+class EmgReport(Message):
+    """How a real source of EMG does; sent as often as blocks, even if nothing came.
+
+    ``condition`` is the source's state in words, ``text`` its cause; the counts are since the last report.
+    """
+
+    stamp_ns: Nanoseconds
+    sample_count: Count
+    gap_count: Count
+    condition: str
+    text: str = ""
 
 
 class CoContraction(Message):

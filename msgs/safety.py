@@ -66,13 +66,14 @@ class StageReport(Message):
 
 
 class RingReport(Message):
-    """How the ring's actuator does; its heartbeat."""
+    """How the ring's actuator does; its heartbeat. ``acknowledged_count`` is as in the stage's report."""
 
     stamp_ns: Nanoseconds
     ring_m: Metres
     moving: bool
     condition: str
     text: str = ""
+    acknowledged_count: Count = 0
 
 
 class SafetyBeat(Message):

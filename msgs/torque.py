@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from palp_core import Message
-from palp_core.units import Count, HertzPositive, Nanoseconds, NewtonMetresArray
+from palp_core.units import Count, HertzPositive, Metres, Nanoseconds, NewtonMetresArray
 
-__all__ = ["Contact", "TorqueBlock"]
+__all__ = ["Contact", "ContactGuard", "TorqueBlock"]
 
 
 class Contact(Message):
@@ -16,6 +16,19 @@ class Contact(Message):
     start_ns: Nanoseconds
     rate_hz: HertzPositive
     torque_n_m: NewtonMetresArray
+
+
+class ContactGuard(Message):
+    """A region in which a method fails, met by the sweeps of this mounting and ring, and what took over.
+
+    In words, one entry each; simulation only.
+    """
+
+    stamp_ns: Nanoseconds
+    code: str
+    remount: Count
+    ring_m: Metres
+    words: list[str]
 
 
 class TorqueBlock(Message):

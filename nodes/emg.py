@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
-from msgs.emg import EmgBlock
+from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.devices.emg_source import EmgSourceState
+from palp_core.devices.protocols import EmgBlock as Samples
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.emg import EmgState as DeviceState
 from palp_core.devices.sim.emg import SimEmg
@@ -49,12 +51,13 @@ class EmgNodeState(State):
 
 
 class Emg(Node):
-    """Publish blocks of both muscles until the recording is over; then silence."""
+    """Publish blocks of both muscles until the recording is over; say how a real source does."""
 
     simulates = True
     params: EmgParams
     state: EmgNodeState
     block = Pub(EmgBlock)
+    report = Pub(EmgReport)
     tick = Timer(hz="block_hz", running=True)
     end = Alarm()
 
@@ -80,24 +83,45 @@ class Emg(Node):
         self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_deactivate(self) -> None:
+        if not isinstance(self.device, SimEmg):
+            self.drain()  # what has come since the last tick
         self.device.close()
 
     @on(tick)
     def drain(self) -> None:
         block = self.device.drain(self.now_ns(), self.memory, self.rng)
-        if not len(block.times_ns):
-            return
-        if np.any(block.gap):
-            self.log.warning("%d gaps in the EMG", np.count_nonzero(block.gap))
-        start_ns = max(0, int(block.times_ns[0]))
+        if not isinstance(self.device, SimEmg):
+            self._tell(block)
+        breaks = np.flatnonzero(block.gap[1:]) + 1  # a block has equal steps of time: a gap ends one
+        for first, end in pairwise([0, *breaks.tolist(), len(block.times_ns)]):
+            if first < end:
+                self._publish(block, slice(first, end))
+
+    def _publish(self, block: Samples, part: slice) -> None:
+        start_ns = max(0, int(block.times_ns[part.start]))
         self.block.publish(
             EmgBlock(
                 stamp_ns=self.now_ns(),
                 start_ns=start_ns,
                 rate_hz=self.params.rate_hz,
                 phase=self._phase(start_ns),
-                fds_v=block.fds_v,
-                edc_v=block.edc_v,
+                fds_v=block.fds_v[part],
+                edc_v=block.edc_v[part],
+            )
+        )
+
+    def _tell(self, block: Samples) -> None:
+        """Say how the source does; a gap is in the log, too."""
+        health, gap_count = self.device.health(self.now_ns()), int(np.count_nonzero(block.gap))
+        if gap_count:
+            self.log.warning("%d gaps in the EMG", gap_count)
+        self.report.publish(
+            EmgReport(
+                stamp_ns=self.now_ns(),
+                sample_count=len(block.times_ns),
+                gap_count=gap_count,
+                condition=health.condition.value,
+                text=health.cause,
             )
         )
 

@@ -11,6 +11,8 @@ from palp_core.devices.emulator import EmulatedRig, RigSettings
 from palp_core.devices.emulator.axis import AxisSettings
 from palp_core.devices.emulator.world import WorldSettings
 from palp_core.devices.sim.mount import MountVariation
+from palp_core.mechanics.phantom_file import file_mistakes
+from palp_core.perception.rig_noise import read_noise
 from palp_core.units import Metres, Millimetres, Ratio
 
 MARGIN_M = 0.002
@@ -20,7 +22,8 @@ class EmulatedPhantomParams(Params):
     """Set in the launch file.
 
     ``host``, the ports and ``folder`` (of the ring's terminal) are where the drivers find the devices;
-    ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig.
+    ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
+    file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
     """
 
     host: ReadOnly[str] = "127.0.0.1"
@@ -34,8 +37,9 @@ class EmulatedPhantomParams(Params):
     scene: ReadOnly[str] = ""
     ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
     repeatability_mm: ReadOnly[Ratio] = 0.3
+    noise_sd_n_mm: ReadOnly[Ratio] = 1.0 / 64.0
     seed: ReadOnly[int] = 1
-    height_sd_mm: Millimetres = 0.1
+    height_sd_mm: ReadOnly[Millimetres] = 0.1
     noise: ReadOnly[str] = ""
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
@@ -52,6 +56,7 @@ class EmulatedPhantom(Node):
     """Start stage, ring, sensor and amplifier as their wires show them, and change the phantom."""
 
     simulates = True
+    examine = staticmethod(file_mistakes)
     params: EmulatedPhantomParams
     state: EmulatedPhantomState
     mount = Sub(Mount)
@@ -59,8 +64,8 @@ class EmulatedPhantom(Node):
 
     def on_configure(self) -> None:
         p = self.params
-        if p.noise:
-            raise ValueError(f"noise '{p.noise}': emulated devices have noise of their own; leave it empty")
+        noise = read_noise(p.noise) if p.noise else None
+        self.height_sd_m = noise.height_sd_m.value if noise else p.height_sd_mm * 1e-3
         world = WorldSettings(
             seed=p.seed,
             phantoms=p.phantoms,
@@ -68,8 +73,9 @@ class EmulatedPhantom(Node):
             from_m=min(p.from_m, p.to_m) - MARGIN_M,
             to_m=max(p.from_m, p.to_m) + MARGIN_M,
             z_axis=AxisSettings(soft_low_m=-0.001, home_m=p.lift_mm * 1e-3),
-            repeatability_m=p.repeatability_mm * 1e-3,
-            ring_error=p.ring_error,
+            repeatability_m=2.0 * noise.ring_sd_m.value if noise else p.repeatability_mm * 1e-3,
+            ring_error="normal" if noise else p.ring_error,
+            torque_noise_sd_n_m=noise.sample_sd_n_m.value if noise else p.noise_sd_n_mm * 1e-3,
         )
         settings = RigSettings(
             world=world,
@@ -89,7 +95,7 @@ class EmulatedPhantom(Node):
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
-        height_m = MountVariation(height_sd_m=self.params.height_sd_mm * 1e-3).draw(self.rng).height_m
+        height_m = MountVariation(height_sd_m=self.height_sd_m).draw(self.rng).height_m
         self.rig.on_world(lambda world, _: world.mount(mount.code, height_m))
         touched, self.state.code = self.rig.world.rig, mount.code
         bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]

@@ -10,25 +10,44 @@ from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.mechanics.phantom_file import file_mistakes
+from palp_core.mechanics.scene_file import read_scene
 from palp_core.methods import find
 from palp_core.perception import bayes
 from palp_core.perception.information import gain_vector
 from palp_core.perception.primitives import Primitives, fit, quantisation_sd
+from palp_core.perception.rig_noise import assumed_noise, read_noise
 from palp_core.perception.stopping import decide, stop_rule
 from palp_core.perception.sweep_cut import SweepCut
+from palp_core.perception.trial_filter import Probe, TrialFilter, require_likelihood
 from palp_core.perception.wavelet import denoise, edge_cone
-from palp_core.units import Float64Array, HertzPositive, Ratio, Seconds
+from palp_core.studies.height_slope import filter_of
+from palp_core.units import Count, Float64Array, HertzPositive, Millimetres, Ratio, Seconds
 
 
 class EstimatorParams(Params):
-    """Set in the launch file; the names are those of the methods register."""
+    """Set in the launch file; the names are those of the methods register.
+
+    ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
+    grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
+    what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
+    ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics it knows how
+    a reading answers to the height.
+    """
 
     wavelet: str = "db10"
     level: int = 5
     denoise: str = "soft_universal"
     feature: str = "peak"
     likelihood: str = "normal"
+    filter: str = "naive"
+    depths: Count = 0
+    noise: str = ""
+    ring_sd_mm: Millimetres = 0.17
+    height_sd_mm: Millimetres = 0.1
+    scene: str = ""
     stop: str = "paper_guarded"
+    stop_value: Ratio = 0.0
     max_probes: int = 15
     resolution_n_mm: Ratio = 1.0 / 64.0
     rate_hz: HertzPositive = 1000.0
@@ -53,7 +72,8 @@ class EstimatorState(State):
     stream: SweepCut | None = None
     training: list[tuple[float, float, float]] = []
     primitives: dict[str, list[float]] = {}
-    log_belief: list[float] = []
+    landed: bool = False
+    probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
 
@@ -61,6 +81,7 @@ class EstimatorState(State):
 class Estimator(Node):
     """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
 
+    examine = staticmethod(file_mistakes)
     params: EstimatorParams
     state: EstimatorState
     trial = Sub(Trial)
@@ -74,9 +95,10 @@ class Estimator(Node):
     def on_configure(self) -> None:
         find("denoise", self.params.denoise)
         find("feature", self.params.feature)
-        find("likelihood", self.params.likelihood)
-        find("stop", self.params.stop)
+        require_likelihood(self.params.filter, self.params.likelihood)
+        stop_rule(self.params.stop, self.params.stop_value, max_probes=self.params.max_probes)
         self.learnt: Primitives | None = None
+        self.filters: tuple[EstimatorParams, TrialFilter] | None = None
 
     @on(trial)
     def begin(self, trial: Trial) -> None:
@@ -85,11 +107,13 @@ class Estimator(Node):
             self._learn()
         state.trial, state.phase = trial.trial, trial.phase
         state.label_known, state.depth_m = trial.label_known, trial.depth_m
-        state.log_belief, state.posteriors, state.gains = [], [], []
+        state.probes, state.posteriors, state.gains = [], [], []
 
     @on(ring)
     def note_ring(self, ring: RingState) -> None:
-        if not ring.rehome:
+        if ring.rehome:
+            self.state.landed = True
+        else:
             self.state.ring_m = ring.target_m
             self.state.ring_trial, self.state.ring_iteration = ring.trial, ring.iteration
 
@@ -189,7 +213,7 @@ class Estimator(Node):
             rings_m=rings_m,
             floor=quantisation_sd(self.params.resolution_n_mm * 1e-3),
         )
-        self.learnt = learnt
+        self.learnt, self.filters = learnt, None
         self.state.primitives = {
             name: np.ravel(value).tolist() for name, value in learnt.to_json_dict().items()
         }
@@ -213,36 +237,44 @@ class Estimator(Node):
                 raise ValueError(
                     "a trial of estimation began before any training; there is nothing to compare with"
                 )
-            shape = (len(kept["depths_m"]), len(kept["rings_m"]))
-            self.learnt = Primitives(
-                depths_m=np.array(kept["depths_m"]),
-                rings_m=np.array(kept["rings_m"]),
-                mean=np.reshape(kept["mean"], shape),
-                sd=np.reshape(kept["sd"], shape),
-                count=np.reshape(kept["count"], shape),
-                floor=kept["floor"][0],
-            )
+            self.learnt = Primitives.from_rows(kept)
         return self.learnt
+
+    def _filter(self) -> TrialFilter:
+        """Return the filter that the parameters describe over what was learnt."""
+        memory, params = self._memory(), self.params
+        if self.filters is None or self.filters[0] != params:
+            made = filter_of(
+                memory,
+                params.filter,
+                likelihood=params.likelihood,
+                depth_count=params.depths,
+                feature=params.feature,
+                noise=read_noise(params.noise)
+                if params.noise
+                else assumed_noise(params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
+                scene=read_scene(params.scene) if params.scene else None,
+            )
+            self.filters = (params, made)
+        return self.filters[1]
 
     def _update(self, peak_n_m: float) -> None:
         """Bayes' rule, eq. (7), the gain of eq. (8), and the stop rule's verdict."""
-        state, memory = self.state, self._memory()
+        state, belief = self.state, self._filter()
+        memory = belief.primitives
         where = np.flatnonzero(np.isclose(memory.rings_m, state.ring_m, atol=1e-9))
         if not len(where):
             raise ValueError(f"ring position {state.ring_m * 1e3:g} mm was not trained")
         setting = int(where[0])
-        prior = bayes.flat_prior(len(memory.depths_m))
-        log_belief = bayes.update(
-            np.array(state.log_belief) if state.log_belief else prior,
-            memory.log_likelihood(peak_n_m, setting, model=self.params.likelihood),
-        )
-        posterior = bayes.posterior(log_belief)
-        gain = gain_vector(posterior, np.exp(prior))
-        state.log_belief = log_belief.tolist()
+        landed = state.landed or not state.probes or setting != state.probes[-1][1]
+        state.landed = False
+        state.probes.append((peak_n_m, setting, landed))
+        posterior = belief.posterior([Probe(*probe) for probe in state.probes])
+        gain = gain_vector(posterior, np.exp(bayes.flat_prior(len(memory.depths_m))))
         state.posteriors.append(posterior.tolist())
         state.gains.append(gain.tolist())
         verdict = decide(
-            stop_rule(self.params.stop),
+            stop_rule(self.params.stop, self.params.stop_value),
             [np.array(p) for p in state.posteriors],
             [np.array(g) for g in state.gains],
             max_probes=self.params.max_probes,

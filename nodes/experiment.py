@@ -8,24 +8,24 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
-from nodes.experiment_plan import classes_of, design_of, plan_of
+from nodes.experiment_plan import believed, design_of, is_right, plan_of
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
 from nodes.experiment_swaps import name_of, planned
 from palp_core import Alarm, Node, Params, Progress, Pub, State, Sub, Swap, on
 from palp_core.perception import plan
 from palp_core.studies.record import Record
-from palp_core.units import Metres, Seconds
+from palp_core.units import Count, Metres, Seconds
 
 
 class ExperimentParams(Params):
     """Set in the launch file.
 
-    ``training`` is the number of palpations per phantom and ring position, ``trials`` the number of
-    estimation trials per phantom. Order, re-homing and remounting were not published: ``training_order``
-    mixes the ring positions of a mounting (randomised) or goes through them in turn (blocked); ``rehome``
-    tells before what the ring's actuator is driven to its stop and back. ``swaps`` names policies that take
-    over in the middle of a trial, as in ``30=nodes.policy_markov:Markov``. ``plan`` names what is done: the
-    paper's experiment, or the plan that measures how well the rig repeats itself, with its wait.
+    ``training`` palpations per phantom and ring position, ``trials`` of estimation per phantom. Order,
+    re-homing and remounting were not published: ``training_order`` mixes the ring positions of a mounting
+    (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's actuator is
+    driven to its stop and back. ``swaps`` names policies that take over in a trial, as in
+    ``30=nodes.policy_markov:Markov``. ``plan`` is the paper's experiment, or how well the rig repeats itself.
+    ``depths`` and ``stop`` are the estimator's: a rule that cannot decide among them is refused at once.
     """
 
     out: str = "results"
@@ -41,6 +41,8 @@ class ExperimentParams(Params):
     rehome: Literal["palpation", "trial", "condition"] = "trial"
     training_mounts: int = 1
     estimation_mounts: int = 1
+    depths: Count = 0
+    stop: str = ""
     from_m: Metres = -0.03
     to_m: Metres = 0.05
 
@@ -65,6 +67,8 @@ class ExperimentState(State):
     ring_trial: int = -1
     ring_iteration: int = -1
     ring_settled: bool = False
+    ring_landed: bool = False
+    last_ring_m: float = -1.0
     rehomed: bool = False
     waited: bool = False
     true_ring_m: float | None = None
@@ -104,10 +108,9 @@ class Experiment(Node):
     waiting = Alarm()
 
     def on_configure(self) -> None:
-        params = self.params
-        self.design = design_of(params)
-        self.swaps = planned(params.swaps)
-        self.record = Record(params.out, sorted({*classes_of(params).values()}))
+        self.design = design_of(self.params)
+        self.swaps = planned(self.params.swaps)
+        self.record = Record(self.params.out, believed(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -143,8 +146,8 @@ class Experiment(Node):
             except StopIteration:
                 self.step = None
         if not self.state.finished:
-            self.state.finished = True
             self._report("done")
+        self.state.finished = True
         self.finish(0)
 
     def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
@@ -191,7 +194,7 @@ class Experiment(Node):
         return "done" if state.waited else None
 
     def _palpate(self, step: plan.Palpate) -> Literal["done", "continue", "decided", "undecided"] | None:
-        state, params, now_ns = self.state, self.params, self.now_ns()
+        state, now_ns = self.state, self.now_ns()
         state.iteration = step.iteration
         if not state.trial_announced:
             self._announce_trial()
@@ -205,9 +208,8 @@ class Experiment(Node):
             if ring_there and state.ring_settled and state.stage_ready:
                 state.swept, state.stage_ready = True, False
                 state.goal_id += 1
-                self.goal.publish(
-                    SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=params.from_m, to_m=params.to_m)
-                )
+                from_m, to_m = self.params.from_m, self.params.to_m
+                self.goal.publish(SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=from_m, to_m=to_m))
             return None
         if not state.palpation or not (state.belief or state.phase != "estimation"):
             return None
@@ -240,6 +242,7 @@ class Experiment(Node):
         state.ring_settled = ring.settled
         if ring.rehome:  # it returns to its target, so the last command stays fulfilled
             state.rehomed = ring.settled and ring.trial == state.trial
+            state.ring_landed = True
         else:
             state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
         self._advance()
@@ -275,13 +278,10 @@ class Experiment(Node):
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:
         self.record.primitives(primitives_of(learnt))
 
-    # The record
-
     def _keep(self, palpation: Palpation, belief: Belief | None) -> None:
-        state = self.state
-        self.record.append(
-            row_of(self.params, state, palpation, belief), palpation.torque_n_m, palpation.rate_hz
-        )
+        state, row = self.state, row_of(self.params, self.state, palpation, belief)
+        self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
+        state.ring_landed, state.last_ring_m = False, palpation.ring_m
         state.policy, state.next_policy = state.next_policy or state.policy, ""
         state.row, state.palpations_done = state.row + 1, state.palpations_done + 1
         state.sweep_s += len(palpation.torque_n_m) / palpation.rate_hz
@@ -292,7 +292,7 @@ class Experiment(Node):
     def _close_trial(self, belief: Belief) -> None:
         state = self.state
         state.trials_done += 1
-        state.right_count += abs(belief.estimate_m - state.depth_m) < 1e-9
+        state.right_count += is_right(self.design, belief.estimate_m, state.depth_m)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:

@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palp_core.errors import PerceptionError
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.perception import plan
 from palp_core.perception.figure5 import RINGS_M
 from palp_core.perception.plan_repeatability import RepeatDesign, repeatability
+from palp_core.perception.stopping import require_classes
+from palp_core.perception.trial_filter import classes_of as grid_of
 
 if TYPE_CHECKING:
     from nodes.experiment import ExperimentParams
 
-__all__ = ["classes_of", "design_of", "plan_of"]
+__all__ = ["believed", "classes_of", "design_of", "is_right", "plan_of"]
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
@@ -23,12 +26,32 @@ def classes_of(params: ExperimentParams) -> dict[str, float]:
     return {code: p.bead.depth_m for code, p in phantoms.items() if p.bead is not None}
 
 
+def believed(params: ExperimentParams) -> list[float]:
+    """Return the depths that a belief is about, in its order."""
+    depths: list[float] = grid_of(sorted({*classes_of(params).values()}), params.depths).tolist()
+    return depths
+
+
+def is_right(design: plan.Design | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
+    """Tell whether the true depth is, of all phantoms' depths, the nearest to the estimate."""
+    depths_m = (phantom.depth_m for phantom in design.phantoms) if isinstance(design, plan.Design) else ()
+    return abs(min(depths_m, key=lambda d: abs(d - estimate_m), default=estimate_m) - depth_m) < 1e-9
+
+
 def design_of(params: ExperimentParams) -> plan.Design | RepeatDesign:
-    """Return the numbers of the plan that the parameters name."""
+    """Return the numbers of the plan that the parameters name.
+
+    Raises:
+        PerceptionError: The estimator's stop rule cannot decide among so few depths.
+    """
     depths_m = classes_of(params)
     if params.plan == "repeatability":
         first = next(iter(depths_m), None) or next(iter(load_phantoms(params.phantoms)))  # bare gel will do
         return RepeatDesign(first, wait_s=params.wait_s)
+    if params.stop and params.trials:
+        require_classes(params.stop, len(believed(params)))
+    if params.trials and not params.training:
+        raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
     return plan.Design(
         phantoms=tuple(plan.Phantom(code, depth_m) for code, depth_m in depths_m.items()),
         rings_m=RINGS_M,

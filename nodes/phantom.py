@@ -5,10 +5,11 @@ from __future__ import annotations
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose
-from msgs.torque import Contact
+from msgs.torque import Contact, ContactGuard
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.sim.mount import MountVariation
 from palp_core.mechanics.contact.model import ContactModel
+from palp_core.mechanics.phantom_file import file_mistakes
 from palp_core.mechanics.scene_rig import rig
 from palp_core.mechanics.sweep_table import SweepTable, solve
 from palp_core.perception.rig_noise import read_noise
@@ -48,12 +49,14 @@ class PhantomState(State):
     remount: int = 0
     height_offset_m: float = 0.0
     ring_m: float = 0.0
+    guard_told: bool = False
 
 
 class Phantom(Node):
     """Answer poses with the torque of the equilibrium, solved once per ring position and mount."""
 
     simulates = True
+    examine = staticmethod(file_mistakes)
     params: PhantomParams
     state: PhantomState
     mount = Sub(Mount)
@@ -61,6 +64,7 @@ class Phantom(Node):
     pose = Sub(StagePose)
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
+    guard = Pub(ContactGuard)
 
     def on_configure(self) -> None:
         params = self.params
@@ -87,7 +91,7 @@ class Phantom(Node):
         state = self.state
         state.code, state.remount = mount.code, mount.remount
         state.height_offset_m = variation.draw(self.rng).height_m
-        self.table = None
+        self._forget()
         bead, choice = phantoms[mount.code].bead, self.rig.choices[mount.code]
         self.truth.publish(
             PhantomTruth(
@@ -105,7 +109,7 @@ class Phantom(Node):
     def stiffen(self, ring: RingTruth) -> None:
         if ring.ring_m != self.state.ring_m:
             self.state.ring_m = ring.ring_m
-            self.table = None
+            self._forget()
 
     @on(pose)
     def touch(self, pose: StagePose) -> None:
@@ -121,11 +125,14 @@ class Phantom(Node):
             )
         )
 
+    def _forget(self) -> None:
+        self.table, self.state.guard_told = None, False
+
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
         if not state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
-        return solve(
+        table = solve(
             self.models[state.code],
             self.rig.probe,
             state.ring_m,
@@ -133,3 +140,16 @@ class Phantom(Node):
             params.from_m - MARGIN_M,
             params.to_m + MARGIN_M,
         )
+        words = list(self.rig.met(state.code, table.solved))
+        if words and not state.guard_told:
+            state.guard_told = True
+            self.guard.publish(
+                ContactGuard(
+                    stamp_ns=self.now_ns(),
+                    code=state.code,
+                    remount=state.remount,
+                    ring_m=state.ring_m,
+                    words=words,
+                )
+            )
+        return table

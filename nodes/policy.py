@@ -88,8 +88,8 @@ class Policy(Node):
 
     @on(primitives)
     def remember(self, learnt: PrimitivesLearnt) -> None:
-        names = ("depths_m", "rings_m", "mean_n_m", "sd_n_m")
-        self.state.primitives = {name: getattr(learnt, name).tolist() for name in names}
+        names = ("depths_m", "rings_m", "mean_n_m", "sd_n_m", "count", "floor_n_m")
+        self.state.primitives = {name: np.ravel(getattr(learnt, name)).tolist() for name in names}
 
     @on(cocontraction)
     def hear(self, cocontraction: CoContraction) -> None:

@@ -6,21 +6,33 @@ import numpy as np
 
 from nodes.policy import Policy
 from palp_core import Params
-from palp_core.perception import policies
-from palp_core.perception.offsets import landing_model
+from palp_core.mechanics.phantom_file import file_mistakes
+from palp_core.mechanics.scene_file import read_scene
+from palp_core.perception import latent, policies
 from palp_core.perception.policies_informed import InformationGainLatent
-from palp_core.units import Millimetres
+from palp_core.perception.primitives import Primitives
+from palp_core.perception.rig_noise import assumed_noise, independent_model, read_noise
+from palp_core.studies.height_slope import filter_of
+from palp_core.units import Count, Millimetres
 
 
 class InformationParams(Params):
     """Set in the launch file.
 
-    ``ring_sd_mm`` is the spread of a landing that the policy knows to stay until the ring moves; 0 takes all
-    readings for independent. ``per_second`` weighs bits by the time of move and sweep. ``start_mm`` is where
-    it probes as long as nothing was learnt (assumed: the stiffest).
+    ``knows`` is what the policy knows to stay, a filter's name: ``naive`` takes all readings for independent,
+    ``latent_ring`` knows that a landing stays until the ring moves, ``latent`` that the height stays as well.
+    ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``scene``, ``feature`` and ``depths`` are as of the
+    estimator; with equal ones it has the estimator's own belief. ``per_second`` weighs bits by the time of
+    move and sweep. ``start_mm`` is where it probes as long as nothing was learnt (assumed: the stiffest).
     """
 
+    knows: str = "latent"
+    noise: str = ""
     ring_sd_mm: Millimetres = 0.17
+    height_sd_mm: Millimetres = 0.1
+    scene: str = ""
+    feature: str = "peak"
+    depths: Count = 0
     per_second: bool = False
     start_mm: Millimetres = 16.0
 
@@ -28,20 +40,21 @@ class InformationParams(Params):
 class Information(Policy):
     """Greedy, one probe ahead, with what training left and what stays in the trial."""
 
+    examine = staticmethod(file_mistakes)
     params: InformationParams
 
+    def on_configure(self) -> None:
+        self.made: tuple[InformationParams, dict[str, list[float]], latent.OffsetModel] | None = None
+        super().on_configure()
+
     def choose(self) -> policies.Policy:
-        kept = self.state.primitives
-        if not kept:
-            return policies.Fixed(round(self.params.start_mm * 1e-3, 9))
-        shape = (len(kept["depths_m"]), len(kept["rings_m"]))
-        rings_m = np.array(kept["rings_m"])
-        mean, sd = (np.reshape(kept[name], shape) for name in ("mean_n_m", "sd_n_m"))
-        model = landing_model(mean, sd, rings_m, self.params.ring_sd_mm * 1e-3)
         state = self.state
+        if not state.primitives:
+            return policies.Fixed(round(self.params.start_mm * 1e-3, 9))
+        rings_m = np.array(state.primitives["rings_m"])
         levels = [int(np.argmin(np.abs(rings_m - ring_m))) for ring_m in state.tried_m]
         return InformationGainLatent(
-            model,
+            self._model(),
             tuple(rings_m.tolist()),
             per_second=self.params.per_second,
             history=tuple(zip(levels, state.landed, state.readings_n_m, strict=False)),
@@ -49,3 +62,22 @@ class Information(Policy):
 
     def refreshed(self) -> policies.Policy:
         return self.choose()
+
+    def _model(self) -> latent.OffsetModel:
+        """Return how readings spread and what stays; made anew where parameters or primitives are new."""
+        kept, params = self.state.primitives, self.params
+        if self.made is None or self.made[0] != params or self.made[1] != kept:
+            names = (("mean_n_m", "mean"), ("sd_n_m", "sd"), ("floor_n_m", "floor"))
+            learnt = Primitives.from_rows({**kept, **{name: kept[wire] for wire, name in names}})
+            made = filter_of(
+                learnt,
+                params.knows,
+                depth_count=params.depths,
+                feature=params.feature,
+                noise=read_noise(params.noise)
+                if params.noise
+                else assumed_noise(params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
+                scene=read_scene(params.scene) if params.scene else None,
+            )
+            self.made = (params, kept, made.model or independent_model(made.primitives))
+        return self.made[2]

@@ -9,6 +9,7 @@ import msgspec
 from msgs.actuator import RingCommand, RingState
 from msgs.safety import RingReport, SafetyBeat
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core.devices.health import Condition
 from palp_core.devices.leash import Leash
 from palp_core.devices.maestro import MaestroState
 from palp_core.devices.protocols import RingReading
@@ -51,10 +52,11 @@ class RigActuator(Node):
     def on_configure(self) -> None:
         self.device = open_device("ring", self.params.device, **self.params.options)
         self.leash = Leash(self.params.beat_ms * 1e-3)
-        self.refused = ""
+        self.refused = self.closed = ""  # why the device refuses, and why it is not open after a trip
+        self.last_m = 0.0
 
     def on_activate(self) -> None:
-        self.state.activity = "ready"
+        self.state.activity, self.closed = "ready", ""
         self.device.open(self.now_ns(), self.state.driver, self.rng)
 
     def on_resume(self) -> None:
@@ -90,15 +92,22 @@ class RigActuator(Node):
     def look(self) -> None:
         if self.state.activity == "moving" and not self.leash.alive(self.now_ns()):
             self._hold("no heartbeat of the safety node")
+        if self.closed:
+            self._tell(self.last_m, Condition.LINK_LOST, self.closed)
+            return
         self._go_on()
-        reading, health = self._read(), self.device.health(self.now_ns())
+        self.last_m, health = self._read().measured_m, self.device.health(self.now_ns())
+        self._tell(self.last_m, health.condition, health.cause or self.refused)
+
+    def _tell(self, ring_m: float, condition: Condition, text: str) -> None:
         self.report.publish(
             RingReport(
                 stamp_ns=self.now_ns(),
-                ring_m=reading.measured_m,
+                ring_m=ring_m,
                 moving=self.state.activity == "moving",
-                condition=health.condition.value,
-                text=health.cause or self.refused,
+                condition=condition.value,
+                text=text,
+                acknowledged_count=self.state.acknowledged_count,
             )
         )
 
@@ -111,7 +120,7 @@ class RigActuator(Node):
         if state.activity == "moving" and self._read().settled:
             state.activity = "ready"
             self._publish(state.commands.pop(0), settled=True)
-        if state.activity != "ready" or not state.commands or not self.leash.permits(now_ns):
+        if state.activity != "ready" or not state.commands or self.closed or not self.leash.permits(now_ns):
             return
         command = state.commands[0]
         try:
@@ -140,13 +149,16 @@ class RigActuator(Node):
         """Leave a stall or a reported error behind, which a person has acknowledged."""
         self.state.acknowledged_count = count
         try:
-            if self.device.health(self.now_ns()).condition.value == "link lost":
+            if self.closed or self.device.health(self.now_ns()).condition is Condition.LINK_LOST:
                 self.device.close()
+                self.closed = "not open"
                 self.device.open(self.now_ns(), self.state.driver, self.rng)
+                self.closed = ""
             acknowledge = getattr(self.device, "acknowledge", None)
             if acknowledge is not None:
                 acknowledge(self.now_ns(), self.state.driver)
         except DeviceError as error:
+            self.closed = self.closed and str(error)
             self.log.warning("%s", error)
 
     def _publish(self, command: RingCommand, *, settled: bool) -> None:

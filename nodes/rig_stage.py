@@ -111,9 +111,10 @@ class RigStage(Stage):
         now_ns, activity = self.now_ns(), self.state.activity
         if activity in ACTIVE and not self.leash.alive(now_ns):
             self._halt("unheard", "no heartbeat of the safety node")
-        elif activity in ACTIVE and not self.device.health(now_ns).ok:
-            health = self.device.health(now_ns)
+        elif activity in ACTIVE and not (health := self.device.health(now_ns)).ok:
             self._halt(health.condition, health.cause)
+        elif activity == "sweeping":
+            self._leave()
         elif self.leash.permits(now_ns) and not self.trouble:
             if activity == "down":
                 self._bring_up()
@@ -172,8 +173,7 @@ class RigStage(Stage):
     def _raise(self, activity: str, speed_m_s: float) -> None:
         """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
         self.state.activity = activity
-        retreat = getattr(self.device, "retreat", None)
-        if retreat is None:
+        if (retreat := getattr(self.device, "retreat", None)) is None:
             self._be_ready()
         else:
             self._try(lambda: retreat(speed_m_s, self.now_ns(), self.memory))
@@ -237,11 +237,24 @@ class RigStage(Stage):
         except DeviceError as error:
             self._halt("stale", str(error))
 
+    def _leave(self) -> None:
+        """End the sweep once a poll has seen the stage beyond it: its end lies between two polls then."""
+        state = self.state
+        if (self._measured(self.now_ns())[0] - state.to_m) * (state.to_m - state.from_m) <= 0.0:
+            return
+        try:
+            self._measure_interval()
+            self._tell_pose(state.leave_ns)
+        except DeviceError as error:
+            self._halt("stale", str(error))
+            return
+        state.sample_count = 0
+        self._end_sweep()
+
     def _measure_interval(self) -> None:
         """Replace the predicted times over the phantom by those at which the stage was there."""
         state, now_ns = self.state, self.now_ns()
-        begin_ns = max(0, state.enter_ns - 500_000_000)
-        times_ns = np.arange(begin_ns, now_ns - LAG_NS // 2, 1_000_000, dtype=np.int64)
+        times_ns = np.arange(max(0, state.enter_ns - 500_000_000), now_ns, 1_000_000, dtype=np.int64)
         y_m = self.device.read(times_ns, self.memory).y_m
         state.enter_ns, state.leave_ns = (
             crossing_ns(times_ns, y_m, place_m) for place_m in (state.from_m, state.to_m)
@@ -268,7 +281,8 @@ class RigStage(Stage):
             condition = condition or "closed"
         else:
             health = self.device.health(now_ns)
-            condition, text = condition or health.condition, text or health.cause
+            if not (condition and health.ok):  # what it suffers from now says more than what it refused
+                condition, text = health.condition, health.cause
             y_m, z_m, speed_m_s = self._measured(now_ns)
         self.report.publish(
             StageReport(

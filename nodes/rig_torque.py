@@ -71,6 +71,9 @@ class RigTorque(Node):
         self.on_activate()
 
     def on_deactivate(self) -> None:
+        self.drain()  # what has come since the last tick, and the block that is not full yet
+        if self.times_ns:
+            self._publish()
         self.device.close()
 
     @on(tick)

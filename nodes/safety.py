@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import msgspec
-
 from msgs.safety import (
     AcknowledgeReply,
     AcknowledgeRequest,
@@ -37,27 +33,29 @@ class SafetyParams(Params):
     """Set in the launch file. The limits are assumed, below the sensor's range of 120 N mm and 12 N.
 
     ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
-    ``watch_processes`` trips when a process of the graph is stopped by a signal.
+    ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of a sweep.
+    ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
     """
 
     stop_url: ReadOnly[str] = ""
-    axes: tuple[str, str] = ("X", "Y")
-    baud: int = 115200
-    tick_hz: HertzPositive = 100.0
-    look_every: Annotated[int, msgspec.Meta(ge=1)] = 5
-    warn_n_mm: Ratio = 80.0
-    stop_n_mm: Ratio = 100.0
-    warn_n: Newtons = 8.0
-    stop_n: Newtons = 10.0
-    from_m: Metres = -0.03
-    to_m: Metres = 0.05
-    margin_mm: Millimetres = 4.0
-    lift_mm: Millimetres = 20.0
-    speed_m_s: MetresPerSecond = 0.050
-    following_mm: Millimetres = 0.5
-    stale_ms: Ratio = 25.0
-    beat_ms: Ratio = 50.0
-    watch_processes: bool = True
+    axes: ReadOnly[tuple[str, str]] = ("X", "Y")
+    baud: ReadOnly[int] = 115200
+    tick_hz: ReadOnly[HertzPositive] = 100.0
+    look_hz: ReadOnly[HertzPositive] = 20.0
+    link_ms: ReadOnly[Ratio] = 100.0
+    warn_n_mm: ReadOnly[Ratio] = 80.0
+    stop_n_mm: ReadOnly[Ratio] = 100.0
+    warn_n: ReadOnly[Newtons] = 8.0
+    stop_n: ReadOnly[Newtons] = 10.0
+    from_m: ReadOnly[Metres] = -0.03
+    to_m: ReadOnly[Metres] = 0.05
+    margin_mm: ReadOnly[Millimetres] = 4.0
+    lift_mm: ReadOnly[Millimetres] = 20.0
+    speed_m_s: ReadOnly[MetresPerSecond] = 0.050
+    following_mm: ReadOnly[Millimetres] = 0.5
+    stale_ms: ReadOnly[Ratio] = 25.0
+    beat_ms: ReadOnly[Ratio] = 50.0
+    watch_processes: ReadOnly[bool] = True
 
 
 class SafetyNodeState(State):
@@ -89,35 +87,29 @@ class Safety(Node):
         travel = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
         wrench = WrenchLimits(p.warn_n_mm * 1e-3, p.stop_n_mm * 1e-3, p.warn_n, p.stop_n)
         longest = {"stale_s": p.stale_ms * 1e-3, "beat_s": p.beat_ms * 1e-3}
-        following_m = p.following_mm * 1e-3
-        self.watchdog = Watchdog(
-            WatchLimits(wrench=wrench, travel=travel, following_m=following_m, **longest)
-        )
-        state = self.state
-        self.machine = SafetyMachine(
-            Standing(state.standing), Cause(state.cause) if state.cause else None, state.text
-        )
+        limits = WatchLimits(wrench=wrench, travel=travel, following_m=p.following_mm * 1e-3, **longest)
+        self.watchdog, state = Watchdog(limits), self.state
+        cause = Cause(state.cause) if state.cause else None
+        self.machine = SafetyMachine(Standing(state.standing), cause, state.text)
         self.machine.acknowledged_count = state.acknowledged_count
         self.host, self.siblings = HostTime(), Siblings()
         self.link: AerotechStop | None = None
-        self.memory = LastSecond()
-        self.overloads: list[Finding] = []
-        self.turn = self.stopped_ns = self.search_ns = 0
+        self.memory, self.overloads = LastSecond(), list[Finding]()
+        self.stopped_ns = self.permitted_ns = self.search_ns = 0
         self.moving = False
 
     def on_activate(self) -> None:
         self.host.hear(self.now_ns())
         self._connect()
 
-    def on_resume(self) -> None:
-        self.on_activate()
+    on_resume = on_activate
 
     def on_deactivate(self) -> None:
         if self.link is None:
             return
         try:
-            if self.machine.state is Standing.MOVING:  # the stage's node may be gone
-                self.link.trip()
+            if self.machine.state is Standing.MOVING or any(axis.moving for axis in self.link.poll()):
+                self.link.trip()  # the stage's node may be gone, and before it could say that a move began
         except DeviceError as error:
             self.log.warning("the stage could not be stopped at the end: %s", error)
         finally:
@@ -130,7 +122,8 @@ class Safety(Node):
         self.memory.load(report)
         before = self.watchdog.warning
         spoilt = (report.saturated_count > 0, report.faulty_count > 0, report.condition)
-        found = self.watchdog.load(Load(report.sample_ns, report.torque_n_m, report.force_n, *spoilt))
+        load = Load(report.sample_ns, report.torque_n_m, report.force_n, *spoilt, report.stamp_ns)
+        found = self.watchdog.load(load)
         if report.sample_count or found:  # silence does not take a load away
             self.overloads = found
         self._judge(found, report.sample_ns)
@@ -155,57 +148,63 @@ class Safety(Node):
     @on(ring)
     def watch_ring(self, report: RingReport) -> None:
         self.memory.ring(report)
-        self._judge(self.watchdog.ring(report.stamp_ns, report.condition), report.stamp_ns)
+        released = report.acknowledged_count == self.machine.acknowledged_count
+        self._judge(self.watchdog.ring(report.stamp_ns, report.condition, released=released), report.stamp_ns)
 
     @every("tick_hz")
     def watch(self) -> None:
-        now_ns, self.turn = self.now_ns(), self.turn + 1
+        now_ns = self.now_ns()
+        own = self.watchdog.run(now_ns, 1.0 / self.params.tick_hz)
+        late = [] if own is None else own or self.watchdog.late(now_ns)
+        late += self._stopped_processes(now_ns)
         if self.machine.permits:
-            late = self.watchdog.late(now_ns)
-            self._judge(late + self._stopped_processes(now_ns), now_ns)
-        elif self.machine.state is Standing.STARTING and not self.watchdog.late(now_ns):
+            self._judge(late, now_ns)
+        elif self.machine.state is Standing.STARTING and own is not None and not late:
+            self.permitted_ns = now_ns
             self._take(Event.COMPLETE)
         if self.machine.state is Standing.STOPPING:
             self._act((Action.STOP,))
-        elif self.turn % self.params.look_every == 0:
+        else:
             self._look()
         self._say()
 
     def _stopped_processes(self, now_ns: int) -> list[Finding]:
         if not self.params.watch_processes:
             return []
-        if now_ns >= self.search_ns and self.machine.state is not Standing.MOVING:
+        moving = self.machine.state is Standing.MOVING
+        if now_ns >= self.search_ns and not moving:
             self.search_ns = now_ns + SEARCH_NS
             self.siblings.find()
-        found = self.siblings.stopped()
-        return [Finding(Cause.HEARTBEAT, f"process {pid} of this graph is stopped") for pid in found]
+        found = self.siblings.trouble(moving=moving)
+        return [Finding(Cause.HEARTBEAT, f"process {pid} of this graph {how}") for pid, how in found.items()]
 
     def _look(self) -> None:
-        """Ask the controller, on the own link, about one axis."""
-        if self.link is None:
-            return
+        """Judge what the controller has said of its axes on the own link."""
+        axes = []
         try:
-            axis = self.link.look()
+            axes = self.link.reports() if self.link is not None else []
         except DeviceError as error:
             self._judge([Finding(Cause.LINK_LOST, f"the link of its own: {error}")], self.now_ns())
-            return
-        if self.machine.permits:  # before, a fault may still wait for the stage to acknowledge it
-            fault = axis.fault.words if axis.fault else ""
-            self._judge(self.watchdog.axis(axis.axis, fault, axis.following_m), self.now_ns())
-        elif axis.moving:
-            self._take(Event.MOVES)
+        for axis in axes:
+            if not self.machine.permits:
+                powered = self.machine.tripped and axis.enabled  # by an ENABLE that crossed the DISABLE
+                if (axis.moving or powered) and axis.asked_ns > self.stopped_ns:
+                    self._take(Event.MOVES)
+            elif axis.asked_ns > self.permitted_ns:  # before, a fault may have waited for FAULTACK
+                fault = axis.fault.words if axis.fault else ""
+                self._judge(self.watchdog.axis(axis.axis, fault, axis.following_m), self.now_ns())
 
     # What is done
 
     def _judge(self, found: list[Finding], cause_ns: int) -> None:
-        for finding in found[:1]:
-            self._take(Event.TRIP, finding, cause_ns)
+        if found:
+            self._take(Event.TRIP, found[0], cause_ns)
 
     def _take(self, event: Event, why: Finding | None = None, cause_ns: int = 0) -> None:
-        self._act(self.machine.take(event, *(why or ())), cause_ns)
-        machine, state = self.machine, self.state
+        actions, machine, state = self.machine.take(event, *(why or ())), self.machine, self.state
         state.standing, state.acknowledged_count = machine.state.value, machine.acknowledged_count
         state.cause, state.text = str(machine.cause or ""), machine.text
+        self._act(actions, cause_ns)  # last: a trip is remembered whatever becomes of what it asks for
 
     def _act(self, actions: tuple[Action, ...], cause_ns: int = 0) -> None:
         written_ns, disabled_ns = self._stop_motion() if Action.STOP in actions else (0, 0)
@@ -237,7 +236,8 @@ class Safety(Node):
     def _connect(self) -> None:
         p = self.params
         if p.stop_url:
-            self.link = AerotechStop(p.stop_url, p.axes, p.baud, clock=self.host.now_ns)
+            timing = {"timeout_s": p.link_ms * 1e-3, "look_hz": p.look_hz}
+            self.link = AerotechStop(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
 
     def _reconnect(self) -> None:
         if self.link is not None:
@@ -271,12 +271,12 @@ class Safety(Node):
         if not self.machine.tripped:
             text = "nothing to acknowledge: there is no trip"
             return AcknowledgeReply(done=False, state=self.machine.state.value, text=text)
-        persisting = [*self.overloads, *self.watchdog.late(self.now_ns())]
+        now_ns = self.now_ns()
+        persisting = [*self.overloads, *self.watchdog.late(now_ns), *self._stopped_processes(now_ns)]
         if self.moving:
             persisting.append(Finding(Cause.UNPERMITTED, "the stage is not known to be at rest yet"))
         self._take(Event.ACKNOWLEDGE_EARLY if persisting else Event.ACKNOWLEDGE)
-        done = not self.machine.tripped
-        if done:
+        if done := not self.machine.tripped:
             self.watchdog.arm()
             self._say()
             self.log.warning("acknowledged; motion is permitted once everything is heard again")

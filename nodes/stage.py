@@ -131,8 +131,15 @@ class Stage(Node):
 
     @on(block)
     def sample(self) -> None:
-        state = self.state
         known_ns = self.now_ns() - self.LAG_NS  # what a device that is polled can tell
+        self._tell_pose(known_ns)
+        if known_ns >= self.state.leave_ns:
+            self._measure_interval()
+            self._end_sweep()
+
+    def _tell_pose(self, known_ns: int) -> None:
+        """Publish where the stage was up to a time, if it was over the phantom."""
+        state = self.state
         following = self._first_sample(min(known_ns, state.leave_ns) + 1)
         if following > state.next_sample:
             times_ns = np.array([self._stamp_ns(k) for k in range(state.next_sample, following)])
@@ -148,12 +155,12 @@ class Stage(Node):
                     position_m=reading.y_m,
                 )
             )
-        if known_ns >= state.leave_ns:
-            self.block.stop()
-            self._measure_interval()
-            state.activity = "swept"
-            self.arrival.set(state.end_ns)
-            self._say("swept")
+
+    def _end_sweep(self) -> None:
+        self.block.stop()
+        self.state.activity = "swept"
+        self.arrival.set(self.state.end_ns)
+        self._say("swept")
 
     def _measure_interval(self) -> None:
         """Leave the times as the device has predicted them; a simulated one keeps its word."""

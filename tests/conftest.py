@@ -1,17 +1,50 @@
-"""What every test shares: a cache of set-ups that is not the user's."""
+"""What every test shares: surroundings that are the same everywhere, and the same examples each time.
+
+Hypothesis tries the same examples in every run, so that a run says something about what was changed. Another
+set each time, and more of them, with ``pytest --hypothesis-profile=explore``.
+"""
 
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 
+import hypothesis
 import pytest
+
+SLOW_S = 3600.0
+"""What a study of minutes may take before it counts as hanging; for the others see ``pyproject.toml``."""
+
+COMMON = hypothesis.settings(  # a busy machine is no failure
+    deadline=None, print_blob=True, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.register_profile("ci", COMMON, derandomize=True)
+hypothesis.settings.register_profile("explore", COMMON, max_examples=1000)
+hypothesis.settings.load_profile("ci")
+
+
+def pytest_configure() -> None:
+    """Make the surroundings the same everywhere: the terminal's width, no colours, Ctrl-C."""
+    for name in ("GITHUB_ACTIONS", "FORCE_COLOR", "PY_COLORS", "CLICOLOR_FORCE", "NO_COLOR"):
+        os.environ.pop(name, None)
+    os.environ["COLUMNS"] = "80"
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # the tests themselves run in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give slow tests their time, where pytest-timeout is there to take it."""
+    for item in items:
+        if item.get_closest_marker("slow") and item.config.pluginmanager.hasplugin("timeout"):
+            item.add_marker(pytest.mark.timeout(SLOW_S))
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_the_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def folders_of_the_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PALP_CACHE", str(shared / "palp-cache"))
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("r")))
         yield

@@ -1,4 +1,4 @@
-"""Run ``launch/rig.yaml`` on emulated devices of this process: it sees what they are told, and when."""
+"""Run ``launch/rig.yaml`` on emulated devices: what they were told, and when it arrived at them."""
 
 from __future__ import annotations
 
@@ -15,29 +15,39 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from palp_core.devices.emulator import EmulatedRig, RigSettings
+import msgspec
+
+from palp_core.devices.emulator import RigSettings
 from palp_core.devices.emulator.axis import AxisSettings
-from palp_core.devices.emulator.world import World, WorldSettings
+from palp_core.devices.emulator.world import WorldSettings
 from palp_core.errors import GraphError
 from palp_core.launch.remote import RunningGraph
 
-__all__ = ["LIFT_M", "RunningRig"]
+from .emulator import PRIORITY, EmulatorProcess  # noqa: TID252 -- neighbours, of a script and of a package
+
+__all__ = ["LAUNCHER", "LIFT_M", "RunningRig"]
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFT_M = 0.005
 FROM_M, TO_M = -0.015, 0.020
 PATIENCE_S = 60.0
+LAUNCHER = "launcher"
+DEVICES = "aerotech,maestro,ati,noraxon"
 
 
 class RunningRig:
-    """An experiment under way: devices in this process, the graph in processes of its own.
+    """An experiment under way: the devices in a process of their own, the graph's nodes in theirs.
 
     Args:
         folder: For the launch file, the record and what the launcher says.
         arguments: Of the launch file, ``name:=value``.
         edit: Changes to the launch file's text, old to new.
         home_s: How long each axis takes to home.
-        lenient: The drivers wait longer for an answer: a busy host is no fault.
+        single_line: The stage on one RS-232 of 115200 bit/s, moved in segments of 2 mm; none for safety.
+        python_path: Folder that every process of the graph has on its path, too.
+        sweep_m_per_s: Speed of a sweep.
+        return_m_per_s: Speed of the way back.
+        patience_s: Longest wait of :meth:`until`.
     """
 
     def __init__(
@@ -46,23 +56,27 @@ class RunningRig:
         *arguments: str,
         edit: dict[str, str] | None = None,
         home_s: float = 0.05,
-        lenient: bool = False,
+        single_line: bool = False,
+        python_path: Path | None = None,
+        sweep_m_per_s: float = 0.020,
+        return_m_per_s: float = 0.050,
+        patience_s: float = PATIENCE_S,
     ) -> None:
-        self._lenient = lenient
         axis = AxisSettings(home_s=home_s)
         raised = AxisSettings(soft_low_m=-0.001, home_s=home_s, home_m=LIFT_M)
         world = WorldSettings(from_m=FROM_M - 0.002, to_m=TO_M + 0.002, y_axis=axis, z_axis=raised)
-        self.emulated = EmulatedRig(
-            RigSettings(world=world, stage_baud=0, maestro_baud=0),
-            ("aerotech", "maestro", "ati", "noraxon"),
-        )
-        self.folder, self._arguments, self._edit = folder, arguments, edit or {}
+        self._single, self._patience_s = single_line, patience_s
+        self._sweep_m_per_s, self._return_m_per_s = sweep_m_per_s, return_m_per_s
+        self._settings = RigSettings(world=world, stage_serial=single_line, maestro_baud=0)
+        self.folder, self._arguments, self._edit, self._extra = folder, arguments, edit or {}, python_path
         self.signalled_ns = 0
         self.running: RunningGraph | None = None
 
     def __enter__(self) -> Self:
         self.run_folder = Path(tempfile.mkdtemp(prefix="palp-"))  # short: a socket's path has 107 bytes
-        self.emulated.start()
+        settings = msgspec.json.encode(self._settings).decode()
+        priority = ("--priority", str(PRIORITY))
+        self.emulator = EmulatorProcess("--devices", DEVICES, "--settings", settings, *priority)
         try:
             self._launch()
         except BaseException:
@@ -75,23 +89,20 @@ class RunningRig:
     ) -> None:
         self._end()
 
-    @property
-    def world(self) -> World:
-        """The truth, and the log of the stage's controller."""
-        return self.emulated.world
-
     def _launch(self) -> None:
         text = (ROOT / "launch" / "rig.yaml").read_text(encoding="utf-8")
-        known, options = '"*"', self.emulated.options
+        options = self.emulator.options
         can, emg = options["ati"]["options"], options["noraxon"]
-        stage, ring, verified = options["aerotech"]["url"], options["maestro"]["url"], f"verified: [{known}]"
+        stage, ring, verified = options["aerotech"]["url"], options["maestro"]["url"], 'verified: ["*"]'
+        stop_url = "" if self._single else self.emulator.ask("stop-url")
+        segments = ", segment_m: 0.002, poll_hz: 100.0" if self._single else ""
+        back = f"return_speed_m_per_s: {self._return_m_per_s}"
         bus = f"{{host: {can['host']}, port: {can['port']}, tcp_tune: true}}"
-        longer = ", stale_s: 3.0, timeout_s: 3.0" if self._lenient else ""
-        slower = ", poll_hz: 10.0, timeout_s: 1.0" if self._lenient else ""
         addresses = {
-            "socket://192.168.1.10:8001": self.emulated.stop_url,
-            '{url: "socket://192.168.1.10:8000"}': f'{{url: "{stage}", {verified}{longer}}}',
-            "{url: /dev/ttyACM0}": f"{{url: {ring}, {verified}{slower}}}",
+            "socket://192.168.1.10:8001": f'"{stop_url}"',
+            '{url: "socket://192.168.1.10:8000",': f'{{url: "{stage}", {verified}{segments}, {back},',
+            "sweep_speed_m_s: 0.020": f"sweep_speed_m_s: {self._sweep_m_per_s}",
+            "{url: /dev/ttyACM0,": f"{{url: {ring}, {verified},",
             "{channel: can0, interface: socketcan}": (
                 f"{{channel: can0, interface: socketcand, options: {bus}, {verified}}}"
             ),
@@ -110,7 +121,7 @@ class RunningRig:
         environment = {
             **os.environ,
             "XDG_RUNTIME_DIR": str(self.run_folder),
-            "PYTHONPATH": str(ROOT / "src"),
+            "PYTHONPATH": os.pathsep.join(map(str, filter(None, (ROOT / "src", self._extra)))),
         }
         self._said = (self.folder / "launch.log").open("w", encoding="utf-8")
         self.process = subprocess.Popen(
@@ -135,24 +146,25 @@ class RunningRig:
                 self.process.kill()
                 self.process.wait()
             self._said.close()
-        self.emulated.stop()
+        self.emulator.close()
         shutil.rmtree(self.run_folder, ignore_errors=True)
 
     def _continue_all(self) -> None:
+        with_pid(self.process.pid, signal.SIGCONT)
         for pid in self.pids.values() if self.running is not None else ():
             with_pid(pid, signal.SIGCONT)
 
     # Looking
 
-    def until(self, holds: Callable[[], Any], what: str) -> None:
-        """Wait for something; the graph must live meanwhile.
+    def until(self, holds: Callable[[], Any], what: str, *, ended_ok: bool = False) -> None:
+        """Wait for something; unless ``ended_ok`` the graph must live meanwhile.
 
         Raises:
             TimeoutError: It does not come, or the graph has ended.
         """
-        pause, end_s = threading.Event(), time.monotonic() + PATIENCE_S
+        pause, end_s = threading.Event(), time.monotonic() + self._patience_s
         while not holds():
-            if time.monotonic() > end_s or self.process.poll() is not None:
+            if time.monotonic() > end_s or (self.process.poll() is not None and not ended_ok):
                 raise TimeoutError(f"no {what}; the graph said:\n{self.said}")
             pause.wait(0.002)
 
@@ -186,7 +198,7 @@ class RunningRig:
 
     def call(self, node: str, service: str, **request: Any) -> dict[str, Any]:
         """Call a service of a node; return its reply."""
-        reply = self.graph.ask(node, "call", timeout_s=20.0, service=service, request=request)["reply"]
+        reply = self.graph.ask(node, "call", timeout_s=60.0, service=service, request=request)["reply"]
         return dict(reply)
 
     def safety(self) -> dict[str, Any]:
@@ -195,20 +207,23 @@ class RunningRig:
 
     def log(self, since_ns: int = 0) -> list[tuple[int, int, str]]:
         """Return what the stage's controller was told since a time: when, by which client, what."""
-        entries: list[tuple[int, int, str]] = self.emulated.on_world(
-            lambda world, _: [entry for entry in world.log if entry[0] >= since_ns]
-        )
-        return entries
+        return [(when, client, line) for when, client, line in self.emulator.ask(f"log {since_ns}")]
+
+    def aborts(self, since_ns: int = 0) -> list[int]:
+        """Return when an ABORT arrived."""
+        return [stamp_ns for stamp_ns, _, line in self.log(since_ns) if line.startswith("ABORT")]
+
+    def axes(self) -> dict[str, Any]:
+        """Return how the stage is in truth."""
+        axes: dict[str, Any] = self.emulator.ask("axes")
+        return axes
 
     def sweeping(self) -> bool:
-        """Tell whether the probe is down and moves at the speed of a sweep, well before its end."""
-
-        def look(world: World, now_ns: int) -> bool:
-            y, z = world.axes["y"], world.axes["z"]
-            down = z.position_m(now_ns) < 1e-4
-            return down and y.velocity_m_per_s(now_ns) > 0.019 and y.position_m(now_ns) < FROM_M + 0.010
-
-        return bool(self.emulated.on_world(look))
+        """Tell whether the probe is down and moves at the speed of a sweep, well inside of it."""
+        axes = self.axes()
+        y, down = axes["y"], axes["z"]["position_m"] < 1e-4
+        fast = y["velocity_m_per_s"] > 0.95 * self._sweep_m_per_s
+        return bool(down and fast and FROM_M < y["position_m"] < FROM_M + 0.010)
 
     # Doing
 
@@ -230,7 +245,7 @@ class RunningRig:
         except GraphError:
             return {"done": False}
         if reply["done"]:
-            self.emulated.on_world(lambda world, _: world.mount(reply["code"], 0.0))
+            self.emulator.tell(f"mount {reply['code']}")
         return reply
 
     def sweep(self) -> None:
@@ -238,23 +253,25 @@ class RunningRig:
         self.until(self.sweeping, "sweep")
 
     def signal(self, node: str, number: signal.Signals) -> None:
-        """Send a signal to a node's process and note when."""
-        pid = self.pids[node]
+        """Send a signal to a node's process, or the launcher's, and note when."""
+        pid = self.process.pid if node == LAUNCHER else self.pids[node]
         self.signalled_ns = time.monotonic_ns()
         os.kill(pid, number)
 
     def at_rest(self) -> bool:
         """Tell whether both axes are at rest."""
-        return bool(
-            self.emulated.on_world(lambda world, now: not any(a.moving(now) for a in world.axes.values()))
-        )
+        axes = self.axes()
+        return not any(axes[name]["moving"] for name in ("y", "z"))
+
+    def enabled(self) -> bool:
+        """Tell whether an axis is enabled."""
+        axes = self.axes()
+        return any(axes[name]["enabled"] for name in ("y", "z"))
 
     def stop_ms(self) -> float:
         """Return how long after the signal the last motion ended."""
-        ends: list[int] = self.emulated.on_world(
-            lambda world, _: [axis.rest_ns for axis in world.axes.values()]
-        )
-        return (max(ends) - self.signalled_ns) * 1e-6
+        axes = self.axes()
+        return float((max(axes[name]["rest_ns"] for name in ("y", "z")) - self.signalled_ns) * 1e-6)
 
 
 def with_pid(pid: int, number: signal.Signals) -> None:

@@ -1,76 +1,99 @@
-"""How soon the rig stops: trips at rest and in a sweep, and the death or stop of every node."""
+"""How soon the rig stops: from a torque over the limit to ABORT, and after the death or stop of a node."""
 
 from __future__ import annotations
 
-import contextlib
-import os
 import signal
-import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rig_bench.running import RunningRig
+from .host import host_words, loaded, without_collector  # noqa: TID252 -- neighbours, of a script and of a package
+from .running import LAUNCHER, RunningRig  # noqa: TID252 -- neighbours, of a script and of a package
 
-__all__ = ["deaths", "trips"]
+__all__ = ["NODES", "deaths", "trips"]
 
-SHORT = ("trials:=1", "training:=1", "stale_ms:=100.0", "beat_ms:=200.0")
-FIRM = ("trials:=1", "training:=1", "stale_ms:=25.0", "beat_ms:=50.0")
-NODES = ("experiment", "policy", "stage", "actuator", "torque", "estimator", "emg", "cocontraction", "safety")
+SHORT = ("trials:=1", "training:=1")
+OVER_N_MM = 180.0
+NODES = (
+    "stage", "actuator", "torque", "safety", "policy", "estimator", "emg", "cocontraction", "experiment",
+    "phantom", LAUNCHER,
+)  # fmt: skip
+EDGES_MS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5, 10.0, 20.0, 50.0, 1000.0)
+GIVE_UP_NS = 5_000_000_000
 
 
 @contextmanager
-def running(*arguments: str) -> Iterator[RunningRig]:
-    sys.setswitchinterval(0.0005)  # this process is the devices, and looks at them too
-    with (
-        tempfile.TemporaryDirectory(prefix="palp-bench-") as folder,
-        RunningRig(Path(folder), *arguments) as rig,
-    ):
-        with contextlib.suppress(PermissionError):  # the devices' thread, as the emulated rig's node has it
-            rig.emulated.reactor.call(first_in_line)
-            first_in_line()  # it holds the interpreter's lock at times, and then the devices wait for it
-        rig.put_on()
-        yield rig
+def running(*arguments: str, collector: bool = True, single_line: bool = False) -> Iterator[RunningRig]:
+    """Run the rig for a while."""
+    with tempfile.TemporaryDirectory(prefix="palp-bench-") as folder:
+        extra = None if collector else without_collector(Path(folder) / "site")
+        with RunningRig(Path(folder), *SHORT, *arguments, python_path=extra, single_line=single_line) as rig:
+            rig.put_on()
+            yield rig
 
 
-def first_in_line() -> None:
-    """Give this thread, and no child of this process, a real-time priority."""
-    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(25))
+def trips(at_rest: int, sweeping: int, *, burners: int = 0, collector: bool = True) -> dict[str, Any]:
+    """Return how long a torque over the limit takes to the ABORT at the controller, and how far a sweep goes.
 
-
-def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
-    """Return how long a saturated gauge takes to the ABORT at the controller, and how far a sweep goes on."""
-    latencies_ms, beyond_mm = [], []
-    with running(*SHORT) as rig:
-        for k in range(at_rest + sweeping):
-            moving = k >= at_rest
-            if moving:
-                rig.sweep()
-            else:
-                rig.until(lambda: permitted(rig), "permission")
-            set_ns, from_m = saturate(rig)
-            rig.until(lambda since=set_ns: aborts(rig, since), "ABORT")  # type: ignore[misc]
-            latencies_ms.append((aborts(rig, set_ns)[0] - set_ns) * 1e-6)
-            if moving:
-                rig.until(rig.at_rest, "rest")
-                rest_m = rig.emulated.on_world(lambda world, now: world.axes["y"].position_m(now))
-                beyond_mm.append(abs(rest_m - from_m) * 1e3)
-            rig.emulated.clear("ati")
-            rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
+    The time is from when the sensor took the first sample over the limit, so 0.5 ms on a bus of 500 kbit/s
+    are in it, to when the kernel of the controller's host received the ABORT.
+    """
+    host, others = host_words(), 0
+    latencies_ms: list[float] = []
+    beyond_mm: list[float] = []
+    with loaded(burners), running(collector=collector) as rig:
+        while len(latencies_ms) < at_rest + sweeping:
+            moving = len(latencies_ms) >= at_rest
+            rig.until(lambda m=moving: permitted(rig) and (not m or rig.sweeping()), "permission")  # type: ignore[misc]
+            rig.emulator.tell(f"load {OVER_N_MM}")
+            latency_ms = wait_for_abort(rig)
+            if latency_ms is not None:
+                latencies_ms.append(latency_ms)
+                if moving:
+                    rig.until(rig.at_rest, "rest")
+                    axes = rig.axes()
+                    beyond_mm.append(abs(axes["y"]["position_m"] - axes["felt_y_m"]) * 1e3)
+            else:  # it had tripped for another reason just before
+                others += 1
+            rig.emulator.tell("load 0")
+            rig.until(lambda: acknowledged(rig), "acknowledgement")
+    counts, _ = np.histogram(latencies_ms, EDGES_MS)
     return {
+        "host": host,
+        "burners": burners,
+        "collector": collector,
         "trips": len(latencies_ms),
-        "ms_p50": float(np.median(latencies_ms)),
-        "ms_p99": float(np.percentile(latencies_ms, 99)),
-        "ms_max": max(latencies_ms),
+        "for_another_cause": others,
+        "ms_p50": round(float(np.median(latencies_ms)), 3),
+        "ms_p99": round(float(np.percentile(latencies_ms, 99)), 3),
+        "ms_max": round(max(latencies_ms), 3),
+        "histogram_ms": {f"< {high:g}": int(n) for high, n in zip(EDGES_MS[1:], counts, strict=True)},
         "sweeping_trips": len(beyond_mm),
-        "beyond_mm_p50": float(np.median(beyond_mm)) if beyond_mm else 0.0,
-        "beyond_mm_max": max(beyond_mm, default=0.0),
+        "beyond_mm_p50": round(float(np.median(beyond_mm)), 3) if beyond_mm else 0.0,
+        "beyond_mm_max": round(max(beyond_mm, default=0.0), 3),
     }
+
+
+def wait_for_abort(rig: RunningRig) -> float | None:
+    """Return how long after the first sample over the limit ABORT came, in ms; None if all stood before."""
+    found: list[float | None] = []
+
+    def look() -> bool:
+        felt_ns = rig.axes()["felt_ns"]
+        aborts = rig.aborts(felt_ns) if felt_ns else []
+        found.extend((when - felt_ns) * 1e-6 for when in aborts[:1])
+        cause = rig.safety()["cause"]
+        if cause and cause not in ("torque", "saturated"):
+            found[:] = [None]
+        return bool(found)
+
+    rig.until(look, "ABORT")
+    return found[0]
 
 
 def permitted(rig: RunningRig) -> bool:
@@ -81,32 +104,47 @@ def permitted(rig: RunningRig) -> bool:
     return bool(status["permits"])
 
 
-def saturate(rig: RunningRig) -> tuple[int, float]:
-    """Saturate a gauge; return when, and where the stage was."""
-
-    def now(world: Any, now_ns: int) -> tuple[int, float]:
-        world.saturated_gauges = (2,)
-        return now_ns, world.axes["y"].position_m(now_ns)
-
-    found: tuple[int, float] = rig.emulated.on_world(now)
-    return found
+def acknowledged(rig: RunningRig) -> bool:
+    """Acknowledge; tell whether no trip is left."""
+    rig.call("safety", "acknowledge")
+    return not rig.safety()["cause"]
 
 
-def aborts(rig: RunningRig, since_ns: int) -> list[int]:
-    """Return when ABORT was heard."""
-    return [stamp_ns for stamp_ns, _, line in rig.log(since_ns) if line.startswith("ABORT")]
+def deaths(
+    nodes: tuple[str, ...] = NODES,
+    repeats: int = 1,
+    burners: int = 0,
+    single_line: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[str, dict[str, Any]]:
+    """Return how long after a signal to a node the stage rests, in ms, per node and signal.
 
-
-def deaths() -> dict[str, dict[str, float]]:
-    """Return how long after a signal to a node the stage rests, in ms, per node and signal."""
-    found: dict[str, dict[str, float]] = {}
-    for node in NODES:
+    Each is the worst of the repeats, beside how far the sweep went on in mm.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for node in nodes:
         for number in (signal.SIGKILL, signal.SIGSTOP):
-            with running(*FIRM) as rig:
-                rig.sweep()
-                rig.signal(node, number)
-                until_ns = time.monotonic_ns() + 5_000_000_000
-                while not aborts(rig, rig.signalled_ns) and time.monotonic_ns() < until_ns:
-                    pass
-                found.setdefault(node, {})[number.name] = rig.stop_ms()
+            rows = [death(node, number, burners, single_line) for _ in range(repeats)]
+            worst = {
+                "rest_ms": round(max(row[0] for row in rows), 1),
+                "beyond_mm": round(max(row[1] for row in rows), 2),
+            }
+            found.setdefault(node, {})[number.name] = worst
+            tell(f"{node} {number.name}: {worst}")
     return found
+
+
+def death(
+    node: str, number: signal.Signals, burners: int = 0, single_line: bool = False
+) -> tuple[float, float]:
+    """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm."""
+    with loaded(burners), running(single_line=single_line) as rig:
+        rig.until(lambda: permitted(rig) and rig.sweeping(), "sweep")
+        before = rig.axes()
+        rig.signal(node, number)
+        until_ns = time.monotonic_ns() + GIVE_UP_NS
+        while not rig.at_rest() and time.monotonic_ns() < until_ns:
+            pass
+        moved_s = (rig.signalled_ns - before["now_ns"]) * 1e-9
+        struck_m = before["y"]["position_m"] + before["y"]["velocity_m_per_s"] * moved_s
+        return rig.stop_ms(), (rig.axes()["y"]["position_m"] - struck_m) * 1e3

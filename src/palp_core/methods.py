@@ -89,6 +89,10 @@ class Choice:
     reason: str
 
 
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 1e-3 else f"{100.0 * share:.2g}%"
+
+
 def _values(quantity: float | tuple[float, ...]) -> tuple[float, ...]:
     return quantity if isinstance(quantity, tuple) else (quantity,)
 
@@ -198,9 +202,9 @@ def choose(task: str, output: str, tolerance: float, scene: Quantities) -> Choic
             hint = f"; {candidate.survivor} would be the next finer one" if candidate.survivor else ""
             refused.append(f"{candidate.name} vouches for no '{output}' here{hint}")
         elif bound > tolerance:
-            refused.append(f"{candidate.name} is within {bound:.1%} only")
+            refused.append(f"{candidate.name} is within {_percent(bound)} only")
         else:
-            why = f"{candidate.name}: '{output}' within {bound:.1%} (asked: {tolerance:.1%})"
+            why = f"{candidate.name}: '{output}' within {_percent(bound)} (asked: {_percent(tolerance)})"
             why += f", evidence {candidate.evidence}"
             if refused:
                 why += f"; cheaper but refused: {'; '.join(refused)}"
@@ -209,7 +213,7 @@ def choose(task: str, output: str, tolerance: float, scene: Quantities) -> Choic
         f"{name} = {' and '.join(f'{v:g}' for v in _values(value))}" for name, value in sorted(scene.items())
     )
     raise MethodError(
-        f"no {task} method gives '{output}' within {tolerance:.1%} at {where}: "
+        f"no {task} method gives '{output}' within {_percent(tolerance)} at {where}: "
         + ("; ".join(refused) or "none is declared")
         + "; relax the tolerance or add a finer method"
     )

@@ -138,7 +138,7 @@ def test_a_late_player_says_so_and_catches_up_in_order(bag: Bag) -> None:
     assert played(playback)[0] == (32, late_ns + PERIOD_NS)
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
 @given(
     deeds=st.lists(
         st.tuples(st.sampled_from(["play", "toggle", "rate", "seek", "step"]), st.integers(0, 40)),

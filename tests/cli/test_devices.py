@@ -6,12 +6,37 @@ import json
 from collections.abc import Iterator
 
 import pytest
+import serial
 from typer.testing import CliRunner
 
 from palp_core.cli.devices import app
+from palp_core.devices import ati_session, netft, probe, socketcand
 from palp_core.devices.emulator import EmulatedRig
+from palp_core.devices.serial_link import SerialLink
+from palp_core.errors import DeviceError
 
 runner = CliRunner()
+# Deadlines that a busy host does not pass: what is there is found.
+PATIENT = {
+    "aerotech": ("timeout_s:=30.0",),
+    "maestro": ("timeout_s:=30.0",),
+    "ati": ("stale_s:=10.0", "rate_hz:=100.0"),
+    "netft": ("stale_s:=10.0",),
+    "noraxon": ("stale_s:=30.0", "timeout_s:=30.0"),
+    "spikershield": ("stale_s:=30.0",),
+}
+
+
+@pytest.fixture
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Listen long, and take long for a link to be lost."""
+    monkeypatch.setattr(probe, "_LISTEN_S", 1.0)
+    monkeypatch.setattr(probe, "_LONGEST_S", 60.0)
+    monkeypatch.setattr(ati_session, "_SET_UP_S", 10.0)
+    monkeypatch.setattr(ati_session, "_LOST_AFTER", 500)
+    monkeypatch.setattr(socketcand, "_GREETING_S", 10.0)
+    monkeypatch.setattr(netft, "_FIRST_S", 10.0)
+    monkeypatch.setattr(netft, "_SILENCE_STEPS", 200)
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +62,10 @@ def test_list_tells_machines_the_options() -> None:
     assert found["ati"]["options"]["bitrate"] == "500000"
 
 
+@pytest.mark.usefixtures("patience")
 @pytest.mark.parametrize("device", ["aerotech", "maestro", "ati", "netft", "noraxon", "spikershield"])
 def test_probe_finds_what_is_there(rig: EmulatedRig, device: str) -> None:
-    done = runner.invoke(app, ["probe", device, *words(rig, device)])
+    done = runner.invoke(app, ["probe", device, *words(rig, device), *PATIENT[device]])
     assert done.exit_code == 0, done.output
     assert done.output.startswith(f"{device} answers")
 
@@ -70,9 +96,105 @@ def test_a_mistake_is_answered_with_what_there_is(arguments: list[str], said: st
     assert said in done.output
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["probe", "aerotech", "url:=/dev/no-such-port"], "No such file or directory"),
+        (["probe", "maestro", "url:=/dev/null"], "cannot open /dev/null"),
+        (["probe", "aerotech", "url:=socket://127.0.0.1:1", "baud:=fast"], "baud = 'fast': Expected `int`"),
+        (["probe", "aerotech", "url:=nowhere://x"], "protocol 'nowhere' not known"),
+        (["probe", "ati", "interface:=socketcand"], "no option 'host'"),
+        (["probe", "ati", "interface:=no-such-bus"], "no-such-bus"),
+        (["probe", "ati", "rate_hz:=x"], "rate_hz = 'x': Expected `float`"),
+        (["probe", "ati", "verified:=[colour]"], "what can be verified: axis, bitrate, calibration"),
+        (["probe", "netft", "host:=127.0.0.1", "http_port:=1"], "cannot read the scales"),
+        (["probe", "noraxon", "host:=127.0.0.1", "port:=1"], "is MR3 measuring"),
+    ],
+)
+def test_a_device_that_cannot_be_reached_is_one_clear_line_and_a_status(
+    arguments: list[str], said: str
+) -> None:
+    done = runner.invoke(app, arguments)
+    assert done.exit_code == 1
+    assert isinstance(done.exception, SystemExit)  # not an error that would print a traceback
+    assert said in done.output
+    assert len(done.output.splitlines()) == 1
+
+
+def test_a_port_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise serial.SerialException(13, "could not open port /dev/ttyACM0: Permission denied")
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    done = runner.invoke(app, ["probe", "maestro", "url:=/dev/ttyACM0"])
+    assert done.exit_code == 1
+    assert "Permission denied; check address, cable and rights" in done.output
+
+
+def test_a_serial_port_that_another_program_has_is_refused(rig: EmulatedRig) -> None:
+    link = SerialLink("maestro", rig.addresses["maestro"], 115200)
+    try:
+        done = runner.invoke(app, ["probe", "maestro", *words(rig, "maestro")])
+    finally:
+        link.close()
+    assert done.exit_code == 1
+    assert "that no other program has it" in done.output
+    again = runner.invoke(app, ["probe", "maestro", *words(rig, "maestro"), *PATIENT["maestro"]])
+    assert again.exit_code == 0
+
+
+@pytest.mark.parametrize("device", ["aerotech", "maestro", "ati", "netft", "noraxon", "spikershield"])
+@pytest.mark.parametrize("fault", ["garbage", "silence"])  # garbage: as at a wrong baud rate
+def test_a_device_that_makes_no_sense_is_a_clear_error(
+    rig: EmulatedRig, device: str, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(probe, "_LONGEST_S", 0.6)
+    rig.fault(device, fault)
+    try:
+        done = runner.invoke(app, ["probe", device, *words(rig, device)])
+    finally:
+        rig.clear(device)
+    assert done.exit_code == 1, done.output
+    assert isinstance(done.exception, SystemExit)
+    assert done.output.strip()
+
+
+@pytest.mark.parametrize("device", ["aerotech", "maestro"])
+def test_a_port_of_another_device_that_never_falls_silent_is_an_error(rig: EmulatedRig, device: str) -> None:
+    done = runner.invoke(app, ["probe", device, f"url:={rig.addresses['spikershield']}"])
+    assert done.exit_code == 1, done.output
+    assert isinstance(done.exception, SystemExit)
+
+
+@pytest.mark.usefixtures("patience")
+def test_probe_says_what_nobody_has_verified(rig: EmulatedRig) -> None:
+    given = [word for word in words(rig, "ati") if not word.startswith("verified")]
+    given += PATIENT["ati"]
+    done = runner.invoke(app, ["probe", "ati", *given, "verified:=[axis]"])
+    assert done.exit_code == 0, done.output
+    assert "not verified: bitrate: the sensor is delivered with 250 kbit/s" in done.output
+    assert "axis" not in done.output
+    told = json.loads(runner.invoke(app, ["probe", "ati", *given, "--json"]).output)
+    assert set(told["unverified"]) == {"axis", "bitrate", "calibration"}
+    assert told["serial_number"] == "FT32918"
+
+
+def test_probe_of_the_stage_tells_where_it_is_and_its_limits(rig: EmulatedRig) -> None:
+    done = runner.invoke(app, ["probe", "aerotech", *words(rig, "aerotech"), *PATIENT["aerotech"]])
+    assert "X: disabled, not homed, at rest, at 0 mm, fault none, soft limits -55 to 55 mm" in done.output
+
+
+def test_emulate_says_which_port_is_taken() -> None:
+    done = runner.invoke(app, ["emulate", "ati", "--host", "192.0.2.1"])
+    assert isinstance(done.exception, DeviceError)
+    assert "cannot listen on 192.0.2.1" in str(done.exception)
+
+
+@pytest.mark.usefixtures("patience")
 def test_monitor_says_what_a_sensor_delivers(rig: EmulatedRig) -> None:
     done = runner.invoke(
-        app, ["monitor", "ati", *words(rig, "ati"), "--for", "0.3", "--every", "0.1", "--json"]
+        app,
+        ["monitor", "ati", *words(rig, "ati"), *PATIENT["ati"], "--for", "0.3", "--every", "0.1", "--json"],
     )
     assert done.exit_code == 0, done.output
     rows = [json.loads(line) for line in done.output.splitlines()]
@@ -85,3 +207,9 @@ def test_emulate_prints_options_and_obeys() -> None:
     assert done.exit_code == 0, done.output
     assert done.output.startswith("ati channel:=can0")
     assert done.output.splitlines()[-2:] == ["ok", "ok"]
+
+
+def test_an_emulated_rig_begins_raised_so_that_the_sensor_is_tared_free() -> None:
+    done = runner.invoke(app, ["emulate", "aerotech"], input="axes\nquit\n")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.output.splitlines()[-1])["z"]["position_m"] == 0.020

@@ -84,7 +84,7 @@ def test_a_restarted_publisher_is_followed_from_its_first_message(tmp_path: Path
     assert lost == 0
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
 @given(
     arriving=st.lists(st.integers(1, 40), max_size=30),
     depth=st.integers(0, 40),

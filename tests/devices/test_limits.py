@@ -71,15 +71,15 @@ def test_a_run_longer_than_the_whole_budget_is_refused() -> None:
         DutyCycle(0.2, 10.0).start_ns(0, 3_000_000_000)
 
 
-def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any) -> None:
+def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict[str, Any]) -> None:
     rig = quick_rig("maestro")
-    ring = MaestroRing(**rig.options["maestro"], duty=0.2, duty_window_s=5.0)
+    ring = MaestroRing(**rig.options["maestro"], **patient["maestro"], duty=0.02, duty_window_s=50.0)
     state = MaestroState()
     ring.open(time.monotonic_ns(), state, RNG)
     now_ns = time.monotonic_ns()
     settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
-    assert settled_ns > now_ns + 3_000_000_000
-    assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 3_000_000_000  # takes its place
+    assert settled_ns > now_ns + 30_000_000_000
+    assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 20_000_000_000  # takes its place
     ring.close()
 
 
@@ -91,11 +91,14 @@ def test_what_nobody_verified_is_said_aloud_once_each() -> None:
         AerotechStage("socket://127.0.0.1:1", verified=("bauds",)).open(0, AerotechState(), RNG)
 
 
-def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(quick_rig: Any, wait: Any) -> None:
+def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
+    quick_rig: Any, wait: Any, patient: dict[str, Any]
+) -> None:
     rig = quick_rig("aerotech")
-    stage, state = AerotechStage(**rig.options["aerotech"], lift_m=0.002), AerotechState()
+    options = rig.options["aerotech"] | patient["aerotech"]
+    stage, state = AerotechStage(**options, lift_m=0.002), AerotechState()
     stage.open(time.monotonic_ns(), state, RNG)
-    stop = AerotechStop(rig.addresses["aerotech"])
+    stop = AerotechStop(rig.addresses["aerotech"], timeout_s=30.0, rest_s=30.0)
     stage.return_to(-0.05, time.monotonic_ns(), state)
     wait.until(lambda: rig.on_world(lambda world, t: world.truth(t))["y_m"] < -0.002)
     times = stop.trip()
@@ -103,7 +106,7 @@ def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(quick_rig: Any,
     assert not any(report.enabled or report.moving for report in stop.poll())
     at_m = rig.on_world(lambda world, t: world.truth(t))["y_m"]
     wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
-    with pytest.raises(DeviceError, match="disabled"):
+    with pytest.raises(DeviceError, match=r"disabled|could not be executed"):  # whichever it sees first
         stage.return_to(0.0, time.monotonic_ns(), state)
     assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == at_m
     stage.acknowledge(time.monotonic_ns(), state)

@@ -22,6 +22,7 @@ from palp_core.devices.aerotech import AerotechStage, AerotechState
 from palp_core.devices.ati import AtiTorque
 from palp_core.devices.emg_source import EmgSourceState
 from palp_core.devices.health import Condition
+from palp_core.devices.limits import TravelLimits
 from palp_core.devices.lsl import LslEmg
 from palp_core.devices.maestro import MaestroRing, MaestroState
 from palp_core.devices.netft import NetFtTorque
@@ -74,6 +75,8 @@ def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
         ("gripper", "sim", {}, "known: emg, ring, stage, torque"),
         ("ring", "sim", {"sped_m_per_s": 1.0}, "its options are speed_m_per_s"),
         ("emg", "sim", {}, "missing a required argument: 'matrix'"),
+        ("torque", "ati", {"rate_hz": "fast"}, "rate_hz = 'fast': Expected `float`, got `str`"),
+        ("stage", "aerotech", {"url": "x", "limits": {"y_m": [0.02, -0.02]}}, "y_m high = -0.02 must lie in"),
         ("ring", "palp_core.nowhere:Ring", {}, "cannot import"),
         ("ring", "palp_core.devices.sim.ring:Rong", {}, "cannot import"),
     ],
@@ -83,6 +86,13 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 ) -> None:
     with pytest.raises(DeviceError, match=says):
         open_device(kind, name, **options)
+
+
+def test_options_are_what_a_yaml_file_can_say() -> None:
+    options = {"url": "x", "axes": ["A", "B"], "limits": {"y_m": [-0.01, 0.02]}, "sweep_speed_m_per_s": 0.01}
+    stage = open_device("stage", "aerotech", **options)
+    limits = TravelLimits(y_m=(-0.01, 0.02))
+    assert stage == AerotechStage("x", axes=("A", "B"), limits=limits, sweep_speed_m_per_s=0.01)
 
 
 @pytest.mark.parametrize("device", [SimStage(), SimRing(), SimTorque(), SimEmg(matrix=CHAIN)])

@@ -40,10 +40,12 @@ def test_without_a_limit_a_leg_stays_whole() -> None:
 
 
 def test_no_command_on_a_single_line_goes_further_than_2_mm(
-    quick_rig: Callable[..., EmulatedRig], wait: Any
+    quick_rig: Callable[..., EmulatedRig], wait: Any, patient: dict[str, dict[str, Any]]
 ) -> None:
     rig = quick_rig("aerotech")
-    stage = AerotechStage(**rig.options["aerotech"], segment_m=0.002, lift_m=0.004, poll_hz=200.0)
+    stage = AerotechStage(
+        **rig.options["aerotech"], **patient["aerotech"], segment_m=0.002, lift_m=0.004, poll_hz=200.0
+    )
     state, rng = AerotechState(), np.random.default_rng(0)
     stage.open(time.monotonic_ns(), state, rng)
     stage.return_to(stage.sweep_start(-0.005, 0.005), time.monotonic_ns(), state)

@@ -40,3 +40,26 @@ def test_a_child_that_has_ended_is_not_stopped(sleeper: subprocess.Popen[bytes])
     sleeper.kill()
     sleeper.wait()
     assert sleeper.pid not in siblings.stopped()
+
+
+def test_a_child_that_ends_is_missed(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    assert siblings.ended() == []
+    sleeper.kill()
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
+    assert siblings.ended() == [sleeper.pid]
+    assert siblings.ended() == []
+
+
+def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Popen[bytes]) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    following = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    siblings.find()
+    sleeper.kill()
+    sleeper.wait()
+    assert siblings.ended() == []
+    following.kill()
+    following.communicate()
+    assert siblings.ended() == [following.pid]

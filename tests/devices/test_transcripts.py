@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,13 +21,15 @@ from palp_core.devices.emulator.faults import Faults
 from palp_core.devices.emulator.http import Http
 from palp_core.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.devices.emulator.netft import NetFt
+from palp_core.devices.emulator.netft import NetFt, configuration_page
 from palp_core.devices.emulator.ports import Speaker, TcpPort
 from palp_core.devices.emulator.reactor import Reactor
 from palp_core.devices.emulator.world import World, WorldSettings
 from palp_core.devices.maestro_link import MaestroLink
+from palp_core.devices.netft import NetFtTorque
 from palp_core.devices.noraxon import NoraxonEmg
 from palp_core.devices.protocols import EmgBlock
+from palp_core.devices.spikershield import SpikerShieldEmg
 from palp_core.devices.wire import aerotech, maestro, rdt, spikershield
 from palp_core.devices.wrench_state import WrenchState
 
@@ -149,7 +153,7 @@ def test_the_stages_driver_says_and_understands_the_transcript(reactor: Reactor,
         [(b"NONE\n", ending(b"!\n")), *((sent, ending(answer)) for _, sent, answer, _, _ in STAGE)]
     )
     port = listen(reactor, lambda: script)
-    link = AerotechLink(port.address, 115200, 2.0)
+    link = AerotechLink(port.address, 115200, 30.0)
     for _, sent, _, say, expected in STAGE:
         assert say(link) == expected, sent
     link.close()
@@ -160,7 +164,7 @@ def test_the_stages_driver_says_and_understands_the_transcript(reactor: Reactor,
 def test_the_stages_driver_understands_limits_and_the_emergency_stop(reactor: Reactor) -> None:
     script = Script([(b"NONE\n", b"!\n"), *((sent, answer) for _, sent, answer in [*BEYOND, *E_STOP])])
     port = listen(reactor, lambda: script)
-    link = AerotechLink(port.address, 115200, 2.0)
+    link = AerotechLink(port.address, 115200, 30.0)
     with pytest.raises(Refused, match="could not be executed"):
         link.do(aerotech.move("X", 99.0, 20.0))
     assert aerotech.Fault(link.bits("AXISFAULT(X)")).words == "cw soft limit"
@@ -228,7 +232,7 @@ def test_the_rings_emulator_answers_the_transcript(world: World, crc: bool) -> N
 def test_the_rings_driver_says_and_understands_the_transcript(reactor: Reactor, crc: bool) -> None:
     script = Script([(sent_bytes(m, c, crc), bytes.fromhex(a)) for _, m, c, a, _, _ in RING])
     port = listen(reactor, lambda: script)
-    link = MaestroLink(port.address, crc, 2.0)
+    link = MaestroLink(port.address, crc, 30.0)
     for _, message, _, _, say, expected in RING:
         assert say(link) == expected, message
     link.close()
@@ -318,7 +322,7 @@ class KnownSensor(Netcanoem):
 def first_sample(reactor: Reactor, world: World, sample: list[str]) -> Any:
     port = listen(reactor, lambda: SocketCand(KnownSensor(world, sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
-    sensor = AtiTorque(interface="socketcand", options=link, verified=("*",))
+    sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, verified=("*",))
     state, rng = WrenchState(), np.random.default_rng(0)
     sensor.open(0, state, rng)
     try:
@@ -365,6 +369,33 @@ def test_the_network_sensor_speaks_as_the_transcript_does(
     assert sensor.record(1, 7, 0) == RECORD
 
 
+def test_the_network_sensors_driver_says_and_understands_the_transcript(reactor: Reactor) -> None:
+    page = listen(reactor, lambda: Http(lambda path, _: configuration_page(path), "text/xml"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        device.bind(("127.0.0.1", 0))
+        device.settimeout(20.0)
+        asked: list[bytes] = []
+
+        def answer() -> None:
+            request, driver = device.recvfrom(64)
+            asked.append(request)
+            device.sendto(RECORD, driver)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        sensor = NetFtTorque("127.0.0.1", device.getsockname()[1], page.port)
+        state, rng = WrenchState(), np.random.default_rng(0)
+        sensor.open(0, state, rng)
+        thread.join()
+        block = sensor.drain(0, state, rng)
+        sensor.close()
+        asked.append(device.recv(64))
+    reactor.call(page.unplug)
+    assert asked == [bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")]
+    np.testing.assert_allclose(block.wrench, [[1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0]])
+    assert not block.faulty.any()
+
+
 HEADERS = {
     "headers": [
         {"name": "FDS", "type": "real.emg", "samplerate": 1500, "units": "uV", "index": 0},
@@ -400,7 +431,7 @@ def test_noraxons_driver_understands_the_transcript(reactor: Reactor) -> None:
         return b'{"channels":[{"index":0,"samples":[1.5,-2.0]},{"index":1,"samples":[3.0,4.0]}]}'
 
     port = listen(reactor, lambda: Http(page, "application/json"))
-    source = NoraxonEmg(port.host, port.port, verified=("*",))
+    source = NoraxonEmg(port.host, port.port, timeout_s=30.0, verified=("*",))
     state, rng = EmgSourceState(), np.random.default_rng(0)
     source.open(0, state, rng)
     block = source.drain(0, state, rng)
@@ -426,6 +457,28 @@ def test_the_spikershield_speaks_as_the_transcript_does(
     block = EmgBlock(np.array([0]), np.array([0.0]), np.array([3 * 4e-6]))
     monkeypatch.setattr(box._muscles, "since", lambda now_ns: block)
     assert box.stream(0) == b"StartUp!\r\n" + FRAME
+
+
+def test_the_spikershields_driver_says_and_understands_the_transcript(reactor: Reactor) -> None:
+    script = Script([(b"conf s:10000;c:2;\n", FRAME * 4)])
+
+    class Booting(Script):
+        def receive(self, data: bytes, now_ns: int) -> bytes:
+            self.ready_ns = now_ns + 2 * S  # the driver throws away what came before its configuration
+            return script.receive(data, now_ns)
+
+    port = listen(reactor, lambda: Booting([]))
+    source = SpikerShieldEmg(port.address, verified=("*",))
+    state, rng = EmgSourceState(), np.random.default_rng(0)
+    source.open(0, state, rng)
+    block = source.drain(0, state, rng)
+    while not len(block.times_ns):
+        block = source.drain(0, state, rng)
+    source.close()
+    reactor.call(port.unplug)
+    assert (script.wrong, script.part) == ([], [])
+    np.testing.assert_allclose(block.fds_v, 0.0)
+    np.testing.assert_allclose(block.edc_v, 3 * 4e-6)
 
 
 def test_the_spikershields_escape_blocks_are_no_samples() -> None:

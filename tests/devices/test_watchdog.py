@@ -93,16 +93,47 @@ def test_nothing_is_late_while_all_speak_in_time() -> None:
 def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
     dog = watchdog()
     heard(dog, 100)
+    dog.load(replace(FINE, sample_ns=100 * MS, stamp_ns=126 * MS))
     assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
     assert [f.cause for f in dog.late(151 * MS)] == [Cause.STALE, Cause.HEARTBEAT, Cause.HEARTBEAT]
+
+
+def test_a_sensor_whose_node_is_silent_is_not_called_stale() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    assert dog.late(126 * MS)[0].cause is Cause.HEARTBEAT
+    assert "report of the sensor" in dog.late(126 * MS)[0].text
 
 
 def test_a_report_without_a_sample_does_not_make_the_sensor_fresh() -> None:
     dog = watchdog()
     heard(dog, 100)
-    dog.load(replace(FINE, sample_ns=0))
-    dog.load(replace(FINE, sample_ns=90 * MS))
+    dog.load(replace(FINE, sample_ns=0, stamp_ns=125 * MS))
+    dog.load(replace(FINE, sample_ns=90 * MS, stamp_ns=126 * MS))
     assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
+
+
+def test_a_watch_on_time_judges() -> None:
+    dog = watchdog()
+    assert [dog.run(k * 10 * MS, 0.010) for k in range(1, 20)] == [[]] * 19
+
+
+def test_a_late_watch_hears_first_and_then_judges_however_late_it_goes_on_to_be() -> None:
+    dog = watchdog()
+    dog.run(10 * MS, 0.010)
+    judged = [dog.run(ms * MS, 0.010) for ms in range(45, 400, 35)]
+    assert judged[0] is None
+    assert None not in judged[1::2]
+    assert all(late in (None, []) for late in judged)
+
+
+def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() -> None:
+    dog = watchdog()
+    dog.run(10 * MS, 0.010)
+    found = dog.run(75 * MS, 0.010)
+    assert found is not None
+    assert [finding.cause for finding in found] == [Cause.LATE]
+    assert "55 ms" in found[0].text
 
 
 def test_a_stage_that_homes_may_be_silent_but_nothing_else_may() -> None:
@@ -129,7 +160,9 @@ def test_a_warning_comes_before_the_stop() -> None:
     dog = watchdog()
     assert dog.load(replace(FINE, torque_n_m=0.085)) == []
     assert "85 N mm" in dog.warning
-    dog.load(FINE)
+    dog.load(replace(FINE, torque_n_m=0.0))  # no sample since: silence does not take a load away
+    assert "85 N mm" in dog.warning
+    dog.load(replace(FINE, sample_ns=2 * MS))
     assert dog.warning == ""
 
 
@@ -170,3 +203,27 @@ def test_the_window_is_the_path_and_a_margin() -> None:
     assert WINDOW.y_m == pytest.approx((-0.034, 0.054))
     assert WINDOW.z_m == pytest.approx((0.0, 0.024))
     assert TravelLimits.around(0.02, 0.01, 0.004, 0.005).y_m == pytest.approx((-0.004, 0.024))
+
+
+def test_a_permission_that_was_overtaken_by_a_trip_is_none() -> None:
+    leash = Leash(0.050)
+    leash.renew(100 * MS, permits=False)
+    leash.renew(95 * MS, permits=True)
+    assert not leash.permits(110 * MS)
+
+
+def test_a_beat_from_the_future_renews_nothing() -> None:
+    leash = Leash(0.050)
+    leash.renew(10_000 * MS, permits=True)
+    assert not leash.permits(100 * MS)
+
+
+def test_stamps_from_the_future_do_not_hide_silence() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.load(replace(FINE, sample_ns=10_000 * MS, stamp_ns=100 * MS))
+    dog.ring(10_000 * MS, "ok")
+    assert [f.text.split(":")[0] for f in dog.late(110 * MS)] == [
+        "last torque sample",
+        "last report of the ring",
+    ]

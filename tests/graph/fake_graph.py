@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import subprocess
 from collections.abc import Callable
@@ -92,6 +93,7 @@ class FakeGraph:
         facts = {"graph_yaml": "graph: fake\n", "nodes": [], "workspace": str(workspace)}
         self.bus.answer("launch", lambda _: facts)
         self.nodes: list[FakeNode] = []
+        self._said = ""
 
     def now_ns(self) -> int:
         return monotonic_ns() - self._start_ns
@@ -127,11 +129,16 @@ class FakeGraph:
         assert process.stderr is not None
         descriptor = process.stderr.fileno()
         while True:
+            line, end, rest = self._said.partition("\n")
+            if end:
+                self._said = rest
+                if line.startswith(start):
+                    return
+                continue
             self.until(lambda: bool(select.select((descriptor,), (), (), 0.0)[0]))
-            line = process.stderr.readline()
-            assert line, "it has ended"
-            if line.startswith(start):
-                return
+            said = os.read(descriptor, 1 << 16)  # past the buffer of stderr, of which select knows nothing
+            assert said, f"it has ended: {self._said}"
+            self._said += said.decode()
 
     def close(self) -> None:
         self.bus.close()

@@ -190,8 +190,8 @@ class Host(Palp):
 
     def close(self) -> None:
         super().close()
-        for book in self.books:
-            book.close()
+        while self.books:
+            self.books.pop().close()
 
 
 class Launched:
@@ -227,7 +227,7 @@ class Launched:
         return reply
 
     def gateway(self) -> psutil.Process:
-        (found,) = (p for p in self.host.processes() if "palp_core.launch.gateway" in p.cmdline())
+        (found,) = self.host.running("palp_core.launch.gateway")
         return found
 
     def end(self) -> int:
@@ -246,9 +246,3 @@ def joining(home: Host, graph: Launched, *arguments: object) -> list[object]:
     """Return how a node of another host is run so that it joins."""
     key = home.keys.path / "home.public"
     return ["run", *arguments, "--join", graph.address, "--server-key", key]
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Wait for a process; return its status and what it said."""
-    output, errors = process.communicate(timeout=PATIENCE_S)
-    return process.returncode, output + errors

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 
-from tests.graph.conftest import Palp
+from tests.graph.conftest import PATIENCE_S, Palp
 
 
 def recording(palp: Palp, *arguments: object) -> subprocess.Popen[str]:
@@ -22,6 +22,6 @@ def ended(process: subprocess.Popen[str], number: signal.Signals | None = signal
     """End a recorder; return what it said at last."""
     if number is not None:
         process.send_signal(number)
-    out, errors = process.communicate(timeout=60.0)
+    out, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, out + errors
     return out

@@ -15,7 +15,9 @@ from typing import Annotated, Literal
 import msgspec
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, QosEvent, ReadOnly, Srv, State, Sub
 from palp_core import every, on, on_event, serve
-from palp_core.runtime import zmq_subscriber
+from palp_core.runtime import reception, zmq_subscriber
+
+reception.FILL_NS = 60_000_000_000  # a source that has to wait for its turn on a busy machine loses nothing
 
 
 class Letter(Message):
@@ -33,25 +35,29 @@ class Answer(Message):
 class SourceParams(Params):
     rate_hz: float = 500.0
     count: int = 500
+    until: str = ""
 
 
 class Sent(State):
     count: int = 0
+    last: int = 0
 
 
 class Source(Node):
-    """Sends so many letters, then -1 until it is ended."""
+    """Sends so many letters, and more until a file is there; then -1 until it is ended."""
 
     params: SourceParams
     state: Sent
-    many = Pub(Letter, qos=Qos(depth=5000))
+    many = Pub(Letter, qos=Qos(depth=50_000))
     few = Pub(Letter, qos=Qos(depth=20))
     progress = Pub(Progress)
 
     @every("rate_hz")
     def send(self):
         self.state.count += 1
-        index = self.state.count if self.state.count <= self.params.count else -1
+        index = -1 if self.state.last else self.state.count
+        if index >= self.params.count and (not self.params.until or os.path.exists(self.params.until)):
+            self.state.last = index
         self.many.publish(Letter(index=index))
         self.few.publish(Letter(index=index))
         if self.state.count == 1:
@@ -91,6 +97,10 @@ class Reader(Node):
         self.ended = False
         if self.params.deed == "rob":
             rob()
+
+    def on_activate(self):
+        if os.path.exists(self.params.out + ".done"):
+            open(self.params.out + ".back", "w").close()
 
     @on(letter)
     def take(self, letter):
@@ -210,7 +220,7 @@ class Caller(Node):
 
     params: CallerParams
     state: Sent
-    ask = Client(Question, Answer, timeout_ms=200.0, retries=50)
+    ask = Client(Question, Answer, timeout_ms=200.0, retries=300)
 
     @every("rate_hz")
     def call(self):
@@ -256,8 +266,9 @@ args:
   deed: {default: "", help: of the reader}
   out: {default: "", help: beginning of the files}
   pipe: {default: "", help: named pipe}
+  until: {default: "", help: file until which there are more letters}
 nodes:
-  source: {run: "nodes.post:Source"}
+  source: {run: "nodes.post:Source", params: {until: $(var until)}}
   reader:
     run: nodes.post:Reader
     params: {deed: $(var deed), out: $(var out), pipe: $(var pipe)}

@@ -13,9 +13,7 @@ from palp_core.runtime.message import decode
 from palp_core.runtime.wire import parse
 from palp_core.runtime.zmq_bus import ask
 from palp_core.runtime.zmq_subscriber import Subscriber
-from tests.graph.conftest import Palp
-
-PATIENCE_S = 60.0
+from tests.graph.conftest import PATIENCE_S, Palp
 
 TALK = '''
 import ctypes, os, signal, sys

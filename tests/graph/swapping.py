@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.launch.remote import RunningGraph
 from palp_core.launch.run_directory import RunRecord
-from tests.graph.conftest import Palp, wait_for_line
+from tests.graph.conftest import PATIENCE_S, Palp, wait_for_line
 from tests.graph.supervised import Running
 
 NODES = '''
@@ -74,7 +74,7 @@ class Relay(Node):
     state: RelayState
     num = Sub(Num, qos=Qos(reliability="best_effort", depth=100_000))
     ask = Srv(Num, Num)
-    out = Pub(Num, qos=Qos(depth=50))
+    out = Pub(Num, qos=Qos(depth=1000))
     other = Pub(Num)
 
     @on(num)
@@ -247,7 +247,7 @@ class Asker(Node):
 
     params: AskerParams
     state: AskerState
-    ask = Client(Num, Num, timeout_ms=2000.0, retries=2)
+    ask = Client(Num, Num, timeout_ms=20_000.0, retries=2)
 
     @every("rate_hz")
     def go(self):
@@ -300,7 +300,11 @@ class Stage(Running):
         record = (self.folder / "graph.json").read_bytes()
         self.graph = RunningGraph(msgspec.json.decode(record, type=RunRecord))
 
-    def swap(self, run: str, *, timeout_s: float = 20.0, **params: Any) -> dict[str, Any]:
+    def patience_s(self) -> float:
+        """How long a swap may take here and now, at the most: many times what one has taken."""
+        return round(2.0 + 10.0 * float(self.swap("Relay")["report"]["duration_s"]), 3)
+
+    def swap(self, run: str, *, timeout_s: float = PATIENCE_S, **params: Any) -> dict[str, Any]:
         """Swap the middle node; return the report, or what failed."""
         run = run if ":" in run else f"swap_toys:{run}"
         return self.graph.swap("relay", run, timeout_s=timeout_s, params=params)
@@ -312,7 +316,7 @@ class Stage(Running):
     def judgement(self) -> tuple[int, str, list[str]]:
         """The reader's last number, what was wrong, and whose numbers they were."""
         reply = self.graph.ask(
-            "sink", "call", service="judge", request={"index": 0, "by": ""}, timeout_s=30.0
+            "sink", "call", service="judge", request={"index": 0, "by": ""}, timeout_s=PATIENCE_S
         )
         index, bad, makers = reply["reply"]["text"].split("|")
         return int(index), bad, makers.split(",")

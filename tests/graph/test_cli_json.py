@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from tests.graph.talkative import Talk, shared_palp, talk
+from tests.graph.talkative import Talk, talk
 
-__all__ = ["shared_palp", "talk"]
+__all__ = ["talk"]
 
 PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"
 ROW = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)

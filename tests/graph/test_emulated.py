@@ -14,14 +14,17 @@ from typing import Any
 import pytest
 import yaml
 
+from palp_core.bag.reader import read
 from palp_core.runtime.clock import monotonic_ns
-from tests.graph.conftest import Palp
+from tests.graph.conftest import PATIENCE_S, Palp
 
 ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
 SMALL = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.015", "to_m:=0.02", "lift_mm:=5.0")
-LENIENT = ("stale_ms:=500.0", "beat_ms:=500.0")  # a busy machine is no fault
+# What depends on how fast the machine is: a busy one is no fault of the rig.
+LENIENT = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
+SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.012", "to_m:=0.012", "lift_mm:=5.0")
 
 
 def tree(path: Path) -> dict[str, Any]:
@@ -70,27 +73,28 @@ def test_the_window_is_the_path_of_the_experiment() -> None:
         assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
 
 
-@pytest.mark.slow
-def test_the_experiment_runs_on_emulated_wires(palp: Palp, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    process = palp.start("launch", EMULATED, *SMALL, *LENIENT, f"out:={out}")
-    enough = False
-    for _ in range(12):
-        enough = until(lambda: len(rows_of(out)) >= 2 or process.poll() is not None, 10.0)
-        if enough:
-            break
-        palp.run("safety", "ack")  # a driver that starved on a busy host has tripped; it goes on from there
-    status = palp.run("safety", "status", "--json") if process.poll() is None else None
+def test_the_experiment_runs_on_emulated_wires_and_a_stop_is_in_the_bag(palp: Palp, tmp_path: Path) -> None:
+    out, bag = tmp_path / "out", tmp_path / "bag"
+    process = palp.start("launch", EMULATED, *SHORTEST, *LENIENT, f"out:={out}", "--record", bag)
+    came = until(lambda: rows_of(out) or process.poll() is not None, 240.0)
+    stopped = palp.run("stop")
+    status = palp.run("safety", "status", "--json")
+    left = until(lambda: palp.run("safety", "ack").returncode == 0, 120.0)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60.0)
-    assert enough, said
-    assert process.returncode == 130, said
-    assert status is not None
-    assert "permits" in json.loads(status.stdout)
-    first, second = rows_of(out)[:2]
-    assert float(first["peak_n_m"]) > 1e-3
-    assert first["phase"] == second["phase"] == "training"
-    assert palp.all_gone_within(10.0)
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    assert came, said + errors
+    assert process.returncode == 130, said + errors
+    assert palp.all_gone()
+    first = rows_of(out)[0]
+    assert float(first["peak_n_m"]) > 0.0
+    assert first["phase"] == "training"
+    assert stopped.stdout.startswith("latched: operator"), stopped.stderr
+    assert not json.loads(status.stdout)["permits"]
+    assert left
+    (trip,) = [message.value for message in read(bag, ["/safety/trip"])]
+    assert trip.cause == "operator"
+    assert trip.load_time_s[-1] > trip.load_time_s[0]
+    assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ def graph(palp: Palp) -> Iterator[Path]:
     _until_it_runs(found[0])
     yield found[0]
     process.terminate()
-    assert process.wait(30) == 143
+    assert process.wait(PATIENCE_S) == 143
 
 
 def _until_it_runs(record: Path) -> None:
@@ -83,7 +83,7 @@ def node_client(tmp_path_factory: pytest.TempPathFactory) -> Client:
     if done.returncode:
         pytest.skip(f"npm install does not work here: {done.stderr.strip().partition(chr(10))[0]}")
     probe = [node, "-e", "require('zeromq')"]
-    loads = subprocess.run(probe, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    loads = subprocess.run(probe, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     if loads.returncode:
         pytest.skip("the package zeromq has no binary for this machine")
     return lambda client, *arguments: _run([node, folder / f"{client}.mjs", *arguments], dict(os.environ))

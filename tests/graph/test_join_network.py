@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.graph.hosts import Host, finish, joining, trusting
+from tests.graph.conftest import finished
+from tests.graph.hosts import Host, joining, trusting
 
 
 def ip(*words: str) -> subprocess.CompletedProcess[str]:
@@ -91,7 +92,7 @@ def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
     assert entry["address"] == cable.away_address
     assert entry["key"] == "away"
     cable.pull()
-    status, said = finish(guest)
+    status, said = finished(guest)
     assert status == 1
     assert "not heard any more" in said
     book.until("safe")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from palp_core.bag.reader import read, to_numpy
 from tests.graph.conftest import CHAIN, Palp, wait_for_line
@@ -32,7 +34,9 @@ def test_what_a_killed_launcher_had_recorded_can_be_recovered(palp: Palp, tmp_pa
     bag = tmp_path / "bag"
     process = palp.start("launch", CHAIN, "clock:=sim", "count:=10000000", "--compose", "--record", bag)
     wait_for_line(process, "blocks: 1/")
-    wait_for_line(process, "blocks: ")  # five seconds on
+    while sum(file.stat().st_size for file in bag.glob("*.mcap")) < 4_000_000:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.02)
     process.kill()
     process.wait()
     recovered = palp.run("bag", "recover", bag, "-o", tmp_path / "recovered")

@@ -13,22 +13,34 @@ from tests.graph.conftest import CHAIN, SIM, Palp
 REPLAYED = ("estimator", "policy", "actuator", "stage", "phantom", "torque", "emg", "cocontraction")
 
 
-@pytest.fixture
-def chain(palp: Palp, tmp_path: Path) -> tuple[Path, Path]:
-    """A recorded run of a copy of the chain: its bag, and its launch file."""
-    workspace = tmp_path / "chain"
-    shutil.copytree(CHAIN.parents[1], workspace)
-    launch = workspace / "launch" / "chain.yaml"
-    done = palp.run("launch", launch, "clock:=sim", "count:=300", "--record", tmp_path / "bag")
+@pytest.fixture(scope="module")
+def chain_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded run of the chain."""
+    bag = tmp_path_factory.mktemp("chain") / "bag"
+    done = shared_palp.run("launch", CHAIN, "clock:=sim", "count:=300", "--record", bag)
     assert done.returncode == 0, done.stderr
-    return tmp_path / "bag", launch
+    return bag
 
 
-def test_every_node_of_the_rig_replays_byte_for_byte(palp: Palp, tmp_path: Path) -> None:
-    bag, out = tmp_path / "bag", tmp_path / "out"
-    run = palp.run("launch", SIM, "trials:=1", "training:=2", f"out:={out}", "--compose", "--record", bag)
-    assert run.returncode == 0, run.stderr
-    done = palp.run("bag", "replay", bag, "--nodes", ",".join(REPLAYED), "--launch", SIM, "--json")
+@pytest.fixture
+def chain(chain_bag: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """A recorded run of the chain, and a launch file of the same nodes that may be changed."""
+    shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
+    return chain_bag, tmp_path / "chain" / "launch" / "chain.yaml"
+
+
+@pytest.fixture(scope="module")
+def rig_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded session of the rig."""
+    folder = tmp_path_factory.mktemp("rig")
+    small = ("trials:=1", "training:=2", f"out:={folder / 'out'}", "--compose")
+    done = shared_palp.run("launch", SIM, *small, "--record", folder / "bag")
+    assert done.returncode == 0, done.stderr
+    return folder / "bag"
+
+
+def test_every_node_of_the_rig_replays_byte_for_byte(palp: Palp, rig_bag: Path) -> None:
+    done = palp.run("bag", "replay", rig_bag, "--nodes", ",".join(REPLAYED), "--launch", SIM, "--json")
     assert done.returncode == 0, done.stdout + done.stderr
     for node in json.loads(done.stdout):
         assert node["divergence"] is None
@@ -69,15 +81,12 @@ def test_an_output_too_few_or_too_many_is_a_difference(palp: Palp, chain: tuple[
 
 
 def test_what_cannot_be_replayed_is_refused_by_name(
-    palp: Palp, chain: tuple[Path, Path], tmp_path: Path
+    palp: Palp, chain: tuple[Path, Path], rig_bag: Path
 ) -> None:
     bag, launch = chain
     unknown = palp.run("bag", "replay", bag, "--nodes", "realy", "--launch", launch)
     assert unknown.returncode == 2
     assert "no node 'realy' in it; there are: source, relay, sink" in unknown.stderr
-    out, rig = tmp_path / "out", tmp_path / "rig"
-    done = palp.run("launch", SIM, "trials:=1", "training:=2", f"out:={out}", "--compose", "--record", rig)
-    assert done.returncode == 0, done.stderr
-    record = palp.run("bag", "replay", rig, "--nodes", "experiment", "--launch", SIM)
+    record = palp.run("bag", "replay", rig_bag, "--nodes", "experiment", "--launch", SIM)
     assert record.returncode == 2
     assert "node 'experiment' keeps a record on disk" in record.stderr

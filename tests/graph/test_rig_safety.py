@@ -8,24 +8,23 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.rig_bench.running import TO_M, RunningRig
+from benchmarks.rig_bench.running import LAUNCHER, TO_M, RunningRig
+from benchmarks.rig_bench.trips import NODES
 
-# Real drivers keep real deadlines (0.1 s for an answer): on a shared machine such a run may rightly trip.
-pytestmark = pytest.mark.slow
 SHORT = ("trials:=1", "training:=1")
-LENIENT = (*SHORT, "stale_ms:=500.0", "beat_ms:=500.0")  # a busy machine is no fault
-ALL = ("experiment", "policy", "stage", "actuator", "torque", "estimator", "emg", "cocontraction")
+# What depends on how fast the machine is; what is asserted here is in which order things happen. The way of a
+# sweep takes longer than the limits, so that what stops it is not its end.
+LENIENT = (*SHORT, "stale_ms:=2000.0", "beat_ms:=2000.0", "link_ms:=20000.0", "answer_s:=10.0")
+SWEEP_M_PER_S, RETURN_M_PER_S, PATIENCE_S = 0.004, 0.010, 200.0
 SOME = [
     ("stage", signal.SIGKILL),
-    ("stage", signal.SIGSTOP),
     ("safety", signal.SIGSTOP),
     ("torque", signal.SIGSTOP),
-    ("estimator", signal.SIGSTOP),
-    ("estimator", signal.SIGKILL),
+    (LAUNCHER, signal.SIGKILL),
 ]
 EVERY = [
     (node, number)
-    for node in (*ALL, "safety", "phantom")
+    for node in NODES
     for number in (signal.SIGKILL, signal.SIGSTOP)
     if (node, number) not in SOME
 ]
@@ -37,7 +36,14 @@ def start(tmp_path: Path) -> Iterator[Start]:
     rigs: list[RunningRig] = []
 
     def begin(*arguments: str, home_s: float = 0.05) -> RunningRig:
-        rig = RunningRig(tmp_path, *arguments, home_s=home_s, lenient=True)
+        rig = RunningRig(
+            tmp_path,
+            *arguments,
+            home_s=home_s,
+            sweep_m_per_s=SWEEP_M_PER_S,
+            return_m_per_s=RETURN_M_PER_S,
+            patience_s=PATIENCE_S,
+        )
         rig.__enter__()
         rigs.append(rig)
         rig.put_on()
@@ -57,17 +63,11 @@ def strike(rig: RunningRig, node: str, number: signal.Signals) -> None:
     rig.signal(node, number)
 
     def aborted() -> bool:
-        return any(line.startswith("ABORT") for _, _, line in rig.log(rig.signalled_ns))
+        return bool(rig.aborts(rig.signalled_ns))
 
-    pause = rig.until
-    try:
-        pause(lambda: aborted() and rig.at_rest(), "stop")
-    except TimeoutError:  # the graph may have ended meanwhile, after it has stopped the stage
-        assert aborted()
-        assert rig.at_rest()
-    place_m = rig.emulated.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns))
-    assert place_m < TO_M  # it did not just come to the end of its leg
-    abort_ns = next(t for t, _, line in rig.log(rig.signalled_ns) if line.startswith("ABORT"))
+    rig.until(lambda: aborted() and rig.at_rest(), "stop", ended_ok=True)
+    assert rig.axes()["y"]["position_m"] < TO_M  # it did not just come to the end of its leg
+    abort_ns = rig.aborts(rig.signalled_ns)[0]
     assert [line for _, _, line in rig.log(abort_ns) if is_motion(line)] == []
 
 
@@ -92,9 +92,9 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
     last_move = max(i for i, line in enumerate(lines) if line.startswith("MOVE"))
     after = lines[last_move + 1 :]
     assert after.index("ABORT X") < after.index("DISABLE X")
-    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
+    assert not rig.enabled()
     mark = len(lines)
-    assert rig.call("safety", "acknowledge")["done"]
+    rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()  # the palpation that was stopped is done again
     later = [line for _, _, line in rig.log()][mark:]
     first_move = next(line for line in later if line.startswith("MOVE"))
@@ -107,7 +107,7 @@ def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwa
     rig.until(lambda: any(line == "HOMEASYNC Y" for _, _, line in rig.log()), "homing")
     rig.call("safety", "stop", reason="a test")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
-    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
+    assert not rig.enabled()
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()
 
@@ -115,11 +115,11 @@ def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwa
 def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()
-    rig.emulated.fault("ati", "saturated")
+    rig.emulator.tell("fault ati saturated")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
     assert rig.safety()["cause"] == "saturated"
     assert not rig.call("safety", "acknowledge")["done"]
-    rig.emulated.clear("ati")
+    rig.emulator.tell("clear ati")
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()
 
@@ -127,12 +127,12 @@ def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts
 def test_an_emergency_stop_is_acknowledged_only_after_it_is_released(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()
-    rig.emulated.fault("aerotech", "e-stop")
+    rig.emulator.tell("fault aerotech e-stop")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
     assert rig.safety()["cause"] == "axis fault"
     rig.call("safety", "acknowledge")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
-    assert not rig.emulated.on_world(lambda world, _: any(a.enabled for a in world.axes.values()))
-    rig.emulated.clear("aerotech")
+    assert not rig.enabled()
+    rig.emulator.tell("clear aerotech")
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()

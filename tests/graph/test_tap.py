@@ -10,7 +10,7 @@ import zmq
 
 from palp_core.cli.tap_feed import TapFeed, points
 from palp_core.errors import SecurityError
-from tests.graph.conftest import CHAIN, PATIENCE_S, Palp
+from tests.graph.conftest import CHAIN, PATIENCE_S, Palp, wait_for_line
 
 
 def block(start_ns: int, count: int) -> dict[str, object]:
@@ -68,11 +68,10 @@ def test_a_plain_subscriber_gets_plain_numbers_of_a_running_graph(palp: Palp, tm
     subscriber.connect(endpoint)
     graph = palp.start("launch", CHAIN, "count:=100000")
     try:
-        while (tap := palp.start("tap", "--endpoint", endpoint, "-e", "sample|amplified")).stderr is not None:
-            said = tap.stderr.readline()
-            if "2 topics of graph 'chain' at ipc://" in said:
-                break
-            assert "no graph" in said  # not up yet
+        wait_for_line(graph, "blocks: 1/")
+        tap = palp.start("tap", "--endpoint", endpoint, "-e", "sample|amplified")
+        assert tap.stderr is not None
+        assert "2 topics of graph 'chain' at ipc://" in tap.stderr.readline()
         found = received(subscriber, 20)
         taken = palp.run("tap", "--endpoint", "tcp://10.255.255.1:9872")
         assert taken.returncode == 2

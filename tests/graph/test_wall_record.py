@@ -12,18 +12,17 @@ import pytest
 
 from palp_core.bag.reader import read, to_numpy
 from palp_core.runtime.clock import monotonic_ns
-from tests.graph.conftest import CHAIN, Palp, wait_for_line
+from tests.graph.conftest import CHAIN, PATIENCE_S, Palp, wait_for_line
 from tests.graph.live import recording
 from tests.graph.supervised import Running
 
 MOST_LOST_S = 0.6
-LOADED_S = 5.0
-"""What a host that is busy with other tests may add: the recorder itself had no turn."""
+"""Where nothing else is at work: a recorder that has no turn can write nothing."""
 
 
 def recorder_of(palp: Palp) -> psutil.Process:
     """The recorder's process."""
-    (found,) = (p for p in palp.processes() if "palp_core.launch.record_main" in p.cmdline())
+    (found,) = palp.running("palp_core.launch.record_main")
     return found
 
 
@@ -56,7 +55,7 @@ def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path
     assert info["complete"]
     assert {"/source/_order", "/sink/_events", "/graph/events", "/graph/health"} <= set(info["topics"])
     assert [m.value.kind for m in read(bag, ["/graph/events"])] == ["started", "ending"]
-    assert palp.all_gone_within(10.0)
+    assert palp.all_gone()
 
 
 def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
@@ -65,7 +64,7 @@ def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp
     wait_for_line(graph, "blocks: 1/")
     recorder_of(palp).kill()
     Running(palp).wait_for("recorder", "recorder")
-    out, errors = graph.communicate(timeout=60.0)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
     assert "chain ended after" in out  # the graph went on to its end
     assert graph.returncode == 1
     assert "palp bag recover" in out + errors
@@ -83,7 +82,10 @@ def test_a_killed_recorder_costs_little_and_the_rest_is_recovered(
     for number in range(kills):
         bag, saved = tmp_path / f"bag{number}", tmp_path / f"saved{number}"
         recorder = recording(palp, "-a", "-o", bag)
-        psutil.wait_procs([psutil.Process(recorder.pid)], timeout=rng.uniform(0.6, 1.7))
+        written, enough = 0, rng.integers(20_000, 200_000)
+        while written < enough:  # bytes in the file: a chunk or some
+            assert not psutil.wait_procs([psutil.Process(recorder.pid)], timeout=0.01)[0]
+            written = sum(file.stat().st_size for file in bag.glob("*.mcap"))
         recorder.kill()
         killed_s = (monotonic_ns() - start_ns) / 1e9
         recorder.wait()
@@ -93,7 +95,7 @@ def test_a_killed_recorder_costs_little_and_the_rest_is_recovered(
         indices = [m.value.index for m in messages if m.topic == "/source/sample"]
         assert indices == list(range(indices[0], indices[0] + len(indices)))
         last_s = max(m.log_ns for m in messages) / 1e9
-        assert killed_s - last_s <= (MOST_LOST_S if kills == 50 else LOADED_S)
+        assert kills == 3 or killed_s - last_s <= MOST_LOST_S
         info = json.loads(palp.run("bag", "info", saved, "--json").stdout)
         assert sum(topic["lost"] for topic in info["topics"].values()) == 0
         assert info["message_count"] == len(messages)
@@ -123,10 +125,10 @@ def test_a_graph_that_requires_its_recorder_ends_with_it(palp: Palp, workspace: 
     graph = palp.start("launch", workspace, "count:=1000000", "required:=true", f"bag:={tmp_path / 'bag'}")
     wait_for_line(graph, "blocks: 1/")
     recorder_of(palp).kill()
-    _, errors = graph.communicate(timeout=60.0)
+    _, errors = graph.communicate(timeout=PATIENCE_S)
     assert graph.returncode == 1
     assert "tape: the recorder has ended" in errors
-    assert palp.all_gone_within(10.0)
+    assert palp.all_gone()
 
 
 def test_a_killed_launcher_leaves_a_finished_bag(palp: Palp, tmp_path: Path) -> None:
@@ -135,7 +137,7 @@ def test_a_killed_launcher_leaves_a_finished_bag(palp: Palp, tmp_path: Path) -> 
     wait_for_line(graph, "blocks: 1/")
     graph.kill()
     graph.wait()
-    assert palp.all_gone_within(30.0)
+    assert palp.all_gone()
     info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
     assert info["healthy"]
     assert info["accounted"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from palp_core.bag.reader import Bag
 from palp_core.bag.writer import BagWriter
-from tests.graph.conftest import CHAIN, SIM, Palp, wait_for_line
+from tests.graph.conftest import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
 from tests.graph.live import ended, recording
 
 RIG = ("estimator", "policy", "actuator", "stage", "phantom", "torque", "emg", "cocontraction")
@@ -46,13 +47,13 @@ def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, t
     assert palp.run("lifecycle", "set", "relay", "activate").returncode == 0
     ended(recorder)
     for node in replayed(palp, tmp_path / "bag", "source,relay"):
-        assert node["compared"] > 100
+        assert node["compared"] > 10
         assert node["divergence"] is None
 
 
 def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
+    bag = tmp_path / "bag"  # slow enough that what is caught up with after the restart is within the depth
+    done = palp.run("launch", CHAIN, "count:=50", "rate_hz:=20.0", "fail_at:=10", "--record", bag)
     assert done.returncode == 0, done.stderr
     with Bag(bag) as opened:
         epochs = {m.stream.epoch for m in opened.recorded(["/relay/_order"])}
@@ -99,14 +100,15 @@ def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(palp: P
 def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp, tmp_path: Path) -> None:
     graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", tmp_path / "bag")
     wait_for_line(graph, "blocks: 1/")
-    wait_for_line(graph, "blocks: ")  # five seconds on
-    for process in palp.processes():
-        if "palp_core.launch.record_main" in process.cmdline():
-            process.kill()
+    while sum(file.stat().st_size for file in (tmp_path / "bag").glob("*.mcap")) < 400_000:
+        with pytest.raises(subprocess.TimeoutExpired):
+            graph.wait(0.02)
+    for process in palp.running("palp_core.launch.record_main"):
+        process.kill()
     saved = palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
     assert saved.returncode == 0, saved.stderr
     for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):
-        assert node["consumed"] > 1000
+        assert node["consumed"] > 100
         assert node["divergence"] is None
 
 
@@ -134,7 +136,7 @@ def test_the_rig_on_the_wall_clock_replays_byte_for_byte(palp: Palp, tmp_path: P
     )
     wait_for_line(graph, "training: 2/")
     graph.send_signal(signal.SIGINT)
-    out, errors = graph.communicate(timeout=60.0)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
     assert "nothing missing" in out, errors
     for node in replayed(palp, bag, ",".join(RIG), launch):
         assert node["divergence"] is None
@@ -152,7 +154,7 @@ def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
         done = palp.run("swap", name, run)
         assert done.returncode == 0, done.stderr
     graph.send_signal(signal.SIGINT)
-    out, errors = graph.communicate(timeout=60.0)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
     assert "nothing missing" in out, errors
     info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
     assert info["complete"]

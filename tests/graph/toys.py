@@ -7,7 +7,7 @@ import select
 import subprocess
 from pathlib import Path
 
-from tests.graph.conftest import Palp, wait_for_line
+from tests.graph.conftest import PATIENCE_S, Palp, wait_for_line
 
 TOYS = '''
 import os, select, signal, subprocess, sys
@@ -189,5 +189,5 @@ class Pipe:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
 
     def wait(self) -> None:
-        assert select.select((self._descriptor,), (), (), 30.0)[0]
+        assert select.select((self._descriptor,), (), (), PATIENCE_S)[0], f"{self.path} remains empty"
         os.close(self._descriptor)

@@ -248,7 +248,7 @@ KEYS = [
 KEYS += ["when", "max_restarts", "on_exit", "from", "deadline_ms", "gain", "truth", "select", "device"]
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_a_typo_in_any_key_is_reported_at_its_line(workspace: Any, key: str, data: st.DataObject) -> None:
     position = data.draw(st.integers(0, len(key) - 1))

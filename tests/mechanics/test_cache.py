@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palp_core.errors import MechanicsError
 from palp_core.mechanics.contact import cache
 from palp_core.mechanics.contact.cache import cached
 
@@ -49,7 +50,7 @@ def test_other_inputs_are_another_entry(tmp_path: Path, inputs: dict[str, float]
 
 def test_other_code_is_another_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cached("kind", {}, lambda: count_into(tmp_path / "count"))
-    monkeypatch.setattr(cache, "_code", lambda: b"changed")
+    monkeypatch.setattr(cache, "code", lambda: b"changed")
     cached("kind", {}, lambda: count_into(tmp_path / "count"))
     assert (tmp_path / "count").stat().st_size == 2
 
@@ -113,3 +114,10 @@ def test_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert cache.location() == tmp_path / "palp"
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert cache.location() == Path.home() / ".cache" / "palp"
+
+
+def test_an_entry_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PALP_CACHE", str(tmp_path))
+    (tmp_path / "l4-bead-0.npz").mkdir()
+    with pytest.raises(MechanicsError, match=r"l4-bead-0\.npz: cannot be removed"):
+        cache.clear()

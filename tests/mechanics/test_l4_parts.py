@@ -220,3 +220,20 @@ def test_a_table_of_a_smooth_energy_converges_with_its_grid() -> None:
         near = at[0] < 0.002  # the first column is the limit of bare gel only far away
         errors.append(np.abs(table.force(*at)[0] / exact - 1.0)[~near].max())
     assert errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
+def test_a_sphere_presses_less_than_the_paraboloid_by_the_tenth_of_its_share_of_the_radius(
+    share: float,
+) -> None:
+    """Half-space: N over Hertz is 1 - x / 10 - x^2 / 840 + ..., x the indentation in radii (Sneddon 1965)."""
+    tip_m = 0.006
+    patch = Patch(
+        BondedLayer(NU, 10.0), None, tip_m, share * tip_m, 0.0007 * math.sqrt(share * tip_m / 0.004)
+    )
+    paraboloid_n = patch.press(0.0).normal_n
+    x, y = patch.cells()
+    aside_m = np.minimum(np.hypot(x, y), tip_m)
+    patch._overlap += aside_m**2 / (2.0 * tip_m) - (tip_m - np.sqrt(tip_m**2 - aside_m**2))
+    expected = 1.0 - share / 10.0 - share**2 / 840.0
+    assert patch.press(0.0).normal_n / paraboloid_n == pytest.approx(expected, abs=0.004)

@@ -115,3 +115,9 @@ def test_a_path_refuses_what_is_no_path(name: str, value: float) -> None:
     with pytest.raises(OutOfRange) as caught:
         Path(**given_)
     assert caught.value.quantity == name
+
+
+def test_with_a_ball_the_scene_names_the_gel_over_the_bead_in_its_radii() -> None:
+    scene = Phantom(bead=Bead(depth_m=0.004)).scene(0.008)
+    assert (scene["tip_radius_m"], scene["depth_per_tip"]) == (0.008, 0.5)
+    assert "depth_per_tip" not in Phantom().scene(0.008)

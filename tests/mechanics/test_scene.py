@@ -95,6 +95,11 @@ def test_where_no_rung_is_good_enough_the_refusal_says_what_each_vouches_for() -
         choose_rung(Scene(phantom=Phantom(poisson=0.2, bead=Bead(depth_m=0.004))))
 
 
+def test_a_tolerance_that_nothing_reaches_is_said_as_it_was_asked_for() -> None:
+    with pytest.raises(MethodError, match=r"'peak' within 1e-07% at"):
+        choose_rung(Scene(tolerance=Tolerance(relative=1e-9)))
+
+
 def test_a_budget_that_the_needed_rung_exceeds_is_refused_with_an_offer() -> None:
     asked = Tolerance(output="contrast", relative=0.03)
     with pytest.raises(MethodError, match=r"budget_s is 0\.1, for which l2 gives"):
@@ -169,13 +174,16 @@ def test_what_is_no_scene_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_run_has_every_ring_and_says_what_it_met(tmp_path: Path) -> None:
     done = run_scene(read_scene(written(tmp_path)))
     told: dict[str, Any] = done.as_json()
-    assert " ".join(told) == "ring_m stage_m torque_n_m angle_rad normal_n peak_n_m contrast_n_m rung bound"
+    assert " ".join(told) == (
+        "ring_m stage_m torque_n_m angle_rad normal_n peak_n_m contrast_n_m rung bound guards"
+    )
     assert np.shape(told["torque_n_m"]) == (2, len(told["stage_m"])) == np.shape(told["normal_n"])
     assert told["peak_n_m"] == [max(row) for row in told["torque_n_m"]]
     assert 0.0 < told["contrast_n_m"][0] < told["contrast_n_m"][1] < told["peak_n_m"][1]
     assert told["rung"] == "l2"
     pressed = run_scene(Scene(phantom=Phantom(bead=Bead(depth_m=0.0015))), "l2")
     assert any("small strain" in words for words in pressed.guards)
+    assert pressed.as_json()["guards"] == list(pressed.guards)
     taught = run_scene(Scene(), "l1")
     assert any("outside its valid range: poisson" in words for words in taught.guards)
 
@@ -240,6 +248,11 @@ def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> N
     named = rig(scene=str(file), phantoms=str(phantoms))
     assert list(named.phantoms) == ["X", "bare"]
     assert named.model("X").rung == "l2"
+    assert named.guards("bare", (0.0, 0.016), -0.03, 0.05) == ()
+    met = named.guards("X", (0.0, 0.016), -0.03, 0.05)
+    assert [words.split(":")[0] for words in met] == ["ring_m = 0.016"]
+    assert "small strain" in met[0]
+    assert "stopped" in named.guards("X", (-0.01,), -0.03, 0.05)[0]
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
     with pytest.raises(MechanicsError, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'"):
         rig(phantoms=str(phantoms))

@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs.emg import EmgBlock
+from nodes import emg
 from nodes.emg import Emg
 from palp_core import Bench
+from palp_core.devices.health import Condition, Health
+from palp_core.devices.protocols import EmgBlock as Samples
 from palp_core.errors import GraphError, NodeError
+from palp_core.runtime.lifecycle import Transition
 from palp_core.units import Float64Array
 
 BEFORE_S = 9.0  # rest, MVC, rest
@@ -105,3 +109,72 @@ def test_a_block_of_no_samples_is_refused() -> None:
 def test_an_unknown_amplifier_is_named() -> None:
     with pytest.raises(NodeError, match="no emg device 'foot'"):
         Bench(Emg, {"device": "foot"})
+
+
+class ScriptedSource:
+    """A real source as the node sees it: two samples a drain, a gap before the second drain's."""
+
+    def __init__(self) -> None:
+        self.condition, self.drained = Condition.OK, 0
+        self.waiting: list[Samples] = []
+
+    def open(self, *_: object) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def health(self, now_ns: int) -> Health:
+        return Health(self.condition, now_ns, "" if self.condition is Condition.OK else "a cause")
+
+    def drain(self, now_ns: int, state: object, rng: object) -> Samples:
+        self.drained += 1
+        if self.waiting:
+            return self.waiting.pop(0)
+        gap = np.array([self.drained == 2, False])
+        return Samples(np.array([now_ns, now_ns + 1]), np.zeros(2), np.zeros(2), np.arange(2), gap)
+
+
+def test_a_real_source_has_a_report_of_its_state_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = ScriptedSource()
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+    bench = Bench(Emg, {"device": "noraxon"})
+    bench.advance(0.16)
+    source.condition = Condition.LINK_LOST
+    bench.advance(0.05)
+    reports = bench.sent(Emg.report)
+    assert [report.gap_count for report in reports] == [0, 1, 0, 0][: len(reports)]
+    assert {report.sample_count for report in reports} == {2}
+    assert (reports[0].condition, reports[0].text) == ("ok", "")
+    assert (reports[-1].condition, reports[-1].text) == ("link lost", "a cause")
+
+
+def test_a_simulated_source_has_no_report() -> None:
+    bench = Bench(Emg, {"palpation_s": 1.0})
+    bench.advance(1.0)
+    assert bench.sent(Emg.report) == []
+
+
+def test_every_sample_across_a_fault_is_passed_on_at_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = ScriptedSource()
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+    bench = Bench(Emg, {"device": "noraxon", "rate_hz": 1000.0, "block_samples": 50})
+    times_ns = np.array([10, 11, 12, 40, 41]) * 1_000_000  # what was lost between 12 and 40 is flagged
+    gap = np.array([False, False, False, True, False])
+    values = np.arange(5.0)
+    source.waiting = [Samples(times_ns, values, -values, np.array([0, 1, 2, 30, 31]), gap)]
+    bench.advance(0.05)
+    blocks = bench.sent(Emg.block)[:2]
+    assert [block.start_ns for block in blocks] == [10_000_000, 40_000_000]
+    assert [block.fds_v.tolist() for block in blocks] == [[0.0, 1.0, 2.0], [3.0, 4.0]]
+    assert [block.edc_v.tolist() for block in blocks] == [[0.0, -1.0, -2.0], [-3.0, -4.0]]
+
+
+def test_what_has_come_since_the_last_tick_is_passed_on_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = ScriptedSource()
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+    bench = Bench(Emg, {"device": "noraxon"})
+    bench.advance(0.06)
+    before = len(bench.sent(Emg.block))
+    bench.executor.transition(Transition.DEACTIVATE)
+    assert len(bench.sent(Emg.block)) > before

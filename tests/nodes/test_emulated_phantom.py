@@ -6,11 +6,15 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from msgs.experiment import Mount
 from nodes.emulated_phantom import EmulatedPhantom
 from palp_core import Bench
+from palp_core.devices.emulator.world import World
+from palp_core.errors import NodeError
+from palp_core.perception.rig_noise import Component, RigNoise, write_noise
 from palp_core.runtime.lifecycle import Transition
 
 PORTS = {"stage_port": 0, "stop_port": 0, "can_port": 0, "emg_port": 0}
@@ -43,3 +47,31 @@ def test_the_probe_starts_raised(bench: Bench[EmulatedPhantom]) -> None:
     truth = bench.node.rig.on_world(lambda world, now_ns: world.truth(now_ns))
     assert truth["z_m"] == 0.020
     assert truth["torque_n_m"] == 0.0
+
+
+def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) -> None:
+    noise = RigNoise(
+        sample_sd_n_m=Component(3e-5),
+        sweep_sd_n_m=Component(0.0),
+        ring_sd_m=Component(0.0),
+        height_sd_m=Component(0.0),
+    )
+    write_noise(noise, tmp_path / "noise.yaml")
+    params = {**PORTS, "folder": str(tmp_path), "noise": str(tmp_path / "noise.yaml")}
+    quiet = Bench(EmulatedPhantom, params, seed=3)
+    quiet.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code="A", remount=0))
+    (truth,) = quiet.sent(EmulatedPhantom.truth)
+    assert truth.height_offset_m == 0.0
+
+    def torque_noise(world: World, now_ns: int) -> float:
+        world.extend(0.013, 6e-3, 0)
+        assert world.true_ring_m(60_000_000_000) == pytest.approx(0.012, abs=1e-12)
+        return float(np.std([world.wrench(now_ns)[3] for _ in range(2000)]))
+
+    assert quiet.node.rig.on_world(torque_noise) == pytest.approx(3e-5, rel=0.1)
+    quiet.executor.transition(Transition.SHUTDOWN)
+
+
+def test_a_noise_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(NodeError, match="cannot read the noise file"):
+        Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "noise": "no-such.yaml"})

@@ -277,6 +277,21 @@ def test_an_unknown_method_is_refused_before_anything_moves(param: str) -> None:
         Bench(Estimator, {param: "magic"})
 
 
+@pytest.mark.parametrize(
+    ("params", "words"),
+    [
+        ({"filter": "latent", "likelihood": "student_t"}, "likelihood 'student_t' is of the filter 'naive'"),
+        ({"stop": "fixed_number", "stop_value": 20.0}, "max_probes is 15, but the stop rule"),
+        ({"max_probes": 0}, "max_probes is 0"),
+    ],
+)
+def test_parameters_that_contradict_each_other_are_refused_before_anything_moves(
+    params: dict[str, str | float], words: str
+) -> None:
+    with pytest.raises(NodeError, match=words):
+        Bench(Estimator, params)
+
+
 def test_a_trial_that_never_agrees_ends_undecided() -> None:
     bench = trained(max_probes=3, stop="posterior_threshold")
     learnt = bench.sent(Estimator.primitives)[0]

@@ -16,7 +16,7 @@ from msgs.experiment import Mount, PhantomTruth, Trial
 from msgs.stage import SweepGoal, SweepStatus
 from nodes.experiment import Experiment
 from palp_core import Bench
-from palp_core.errors import NodeError
+from palp_core.errors import NodeError, PerceptionError
 from palp_core.perception.figure5 import RINGS_M
 from palp_core.runtime.message import Message, decode
 from palp_core.runtime.wire import parse
@@ -395,3 +395,31 @@ def test_a_record_that_cannot_be_written_is_an_error_that_says_where(tmp_path: P
 def test_more_mounts_than_trials_are_refused(tmp_path: Path) -> None:
     with pytest.raises(NodeError, match="estimation_mounts is 3 for 2 repeats"):
         Bench(Experiment, params_in(tmp_path, estimation_mounts=3))
+
+
+@pytest.mark.parametrize("stop", ["paper_guarded", "paper_verbatim"])
+def test_a_stop_rule_that_cannot_decide_among_two_depths_is_refused_before_anything_moves(
+    stop: str, tmp_path: Path
+) -> None:
+    phantoms = tmp_path / "phantoms.yaml"
+    phantoms.write_text("X: {bead: {depth_m: 0.002}}\nY: {bead: {depth_m: 0.006}}\n", encoding="utf-8")
+    two, out = {"phantoms": str(phantoms)}, tmp_path / "out"
+    with pytest.raises((PerceptionError, NodeError), match=r"2 classes.*posterior_threshold"):
+        Bench(Experiment, params_in(out, stop=stop, **two))
+    assert not out.exists()
+    with pytest.raises((PerceptionError, NodeError), match="2 classes"):
+        Bench(Experiment, params_in(out, stop=stop, depths=2))
+    fitting: list[dict[str, Any]] = [
+        two | {"stop": "posterior_threshold"},
+        {"phantoms": str(phantoms), "stop": stop, "depths": 7},
+        two | {"stop": stop, "plan": "repeatability"},
+        two | {"stop": stop, "trials": 0},
+        {"stop": stop},
+    ]
+    for number, params in enumerate(fitting):
+        assert Bench(Experiment, params_in(out / str(number), **params)).sent(Experiment.mount)
+
+
+def test_trials_without_training_are_refused_before_anything_moves(tmp_path: Path) -> None:
+    with pytest.raises(NodeError, match="training is 0"):
+        Bench(Experiment, params_in(tmp_path, training=0))

@@ -69,6 +69,16 @@ def test_the_truth_names_depth_rung_and_its_bound(flat: Bench[Phantom]) -> None:
     assert 0.0 < truth.bound <= 0.02
 
 
+def test_a_failing_region_is_told_once_per_mounting_and_ring(flat: Bench[Phantom]) -> None:
+    torque_n_m(flat, "C")
+    assert flat.sent(Phantom.guard) == []
+    torque_n_m(flat, "A")
+    flat.feed(Phantom.pose, pose())
+    (guard,) = flat.sent(Phantom.guard)
+    assert (guard.code, guard.remount, guard.ring_m) == ("A", 0, 0.016)
+    assert "small strain" in guard.words[0]
+
+
 def test_each_remount_draws_the_height_anew() -> None:
     bench = Bench(Phantom, {"height_sd_mm": 0.1})
     for remount in range(200):

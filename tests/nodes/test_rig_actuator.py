@@ -23,15 +23,19 @@ class ScriptedRing:
     def __init__(self) -> None:
         self.calls: list[str] = []
         self.settled = True
-        self.refuses = self.broken = False
+        self.refuses = self.broken = self.gone = self.is_open = False
         self.target_m = 0.0
         self.condition = Condition.OK
 
     def open(self, *_: Any) -> None:
         self.calls.append("open")
+        if self.gone:
+            raise DeviceError("ring: nobody answers")
+        self.is_open = True
 
     def close(self) -> None:
         self.calls.append("close")
+        self.is_open = False
 
     def health(self, now_ns: int) -> Health:
         return HEALTHY if self.condition is Condition.OK else Health(self.condition, 0, "scripted")
@@ -57,6 +61,8 @@ class ScriptedRing:
         self.calls.append("acknowledge")
 
     def read(self, *_: Any) -> RingReading:
+        if not self.is_open:
+            raise DeviceError("ring: not open; open it first")
         return RingReading(self.target_m, self.target_m, self.settled)
 
 
@@ -166,3 +172,24 @@ def test_a_lost_link_at_the_end_is_no_failure(leashed: Leashed) -> None:
     leashed.device.broken = True
     leashed.bench.executor.transition(Transition.DEACTIVATE)
     assert leashed.device.calls[-2:] == ["stop", "close"]
+
+
+def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_after_the_next(
+    leashed: Leashed,
+) -> None:
+    leashed.run(0.1)
+    leashed.device.condition, leashed.device.gone = Condition.LINK_LOST, True
+    leashed.run(0.1, "latched")
+    leashed.run(0.1, "starting", count=1)
+    report = leashed.bench.sent(RigActuator.report)[-1]
+    assert (report.condition, report.text) == ("link lost", "ring: nobody answers")
+    assert report.acknowledged_count == 1
+    leashed.send(1, 8.0)
+    leashed.run(0.1, "ready", count=1)
+    assert leashed.device.calls[-1] == "open"
+    leashed.device.condition, leashed.device.gone = Condition.OK, False
+    leashed.run(0.1, "starting", count=2)
+    assert leashed.device.calls[-3:] == ["close", "open", "acknowledge"]
+    assert leashed.bench.sent(RigActuator.report)[-1].condition == "ok"
+    leashed.run(0.1, "ready", count=2)
+    assert leashed.device.calls[-1] == "go 8"

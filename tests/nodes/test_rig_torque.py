@@ -13,6 +13,7 @@ from palp_core import Bench
 from palp_core.devices.health import HEALTHY, Health
 from palp_core.devices.protocols import TorqueBlock
 from palp_core.devices.wrench_state import bias_from
+from palp_core.runtime.lifecycle import Transition
 
 MS = 1_000_000
 
@@ -139,3 +140,25 @@ def test_blocks_are_even_and_end_at_a_gap(sensor: ScriptedSensor) -> None:
     assert (before.start_ns, after.start_ns) == (1 * MS, 8 * MS)
     assert after.rate_hz == pytest.approx(1000.0)
     assert not before.over_phantom
+
+
+def test_every_sample_across_a_fault_and_to_the_end_is_passed_on_once_at_its_time(
+    sensor: ScriptedSensor,
+) -> None:
+    bench = streaming(block_samples=20)
+    times_ms = [*range(1, 36), *range(60, 95), *range(500, 507)]  # a fault of 25 ms, one of 0.4 s
+    values = [1e-3 * k for k in range(len(times_ms))]
+    parts = [(0, 7), (7, 30), (30, 36), (36, 70), (70, 74)]
+    sensor.waiting = [samples(times_ms[a:b], values[a:b]) for a, b in parts]
+    bench.advance(0.1)
+    sensor.waiting = [samples(times_ms[74:], values[74:])]  # came after the last tick
+    bench.executor.transition(Transition.DEACTIVATE)
+    blocks = bench.sent(RigTorque.block)
+    given = [value for block in blocks for value in block.torque_n_m.tolist()]
+    assert given == values
+    starts_ms = [block.start_ns / MS for block in blocks]
+    ends_ms = [block.start_ns / MS + 1e3 * (len(block.torque_n_m) - 1) / block.rate_hz for block in blocks]
+    assert starts_ms == sorted(starts_ms)
+    assert {1.0, 60.0, 500.0} <= set(starts_ms)
+    assert {35.0, 94.0, 506.0} <= {round(end_ms, 6) for end_ms in ends_ms}
+    assert not sensor.is_open

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from msgs.safety import AcknowledgeRequest, LoadReport, RingReport, StageReport, StatusRequest, StopRequest
 from nodes import safety
-from nodes.safety import Safety
+from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
 from palp_core.devices.aerotech_stop import AxisReport, StopTimes
 from palp_core.devices.wire.aerotech import Fault
 from palp_core.errors import DeviceError
 from palp_core.runtime.lifecycle import Transition
+from palp_core.runtime.param_description import describe_params
 
 
 class ScriptedStop:
@@ -23,10 +26,11 @@ class ScriptedStop:
         self.calls: list[str] = []
         self.broken = False
         self.report = AxisReport("X", Fault(0), moving=False, enabled=True)
+        self.asked_ns: Callable[[], int] = int
 
-    def look(self) -> AxisReport:
+    def reports(self) -> list[AxisReport]:
         self._need_link()
-        return self.report
+        return [replace(self.report, asked_ns=self.asked_ns())]
 
     def abort(self) -> int:
         self._need_link()
@@ -36,7 +40,11 @@ class ScriptedStop:
     def rest(self, written_ns: int) -> StopTimes:
         self._need_link()
         self.calls.append("disable")
+        self.report = replace(self.report, enabled=False)
         return StopTimes(written_ns, written_ns, written_ns + 1)
+
+    def poll(self) -> list[AxisReport]:
+        return self.reports()
 
     def trip(self) -> StopTimes:
         return self.rest(self.abort())
@@ -57,6 +65,7 @@ class Watched:
         monkeypatch.setattr(safety, "AerotechStop", lambda *_, **__: self.link)
         given = {"stop_url": "socket://nowhere:8001", "watch_processes": False, **params}
         self.bench = Bench(Safety, given)
+        self.link.asked_ns = lambda: self.now_ns
         self.torque_n_m, self.condition, self.moving, self.y_m = 0.01, "ok", False, 0.0
         self.released: int | None = None
         self.silent: set[str] = set()
@@ -79,10 +88,16 @@ class Watched:
             if "torque" not in self.silent:
                 self.load()
             if "ring" not in self.silent:
-                report = RingReport(stamp_ns=self.now_ns, ring_m=0.008, moving=False, condition="ok")
-                self.bench.feed(Safety.ring, report)
+                self.watch_ring()
             if "stage" not in self.silent:
                 self.see()
+
+    def watch_ring(self, **fields: Any) -> None:
+        values: dict[str, Any] = {
+            "stamp_ns": self.now_ns, "ring_m": 0.008, "moving": False, "condition": "ok",
+            "acknowledged_count": self.status.acknowledged_count,
+        }  # fmt: skip
+        self.bench.feed(Safety.ring, RingReport(**{**values, **fields}))
 
     def see(self, **fields: Any) -> None:
         count = self.status.acknowledged_count if self.released is None else self.released
@@ -149,7 +164,8 @@ def test_a_trip_is_published_with_its_cause_and_the_last_second(watched: Watched
 
 
 @pytest.mark.parametrize(
-    ("missing", "cause"), [("torque", "stale"), ("stage", "lost heartbeat"), ("ring", "lost heartbeat")]
+    ("missing", "cause"),
+    [("torque", "lost heartbeat"), ("stage", "lost heartbeat"), ("ring", "lost heartbeat")],
 )
 def test_who_falls_silent_trips(watched: Watched, missing: str, cause: str) -> None:
     sweeping(watched)
@@ -157,6 +173,43 @@ def test_who_falls_silent_trips(watched: Watched, missing: str, cause: str) -> N
     watched.run(0.07)
     assert watched.trips() == [cause]
     assert watched.link.calls[:2] == ["abort", "disable"]
+
+
+def test_a_sensor_that_is_silent_while_its_node_speaks_is_stale(watched: Watched) -> None:
+    sweeping(watched)
+    last_ns, watched.silent = watched.now_ns, {"torque"}
+    for _ in range(6):
+        watched.run(0.005)
+        watched.load(sample_ns=last_ns, sample_count=0, torque_n_m=0.0, force_n=0.0)
+    assert watched.trips() == ["stale"]
+
+
+def test_a_watch_that_was_kept_from_running_stops_and_names_itself(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.clock.set(watched.now_ns + 75_000_000)
+    watched.bench.advance(0.01)
+    assert watched.trips() == ["late host"]
+    assert watched.link.calls == ["abort", "disable"]
+
+
+def test_a_watch_that_is_a_little_late_hears_first_what_waits_for_it(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.clock.set(watched.now_ns + 35_000_000)
+    watched.bench.advance(0.0)
+    assert watched.trips() == []  # nothing was heard for 35 ms, and nobody was silent
+    watched.run(0.1)
+    assert watched.trips() == []
+
+
+def test_what_an_axis_said_before_the_stop_is_no_new_motion(watched: Watched) -> None:
+    sweeping(watched)
+    before_ns = watched.now_ns
+    watched.link.asked_ns = lambda: before_ns
+    watched.link.report = AxisReport("X", Fault(0), moving=True, enabled=True)
+    watched.moving = False
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.run(0.1)
+    assert watched.link.calls == ["abort", "disable"]
 
 
 def test_a_stage_out_of_its_window_trips(watched: Watched) -> None:
@@ -267,6 +320,79 @@ def test_after_an_acknowledgement_the_stage_must_take_note_first(watched: Watche
     assert watched.status.permits
 
 
+def test_after_an_acknowledgement_the_ring_must_take_note_first(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.moving = False
+    watched.run(0.1)
+    assert watched.acknowledge().done
+    watched.silent = {"ring"}  # it is busy leaving the trip, and this was said before
+    watched.watch_ring(condition="stalled", acknowledged_count=0)
+    watched.watch_ring(acknowledged_count=0)
+    watched.run(0.2)
+    assert watched.status.state == "starting"
+    watched.silent = set()
+    watched.run(0.05)
+    assert watched.status.permits
+    assert watched.trips() == ["operator"]
+
+
+def test_a_trip_is_remembered_though_it_could_not_be_told(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise ValueError("no memory left")
+
+    sweeping(watched)
+    monkeypatch.setattr(watched.bench.node.memory, "trip", fail)
+    with pytest.raises(Exception, match="no memory left"):
+        watched.load(torque_n_m=0.101)
+    assert watched.link.calls[:2] == ["abort", "disable"]
+    kept = watched.bench.node.state
+    assert (kept.standing, kept.cause) == ("stopping", "torque")
+
+
+def test_a_sample_from_the_future_is_no_fresh_one(watched: Watched) -> None:
+    sweeping(watched)
+    watched.load(sample_ns=watched.now_ns + 10_000_000_000)
+    watched.run(0.05)
+    assert watched.trips() == ["stale"]
+
+
+def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=False)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.moving = False
+    watched.run(0.1)
+    assert watched.link.calls == ["abort", "disable"]
+    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=True)
+    watched.run(0.01)
+    assert watched.link.calls[2:4] == ["abort", "disable"]
+
+
+def test_a_trip_is_not_left_while_a_process_of_the_graph_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch, watch_processes=True)
+    stopped: list[int] = []
+    for name, found in (("find", 1), ("stopped", stopped), ("ended", [])):
+        monkeypatch.setattr(watched.bench.node.siblings, name, lambda found=found: found)
+    sweeping(watched)
+    stopped.append(4713)
+    watched.run(0.02)
+    watched.moving = False
+    watched.run(0.1)
+    reply = watched.acknowledge()
+    assert not reply.done
+    assert "4713" in reply.text
+    stopped.clear()
+    assert watched.acknowledge().done
+
+
+def test_a_limit_cannot_be_changed_without_effect() -> None:
+    described = describe_params(SafetyParams)
+    assert [name for name, param in described.items() if not param.read_only] == []
+
+
 def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> None:
     watched.run(0.1)
     reply = watched.acknowledge()
@@ -297,6 +423,19 @@ def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -
     assert "4711" in watched.status.text
 
 
+def test_a_process_of_the_graph_that_ends_in_a_sweep_trips(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch, watch_processes=True)
+    gone: list[int] = [4712]
+    for name, found in (("find", 1), ("stopped", []), ("ended", gone)):
+        monkeypatch.setattr(watched.bench.node.siblings, name, lambda found=found: found)
+    watched.run(0.1)
+    assert watched.trips() == []  # at rest it is the launcher's business
+    watched.moving = True
+    watched.run(0.05)
+    assert watched.trips() == ["lost heartbeat"]
+    assert "4712 of this graph has ended" in watched.status.text
+
+
 def test_it_stops_what_moves_when_it_ends(watched: Watched) -> None:
     sweeping(watched)
     watched.bench.executor.transition(Transition.DEACTIVATE)
@@ -310,3 +449,11 @@ def test_a_trip_outlives_its_node(watched: Watched, successor: Any) -> None:
     following.advance(0.1)
     reply = following.call(Safety.status, StatusRequest())
     assert (reply.state, reply.cause) == ("latched", "operator")
+
+
+def test_a_move_that_nobody_could_tell_of_is_stopped_at_the_end(watched: Watched) -> None:
+    watched.run(0.1)
+    assert watched.status.state == "ready"
+    watched.link.report = replace(watched.link.report, moving=True)  # and the stage's node is gone
+    watched.bench.executor.transition(Transition.DEACTIVATE)
+    assert watched.link.calls == ["abort", "disable", "close"]

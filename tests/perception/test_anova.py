@@ -120,3 +120,46 @@ def test_the_exact_test_gives_reference_values() -> None:
 
 def test_the_tests_are_declared() -> None:
     assert {m.name for m in methods("test")} == {"anova", "fisher", "mixed_logit", "permutation", "sign_flip"}
+
+
+def test_a_lost_outcome_is_not_testable_whichever_the_test() -> None:
+    depth, ring = table()
+    values = outcomes(1, 0.45)
+    values[3] = np.nan
+    rng = np.random.default_rng(0)
+    for found in (
+        two_way(values, depth, ring, names=NAMES),
+        permutation(values, depth, [0] * 180, rng, shuffles=50),
+        mixed_logit(values, {"depth": depth}, [0, 1] * 90),
+    ):
+        assert isinstance(found, NotTestable)
+        assert "not finite" in found.reason
+    pairs = {(one.first, one.second): one.p_bonferroni for one in bonferroni(values, depth)}
+    assert pairs["2", "4"] is None
+    assert pairs["4", "8"] is not None
+
+
+@pytest.mark.parametrize("values", [[], [1.0, 0.0, 1.0], np.ones((2, 2))])
+def test_a_test_without_a_label_for_every_trial_is_refused(values: list[float]) -> None:
+    with pytest.raises(PerceptionError, match="for every trial"):
+        two_way(values, ["a", "b"], ["c", "d"], names=NAMES)
+    with pytest.raises(PerceptionError, match="for every trial"):
+        bonferroni(values, ["a", "b"])
+    with pytest.raises(PerceptionError, match="for every trial"):
+        permutation(values, ["a", "b"], [0, 0], np.random.default_rng(0))
+    with pytest.raises(PerceptionError, match="for every trial"):
+        mixed_logit(values, {"a": ["a", "b"]}, [0, 1])
+
+
+def test_rounding_is_no_variance() -> None:
+    same = [0.3, 0.1 + 0.2] * 6
+    assert isinstance(two_way(same, list("aab") * 4, list("cdddcc") * 2, names=NAMES), NotTestable)
+    assert bonferroni([*same, *outcomes(1, 0.0)[:12]], [0] * 12 + [1] * 12)[0].p_bonferroni is None
+    assert isinstance(permutation(same, list("ab") * 6, [0] * 12, np.random.default_rng(0)), NotTestable)
+
+
+def test_a_mixed_logit_of_shares_is_refused() -> None:
+    with pytest.raises(PerceptionError, match="right"):
+        mixed_logit([0.5, 0.2, 0.9, 1.0], {"a": list("abab")}, [0, 0, 1, 1])
+    with pytest.raises(PerceptionError, match="at least one"):
+        permutation([0.0, 1.0], ["a", "b"], [0, 0], np.random.default_rng(0), shuffles=0)

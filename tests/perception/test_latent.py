@@ -175,4 +175,17 @@ def test_a_model_that_cannot_be_is_refused() -> None:
 
 
 def test_the_filters_are_declared() -> None:
-    assert {m.name for m in methods("filter")} == {"naive", "latent"}
+    assert {m.name for m in methods("filter")} == {"naive", "latent", "latent_ring", "latent_trial"}
+
+
+def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None:
+    slope = np.array([[[[1.4, 3.0]], [[1.2, 2.0]]]])  # one class, two settings: ring and height
+    model = latent.OffsetModel(
+        np.zeros((1, 2, 1)), np.full((1, 2, 1, 1), 1e-9), slope, np.array([1.7e-4, 1e-4]), (True, False)
+    )
+    for kind, stays in (("latent_ring", (True,)), ("latent_trial", (False,)), ("naive", ())):
+        known = find("filter", kind).target(model)
+        assert known.renewed_by_move == stays
+        for setting in (0, 1):
+            single = [latent.predict(m, latent.start(m), setting)[1].item() for m in (model, known)]
+            assert single[1] == pytest.approx(single[0], rel=1e-12)

@@ -82,3 +82,21 @@ def test_what_did_not_meet_the_same_sessions_is_refused() -> None:
         compare({"a": [1.0]}, [("a", "c")], rng())
     with pytest.raises(PerceptionError, match="one finite value"):
         cluster_bootstrap([], rng())
+
+
+@pytest.mark.parametrize("values", [[], [0.1, np.nan], [[0.1, 0.2]]])
+def test_differences_without_a_number_for_each_session_are_refused(values: list[float]) -> None:
+    with pytest.raises(PerceptionError, match="one finite difference"):
+        sign_flip(values, rng())
+
+
+@pytest.mark.parametrize("p_values", [[0.01, np.nan], [1.2], [-0.1]])
+def test_what_is_no_p_value_is_no_member_of_a_family(p_values: list[float]) -> None:
+    with pytest.raises(PerceptionError, match="between 0 and 1"):
+        holm(p_values)
+
+
+@pytest.mark.parametrize("wrong", [{"confidence": 95.0}, {"resamples": 0}])
+def test_an_interval_of_nothing_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(PerceptionError, match="resample"):
+        cluster_bootstrap([0.1, 0.2], rng(), **wrong)  # type: ignore[arg-type]

@@ -115,7 +115,7 @@ def test_a_verdict_needs_a_probe() -> None:
 
 
 def test_rules_are_found_by_name() -> None:
-    assert stop_rule("paper_guarded", settled=0.1) == PaperGuarded(settled=0.1)
+    assert stop_rule("paper_guarded", 0.1) == PaperGuarded(threshold=0.1)
     assert {m.name for m in methods("stop")} == {
         "paper_verbatim",
         "paper_guarded",
@@ -160,3 +160,13 @@ def test_relabelling_the_depths_changes_no_verdict(seed: int) -> None:
 
 def test_total_variation_is_one_between_certainties() -> None:
     assert total_variation(np.array([1.0, 0.0]), np.array([0.0, 1.0])) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "max_probes"),
+    [("fixed_number", 20, 15), ("fixed_number", 0, 4), ("paper_guarded", 0, 0)],
+)
+def test_a_rule_that_never_gets_its_probes_is_refused(name: str, value: float, max_probes: int) -> None:
+    with pytest.raises(PerceptionError, match=f"max_probes is {max_probes}"):
+        stop_rule(name, value, max_probes=max_probes)
+    assert stop_rule("fixed_number", 15, max_probes=15) == FixedNumber(15)

@@ -14,7 +14,7 @@ from palp_core.runtime.doorbell import ENDPOINT, Doorbell
 from palp_core.runtime.wire import Kind, pack
 from palp_core.runtime.zmq_subscriber import Subscriber
 
-PATIENCE_MS = 20_000
+PATIENCE_MS = 60_000
 
 
 class House:

@@ -125,6 +125,19 @@ def test_a_publisher_that_does_not_answer_is_waited_for_and_then_the_gap_is_coun
     assert edge.counter.lost == 2
 
 
+def test_a_reader_that_was_away_still_waits_for_the_answer_and_blames_nobody() -> None:
+    edge = Edge(RELIABLE, answers=False)
+    edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1), frame(3))
+    edge.now_ns += 5 * FILL_NS  # stopped, or in one long handler, while the answer came
+    edge.reception.pardon(5 * FILL_NS, edge.now_ns)
+    edge.wait(0)
+    assert edge.reception.heard_ns == edge.reception.data_ns == edge.now_ns
+    edge.kept, edge.answers = [frame(2)], True
+    edge.answer()
+    assert edge.taken == [1, 2, 3]
+    assert edge.counter.lost == 0
+
+
 def test_a_lost_tail_is_noticed_by_the_heartbeat_and_filled() -> None:
     edge = Edge(RELIABLE)
     edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1))

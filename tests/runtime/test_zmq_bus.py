@@ -21,7 +21,7 @@ from palp_core.runtime.zmq_bus import Broadcast, ask
 from palp_core.runtime.zmq_subscriber import Subscriber
 from palp_core.units import RatioArray
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 class Block(Message):

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palp_core.errors import OutOfRange
 from palp_core.mechanics.contact.fem_failures import (
     coarse_cells,
+    critical_step_s,
+    explicit_growth,
+    finite_strain_error,
     iterations_of_conjugate_gradients,
+    residual_of_direct_solution,
     small_strain_excess,
     softness_error_of_linear_triangles,
     softness_error_of_taylor_hood,
@@ -39,6 +44,14 @@ def test_conjugate_gradients_give_up_near_incompressibility() -> None:
     assert known == sorted(known)
     assert known[2] > 2 * known[0]
     assert iterations_of_conjugate_gradients(0.4999) is None
+    assert all(residual_of_direct_solution(nu) < 1e-8 for nu in (0.3, 0.49, 0.4999))
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+def test_explicit_elements_blow_up_past_a_step_of_microseconds_and_not_before(poisson: float) -> None:
+    assert explicit_growth(poisson, 0.98) < 2.0
+    assert explicit_growth(poisson, 1.02) > 1e6
+    assert 1e-6 < critical_step_s(poisson) < 1e-4
 
 
 def test_cells_larger_than_the_gel_over_the_bead_spoil_the_compliance_unless_averaged() -> None:
@@ -59,6 +72,7 @@ def test_a_block_that_ends_too_near_is_too_stiff() -> None:
     assert errors[0] < -0.02
     assert errors[2] < -1e-3
     assert abs(errors[3]) < 1e-3
+    assert abs(softness_error_of_taylor_hood(0.49, 6, 0.3)) < 1e-3  # the endless layer is the widest block
 
 
 @pytest.mark.slow
@@ -67,3 +81,6 @@ def test_small_strain_overstates_the_force_where_the_indentation_nears_the_depth
     assert excess == sorted(excess)
     assert excess[0] < 0.05
     assert excess[2] > 0.10
+    assert np.abs(finite_strain_error(np.array([0.0005, 0.002, 0.004, 0.006]), 0.008)).max() < 0.02
+    with pytest.raises(OutOfRange, match="fold"):
+        finite_strain_error(np.array([0.0061]), 0.008)

@@ -17,7 +17,8 @@ from palp_core.launch.graph import Graph
 from palp_core.mechanics.scene import Scene
 from palp_core.perception.primitives import Primitives
 from palp_core.perception.rig_noise import Component, RigNoise, latent_model, read_noise, write_noise
-from palp_core.studies.redecide import Methods, height_slope, redecide
+from palp_core.studies.height_slope import height_slope
+from palp_core.studies.redecide import Methods, redecide
 from palp_core.studies.session import read_session
 from palp_core.studies.stored import read_stored
 
@@ -113,7 +114,12 @@ def test_the_latent_filter_needs_a_noise_file_and_takes_it(session: Path, tmp_pa
         run(session, "--filter", "latent")
     write_noise(NOISE, tmp_path / "noise.yaml")
     found = json.loads(run(session, "--filter", "all", "--noise", tmp_path / "noise.yaml", "--json").stdout)
-    assert {row["filter"] for row in found["results"]} == {"naive", "latent"}
+    assert {row["filter"] for row in found["results"]} == {
+        "naive",
+        "latent",
+        "latent_ring",
+        "latent_trial",
+    }
 
 
 def test_the_latent_filter_is_less_sure_of_readings_that_share_an_error(session: Path) -> None:
@@ -183,3 +189,11 @@ def test_a_noise_file_is_read_back_and_mistakes_are_named(tmp_path: Path) -> Non
     )
     with pytest.raises(PerceptionError, match="sweep_sd_n_m is -1"):
         read_noise(path)
+
+
+@pytest.mark.parametrize("command", ["analyse", "phantom fit"])
+def test_a_session_named_twice_is_refused_for_it_would_count_as_two(session: Path, command: str) -> None:
+    with pytest.raises(PalpError, match="named twice"):
+        CliRunner().invoke(
+            app, [*command.split(), str(session), str(session / ".." / session.name)], catch_exceptions=False
+        )

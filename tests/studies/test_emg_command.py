@@ -244,3 +244,19 @@ def test_a_signal_that_cannot_be_used_is_named_with_its_file(
     silent = write(tmp_path / "silent.csv", np.zeros((2, 3000)))
     with pytest.raises(PalpError, match=r"silent\.csv: the MVC recording is silent"):
         run("analyse", recording[0], "--fs", 1500, "--mvc", silent)
+
+
+def test_a_column_number_that_is_the_time_in_the_mvc_is_refused(
+    recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    timed = tmp_path / "mvc.csv"
+    both = np.loadtxt(recording[1], delimiter=",", skiprows=1)
+    times_s = np.arange(len(both)) / RATE_HZ
+    np.savetxt(timed, np.column_stack([times_s, both]), delimiter=",", header="time,a,b", comments="")
+    with pytest.raises(PalpError, match="--fds names time, which is the time"):
+        run("analyse", recording[0], "--fs", RATE_HZ, "--fds", 0, "--edc", 1, "--mvc", timed)
+
+
+def test_rails_that_are_not_in_order_are_refused(recording: tuple[Path, Path]) -> None:
+    with pytest.raises(PalpError, match="the lower one comes first"):
+        run("analyse", recording[0], "--fs", RATE_HZ, "--mvc", recording[1], "--rails", 1, 1)

@@ -249,3 +249,13 @@ def test_a_stated_rate_that_differs_from_the_files_is_noted(tmp_path: Path) -> N
     path = tmp_path / "a.npz"
     np.savez(path, fds=EMG[0], edc=EMG[1], fs=2000.0)
     assert "--fs says 1500 Hz" in guess(read_emg(path), fs_hz=1500.0).notes[0]
+
+
+@pytest.mark.parametrize("decimals", [4, 5, 9])
+def test_a_rounded_time_column_tells_the_rate_all_the_same(tmp_path: Path, decimals: int) -> None:
+    rng = np.random.default_rng(1)
+    times = np.round(np.delete(np.arange(3000) / 1500.0, np.arange(2000, 2050)), decimals)
+    table = np.c_[times, rng.standard_normal((times.size, 2))]
+    path = tmp_path / "trial.csv"
+    np.savetxt(path, table, delimiter=",", header="Time,FDS,EDC", comments="", fmt="%.9f")
+    assert guess(read_emg(path)).rate_hz == pytest.approx(1500.0, rel=1e-3)

@@ -143,3 +143,8 @@ def test_no_burst_is_an_error_with_the_way_out(files: list[Path]) -> None:
     mvc, trial, *_ = files
     with pytest.raises(PalpError, match="prominence"):
         run("fit", trial, "--mvc", mvc, "--fs", RATE_HZ, "--prominence", 5.0)
+
+
+def test_a_trial_named_twice_is_refused_for_it_would_count_as_two(files: list[Path]) -> None:
+    with pytest.raises(PalpError, match="named twice"):
+        run("fit", files[1], f"2={files[1]}", "--mvc", files[0], "--fs", RATE_HZ)

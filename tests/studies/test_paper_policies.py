@@ -46,7 +46,7 @@ def test_every_policy_decides_every_trial(name: str, sessions: list[Session]) ->
 def test_a_name_that_is_none_is_refused_with_those_there_are(sessions: list[Session]) -> None:
     with pytest.raises(PalpError, match="there is no policy 'best'; there are chance"):
         run("best", sessions[0], PaperVerbatim())
-    with pytest.raises(PalpError, match="no filter 'kalman'"):
+    with pytest.raises(PalpError, match="no method 'kalman' for task 'filter'"):
         run("uniform", sessions[0], PaperVerbatim(), filter_name="kalman")
     with pytest.raises(PalpError, match=r"rings \(0.005,\)"):
         run("fixed_5", sessions[0], PaperVerbatim())

@@ -120,6 +120,9 @@ def test_the_mechanics_name_their_rung_and_bound(record: Writer, summary: Summar
     mechanics = built(out := record(), summary(out))["mechanics"]
     assert mechanics["bound"] <= mechanics["tolerance"] == 0.02
     assert set(mechanics["per_phantom"]) == {"A", "B", "C"}
+    guards = {code: one["guards"] for code, one in mechanics["per_phantom"].items()}
+    assert [words[:36] for words in guards["A"]] == ["ring_m = 0.016: small strain: 2 mm p"]
+    assert guards["C"] == []
 
 
 def test_the_scene_names_its_numbers_and_whether_they_were_published(

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from palp_core.studies.touch import Gel, Touch, measured, read, sweep_torque, touch
+from palp_core.methods import find
+from palp_core.studies.touch import Gel, Touch, measured, read, scene_quantities, sweep_torque, touch
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +44,14 @@ def test_slopes_are_differences(felt: Touch) -> None:
 def test_a_stiffer_joint_and_a_higher_phantom_feel_more(felt: Touch) -> None:
     assert felt.nominal()[0, 1] > 2.0 * felt.nominal()[0, 0]
     assert (felt.height_slope() > 0.0).all()
+
+
+def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> None:
+    """A soft gel under a stiff joint: there L2's peak is as wrong as its force."""
+    soft, usual = Gel(modulus_pa=8e3), Gel()
+    asked = scene_quantities(soft, 0.004)
+    assert asked["ring_m"] == soft.rings_m
+    assert asked["depth_per_tip"] == pytest.approx(0.004 / 0.006)
+    assert np.min(asked["yielding"]) < 0.4
+    bounds = [find("contact", "l2").bound("peak", scene_quantities(gel, 0.004)) for gel in (usual, soft)]
+    assert bounds == [0.01, 0.18]

@@ -5,6 +5,7 @@ Nothing here looks at a clock: whoever plays says what time it is on the machine
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator
 
 from palp_core.bag.player import span_ns
@@ -88,10 +89,10 @@ class Playback:
         self._now_ns = now_ns
 
     def due_ns(self) -> int | None:
-        """Return when the next message is due; None if none is."""
+        """Return when the next message is due, never a moment early; None if none is."""
         if self._next is None or self.paused:
             return None
-        return self._now_ns + round((self._next.log_ns - self._at_ns) / self.rate)
+        return self._now_ns + math.ceil((self._next.log_ns - self._at_ns) / self.rate)
 
     def position_ns(self, now_ns: int) -> int:
         """Return where in the bag playing is; a player that is late has not passed its next message."""

@@ -23,11 +23,17 @@ def analyse(
         str, typer.Option(help="How noise is taken off; names with commas, or all.")
     ] = "db10_soft",
     feature: Annotated[str, typer.Option(help="What is read off a sweep; as above.")] = "peak",
-    filter: Annotated[str, typer.Option(help="naive, eq. (7), or latent; as above.")] = "naive",
+    filter: Annotated[str, typer.Option(help="What is known to stay; as above.")] = "naive",
     likelihood: Annotated[str, typer.Option(help="Of the naive filter; as above.")] = "normal",
     stop: Annotated[str, typer.Option(help="Stop rule; as above.")] = "paper_guarded",
+    stop_value: Annotated[
+        float, typer.Option(help="The stop rule's own number: T, probability or count; 0: its default.")
+    ] = 0.0,
+    depths: Annotated[
+        int, typer.Option(min=0, help="Decide on a grid of so many depths; 0: among the trained ones.")
+    ] = 0,
     max_probes: Annotated[int, typer.Option(min=1, help="Probes after which a trial is undecided.")] = 15,
-    noise: Annotated[Path | None, typer.Option(help="Noise file: what stays; for the latent filter.")] = None,
+    noise: Annotated[Path | None, typer.Option(help="Noise file: what stays; for latent filters.")] = None,
     scene: Annotated[
         Path | None, typer.Option(help="Scene file; for the latent filter. Default: the assumed scene.")
     ] = None,
@@ -39,7 +45,7 @@ def analyse(
     from palp_core.mechanics.scene_file import read_scene
     from palp_core.perception.rig_noise import read_noise
     from palp_core.studies import analysis
-    from palp_core.studies.stored import read_stored
+    from palp_core.studies.stored import read_sessions
 
     combos = analysis.combinations(
         smoother=smoother,
@@ -47,7 +53,9 @@ def analyse(
         filter=filter,
         likelihood=likelihood,
         stop=stop,
+        stop_value=stop_value,
         max_probes=max_probes,
+        depth_count=depths,
     )
     if out is not None:
         try:
@@ -55,7 +63,7 @@ def analyse(
         except OSError as error:
             raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
     record = analysis.analyse(
-        [read_stored(path) for path in outs],
+        read_sessions(outs),
         combos,
         noise=read_noise(noise) if noise else None,
         scene=read_scene(scene) if scene else None,

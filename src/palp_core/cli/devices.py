@@ -19,6 +19,7 @@ app = typer.Typer(
     help="Devices: which there are, try them, emulate them.", no_args_is_help=True, rich_markup_mode=None
 )
 
+RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
 KINDS = ("stage", "ring", "torque", "emg")
 DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help="Its name, as list prints it.")]
 OptionsArgument = Annotated[
@@ -50,10 +51,13 @@ def probe(
 ) -> None:
     """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
     from palp_core.devices.probe import probe as look
+    from palp_core.devices.probe import unverified
 
+    given = _options(options)
     try:
         with until_ctrl_c():
-            found = look(device, _options(options))
+            found = look(device, given)
+            open_points = unverified(device, given)
     except DeviceError as error:
         if as_json:
             print_json({"device": device, "answers": False, "text": str(error)})
@@ -61,11 +65,13 @@ def probe(
             note(str(error))
         sys.exit(1)
     if as_json:
-        print_json({"device": device, "answers": True, **found})
+        print_json({"device": device, "answers": True, **found, "unverified": open_points})
         return
     print_text(f"{device} answers")
     for name, value in found.items():
-        print_text(f"  {name}: {value}")
+        print_text(f"  {name}: {_number(value)}")
+    for name, check in open_points.items():
+        print_text(f"  not verified: {name}: {check}")
 
 
 @app.command("emulate")
@@ -81,9 +87,11 @@ def emulate(
     """Start emulated devices; print their options, then obey lines such as 'fault ati silence'."""
     from palp_core.devices.emulator import EmulatedRig, RigSettings
     from palp_core.devices.emulator.__main__ import serve
+    from palp_core.devices.emulator.axis import AxisSettings
     from palp_core.devices.emulator.world import WorldSettings
 
-    world = WorldSettings(seed=seed, phantoms="" if phantoms is None else str(phantoms))
+    raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
+    world = WorldSettings(seed=seed, phantoms="" if phantoms is None else str(phantoms), z_axis=raised)
     settings = RigSettings(world=world, host=host)
     rig = EmulatedRig(settings, devices) if devices else EmulatedRig(settings)
     with until_ctrl_c(), rig:
@@ -105,10 +113,15 @@ def monitor(
     as_json: JsonOption = False,
 ) -> None:
     """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
-    from palp_core.devices.probe import watch
+    from palp_core.devices.probe import unverified, watch
 
+    given, said = _options(options), False
     with until_ctrl_c():
-        for row in watch(device, _options(options), seconds, every):
+        for row in watch(device, given, seconds, every):
+            if not said:
+                said = True
+                for name, check in unverified(device, given).items():
+                    note(f"not verified: {name}: {check}")
             if as_json:
                 print_json(row)
             else:

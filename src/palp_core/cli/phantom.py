@@ -45,9 +45,9 @@ def fit(
     from palp_core.mechanics.scene_file import read_scene
     from palp_core.perception.rig_noise import read_noise
     from palp_core.studies.phantom_scene import fit_sources, record_of, scene_text
-    from palp_core.studies.stored import read_stored
+    from palp_core.studies.stored import read_sessions
 
-    sessions = [read_stored(path) for path in sources]
+    sessions = read_sessions(sources)
     found = fit_sources(
         sessions,
         start=read_scene(scene) if scene else None,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
-import time
 
+from palp_core.devices.patience import Patience
 from palp_core.devices.serial_link import SerialLink
 from palp_core.devices.wire import aerotech as wire
 from palp_core.errors import DeviceError, DeviceTimeout
@@ -84,7 +85,9 @@ class AerotechLink:
         """Return the answer as a number; errors as for :meth:`do`."""
         answer = self.ask(question)
         try:
-            return float(answer)
+            if math.isfinite(value := float(answer)):
+                return value
+            raise ValueError(value)
         except ValueError as error:
             raise self._out_of_step(f"answered {answer!r} to '{question}', no number") from error
 
@@ -106,16 +109,16 @@ class AerotechLink:
         if not self._in_step:
             self._resynchronise()
         self._link.write(sent)
-        until_s = time.monotonic() + self._timeout_s
+        patience = Patience(self._timeout_s)
         try:
-            reply = self._byte(until_s)
+            reply = self._byte(patience)
             while reply in b"\r\n":
-                reply = self._byte(until_s)
+                reply = self._byte(patience)
             if reply not in wire.REPLIES:
                 raise self._out_of_step(f"answered {reply!r} to {sent!r}")
             if reply != wire.ACKNOWLEDGED:
                 raise Refused(sent, reply)
-            return self._line(until_s) if has_value else b""
+            return self._line(patience) if has_value else b""
         except DeviceTimeout:
             self._in_step = False
             raise
@@ -124,9 +127,9 @@ class AerotechLink:
         self._rest = b""
         self._in_step = True
         self._link.write(wire.command("NONE"))
-        until_s, strange = time.monotonic() + self._timeout_s, b""
+        patience, strange = Patience(self._timeout_s), b""
         try:
-            while (byte := self._byte(until_s)) != b"!":
+            while (byte := self._byte(patience)) != b"!":
                 strange += byte if byte not in _ALPHABET else b""
         except DeviceTimeout as error:
             self._in_step = False
@@ -137,10 +140,11 @@ class AerotechLink:
             self._in_step = False
             raise
 
-    def _byte(self, until_s: float) -> bytes:
+    def _byte(self, patience: Patience) -> bytes:
         while not self._rest:
+            over = patience.over()
             self._rest = self._link.read_some()
-            if not self._rest and time.monotonic() > until_s:
+            if not self._rest and over:
                 raise DeviceTimeout(
                     f"aerotech: no answer within {self._timeout_s:g} s on {self._link.url};"
                     " check power, baud rate and the controller's ASCII interface"
@@ -148,7 +152,7 @@ class AerotechLink:
         byte, self._rest = self._rest[:1], self._rest[1:]
         return byte
 
-    def _line(self, until_s: float) -> bytes:
+    def _line(self, patience: Patience) -> bytes:
         line = b""
         while True:
             end = self._rest.find(b"\n")
@@ -158,7 +162,7 @@ class AerotechLink:
             line, self._rest = line + self._rest, b""
             if len(line) > _LONGEST:
                 raise self._out_of_step(f"answered {len(line)} bytes without an end")
-            self._rest = self._byte(until_s) + self._rest
+            self._rest = self._byte(patience) + self._rest
 
     def _out_of_step(self, what: str) -> DeviceError:
         self._in_step = False

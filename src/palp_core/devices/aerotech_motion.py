@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from contextlib import suppress
 
 from palp_core.devices.aerotech_leg import Leg, condition_of
 from palp_core.devices.aerotech_link import AerotechLink, Refused
@@ -20,6 +21,7 @@ __all__ = ["Motion"]
 
 _TRIES = 3
 _REST_S = 2.0
+_RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
 
 
 class Motion:
@@ -43,10 +45,8 @@ class Motion:
         self._legs: deque[Leg] = deque()
         self._active: Leg | None = None
         self._starting = self._aborting = False
-        self._aborts = 0
-        self._change = threading.Condition()
-        self._stop = threading.Event()
-        self._turn = self._failures = 0
+        self._turn = self._failures = self._aborts = 0
+        self._change, self._stop = threading.Condition(), threading.Event()
         self._judging = threading.Lock()  # no poll from before an acknowledgement is judged after it
         self._thread = threading.Thread(target=self._run, name="palp-aerotech", daemon=True)
 
@@ -193,16 +193,17 @@ class Motion:
                 self._trouble(Condition.DEVICE_FAULT, str(error))
             except DeviceTimeout as error:
                 self._failed(Condition.STALE, str(error))
+            except LinkLost as error:
+                self._trouble(Condition.LINK_LOST, str(error))
             except DeviceError as error:
-                lost = isinstance(error, LinkLost)
-                self._failed(Condition.LINK_LOST if lost else Condition.GARBLED, str(error), at_once=lost)
+                self._failed(Condition.GARBLED, str(error))
             spent_s = (self._host.now_ns() - began_ns) * 1e-9
             self._stop.wait(max(0.0, self._period_s - spent_s))
 
     def _poll(self) -> None:
         self._poll_positions()
-        axis = self._active.axis if self._active else self._axes[self._turn % 2]
         active = self._active
+        axis = active.axis if active else self._axes[self._turn % 2]
         status = self._link.bits(f"AXISSTATUS({axis})")
         self._turn += 1
         watched = self._axes[self._turn // 2 % 2] if status & wire.Status.ENABLED else axis
@@ -215,11 +216,8 @@ class Motion:
         elif not status & wire.Status.ENABLED:
             self._trouble(Condition.DISABLED, f"axis {axis} is disabled, and not by this driver")
         else:
-            recovers = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
-            if self._watch.read(now_ns).condition in recovers:
-                self._watch.fresh(now_ns)
-            else:
-                self._watch.touch(now_ns)
+            recovers = self._watch.read(now_ns).condition in _RECOVERS
+            (self._watch.fresh if recovers else self._watch.touch)(now_ns)
             if active is not None and not status & wire.Status.MOVING:
                 self._next(active)
 
@@ -241,11 +239,11 @@ class Motion:
             following, aborts = self._legs.popleft() if self._legs else None, self._aborts
             self._starting = following is not None
             self._change.notify_all()
-        if following is None:
-            self._poll_positions()
-            return
         try:
-            self._send(following, aborts)
+            if following is None:
+                self._poll_positions()
+            else:
+                self._send(following, aborts)
         finally:
             self._starting = False
 
@@ -255,7 +253,12 @@ class Motion:
         Raises:
             DeviceError: The controller refuses it, the link is lost, or it was aborted.
         """
-        self._link.do(leg.command)
+        try:
+            self._link.do(leg.command)
+        except DeviceError:  # it may have begun all the same, and after somebody's ABORT
+            with suppress(DeviceError):
+                self._link.shout(self._abort)
+            raise
         with self._change:
             if self._aborts == aborts:
                 self._active = leg
@@ -264,17 +267,16 @@ class Motion:
         raise DeviceError("stage: stopped while a move began")
 
     def _poll_positions(self) -> None:
-        stamps, places = [], []
-        for axis in self._axes:
-            asked_ns = self._host.now_ns()
-            places.append(self._link.number(f"PFBKPROG({axis})"))
-            stamps.append((asked_ns + self._host.now_ns()) // 2)
-        self._history.append(stamps[0], places[0], places[1])
+        asked_ns = self._host.now_ns()
+        first_mm = self._link.number(f"PFBKPROG({self._axes[0]})")
+        error_ns = (self._host.now_ns() - asked_ns) // 2
+        second_mm = self._link.number(f"PFBKPROG({self._axes[1]})")
+        self._history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
 
-    def _failed(self, condition: Condition, cause: str, *, at_once: bool = False) -> None:
+    def _failed(self, condition: Condition, cause: str) -> None:
         """Take up to two bad answers in a row as noise on the line."""
         self._failures += 1
-        if at_once or self._failures >= _TRIES or condition is Condition.STALE:
+        if self._failures >= _TRIES or condition is Condition.STALE:
             self._trouble(condition, cause)
 
     def _trouble(self, condition: Condition, cause: str) -> None:
@@ -285,11 +287,9 @@ class Motion:
         if condition is Condition.LINK_LOST:
             self._aborting = False
         elif was_busy:
-            try:
-                self._aborting = True
+            self._aborting = True
+            with suppress(DeviceError):
                 self._link.shout(self._abort)
-            except DeviceError:
-                return
 
     def _forget(self) -> None:
         with self._change:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import monotonic_ns
@@ -11,6 +12,8 @@ from palp_core.devices.wire import aerotech as wire
 from palp_core.errors import DeviceError
 
 __all__ = ["AerotechStop", "AxisReport", "StopTimes"]
+
+_KEPT = 100  # reports that nobody has asked for yet
 
 
 @dataclass(frozen=True)
@@ -24,20 +27,25 @@ class StopTimes:
 
 @dataclass(frozen=True)
 class AxisReport:
-    """What an axis says of itself; ``following_m`` is how far it is from where it is sent."""
+    """What an axis says of itself; ``following_m`` is how far it is from where it is sent.
+
+    ``asked_ns`` is when it was asked: what it says may be older than what was done since.
+    """
 
     axis: str
     fault: wire.Fault
     moving: bool
     enabled: bool
     following_m: float = 0.0
+    asked_ns: int = 0
 
 
 class AerotechStop:
     """Abort and disable, and nothing that moves.
 
     Every command is written past whatever the link was waiting for. The controller closes an idle TCP
-    connection: call :meth:`poll` at least once a second, which also notices a lost link.
+    connection, and a lost link must be noticed: a thread asks about one axis after another, so that whoever
+    decides waits for no answer and an ABORT leaves at once. :meth:`reports` says what it has heard.
 
     Args:
         url: Address, as a rule another TCP port of the controller than the driver's.
@@ -45,6 +53,8 @@ class AerotechStop:
         baud: Of a serial line.
         timeout_s: Longest wait for an answer.
         rest_s: How long to wait for rest between ABORT and DISABLE.
+        look_hz: How often the thread asks about an axis; 0: there is none, call :meth:`poll` once a second.
+        clock: Time in ns.
 
     Raises:
         DeviceError: Nobody answers there.
@@ -57,6 +67,7 @@ class AerotechStop:
         baud: int = 115200,
         timeout_s: float = 0.1,
         rest_s: float = 0.2,
+        look_hz: float = 0.0,
         clock: Callable[[], int] = monotonic_ns,
     ) -> None:
         self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
@@ -64,6 +75,14 @@ class AerotechStop:
         self._link = AerotechLink(url, baud, timeout_s)
         self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
         self._disable = b"".join(wire.command(f"DISABLE {axis}") for axis in axes)
+        self._heard: list[AxisReport | DeviceError] = []
+        self._hearing, self._closing = threading.Lock(), threading.Event()
+        self._looks: threading.Thread | None = None
+        if look_hz > 0.0:
+            self._looks = threading.Thread(
+                target=self._look_on, args=(1.0 / look_hz,), name="palp-stop", daemon=True
+            )
+            self._looks.start()
 
     def poll(self) -> list[AxisReport]:
         """Return what every axis says.
@@ -72,6 +91,21 @@ class AerotechStop:
             DeviceError: No answer, or the link is lost: the rig must not move.
         """
         return [self._report(axis) for axis in self._axes]
+
+    def reports(self) -> list[AxisReport]:
+        """Return what the thread has heard since the last call, without waiting.
+
+        Raises:
+            DeviceError: It got no answer, has ended, or the link is lost: the rig must not move.
+        """
+        with self._hearing:
+            heard, self._heard = self._heard, []
+        if self._looks is not None and not self._looks.is_alive():
+            raise DeviceError("aerotech: nobody looks at the axes any more; connect anew")
+        for item in heard:
+            if isinstance(item, DeviceError):
+                raise item
+        return [item for item in heard if isinstance(item, AxisReport)]
 
     def look(self) -> AxisReport:
         """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
@@ -121,13 +155,31 @@ class AerotechStop:
         return StopTimes(written_ns, resting_ns, self._clock())
 
     def close(self) -> None:
-        """Release the link."""
+        """End the thread and release the link."""
+        self._closing.set()
         self._link.close()
+        if self._looks is not None:
+            self._looks.join()
+
+    def _look_on(self, period_s: float) -> None:
+        """Ask about one axis after another until the link is closed."""
+        while not self._closing.wait(period_s):
+            heard: AxisReport | DeviceError
+            try:
+                heard = self.look()
+            except DeviceError as error:
+                heard = error
+            except Exception as error:  # noqa: BLE001 - or the watch would end unnoticed
+                heard = DeviceError(f"aerotech: {type(error).__name__} when asked about an axis: {error}")
+            with self._hearing:
+                self._heard = [*self._heard[-_KEPT:], heard]
 
     def _report(self, axis: str) -> AxisReport:
+        asked_ns = self._clock()
         status = self._link.bits(f"AXISSTATUS({axis})")
         fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
-        return AxisReport(axis, fault, bool(status & wire.Status.MOVING), bool(status & wire.Status.ENABLED))
+        moving, enabled = bool(status & wire.Status.MOVING), bool(status & wire.Status.ENABLED)
+        return AxisReport(axis, fault, moving, enabled, asked_ns=asked_ns)
 
     def _moves(self) -> bool:
         """Tell whether an axis is known to move; no answer is no reason to wait."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import socket
 import struct
 import threading
 from collections import deque
@@ -15,6 +14,8 @@ import numpy as np
 
 from palp_core.devices.health import Condition, Watch
 from palp_core.devices.host_time import HostTime
+from palp_core.devices.patience import Patience
+from palp_core.devices.socketcand import open_socketcand
 from palp_core.devices.wire import netcanoem as wire
 from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.units import Float64Array
@@ -50,7 +51,8 @@ class AtiSession:
 
     The sensor streams nothing and numbers nothing: a sample is one request and two replies, stamped in the
     middle between the two times. Replies count only if both arrive before the next request; what comes late
-    is thrown away before it, since a late reply looks like a prompt one.
+    is thrown away before every request, since a late reply looks like a prompt one, and each that is taken
+    for one makes the next late too: all samples from then on would be as old as the first delay.
 
     Args:
         bus_options: For :class:`can.Bus`.
@@ -108,6 +110,7 @@ class AtiSession:
             elif wait_ns < -self._period_ns:
                 self._due_ns = self._host.now_ns()
             self._due_ns += self._period_ns
+            self._drop_late()
         asked_ns = self._now_ns()
         first, second = self._exchange()
         now_ns = self._now_ns()
@@ -117,7 +120,8 @@ class AtiSession:
                 raise DeviceTimeout(
                     f"ati: no answer to {self._missed} requests; check power, bit rate and identifier"
                 )
-            self._drop_late()
+            if not self._period_ns:
+                self._drop_late()
             return
         self._missed = 0
         self._keep((asked_ns + now_ns) // 2, first, second)
@@ -178,8 +182,9 @@ class AtiSession:
         replies: list[bytes] = []
         try:
             self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
-            until_ns = self._host.now_ns() + round(_SET_UP_S * 1e9)
-            while len(replies) < len(lengths) and self._host.now_ns() < until_ns:
+            patience, over = Patience(_SET_UP_S, _SET_UP_S / 5), False
+            while len(replies) < len(lengths) and not over:
+                over = patience.over()
                 message = self._bus.recv(_SET_UP_S / 10)
                 wanted = (identifier + len(replies), lengths[len(replies)])
                 if message is not None and (message.arbitration_id, len(message.data)) == wanted:
@@ -221,19 +226,16 @@ class AtiSession:
 def _open_bus(options: Mapping[str, Any]) -> Any:
     """Open the bus.
 
-    For socketcand python-can would try for ten seconds without a pause; a look at the port comes first.
-
     Raises:
         DeviceError: It cannot be opened.
     """
     try:
-        if options.get("interface") == "socketcand":
-            socket.create_connection((options["host"], options["port"]), timeout=1.0).close()
         # python-can warns at every frame that came in two pieces
         logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
-        return can.Bus(**options)
-    except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError, TimeoutError) as error:
+        return open_socketcand(options) if options.get("interface") == "socketcand" else can.Bus(**options)
+    except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError) as error:
         raise DeviceError(
-            f"ati: cannot open the bus {options.get('interface')} {options.get('channel')}: {error};"
+            f"ati: cannot open the bus {options.get('interface')} {options.get('channel')}:"
+            f" {f'no option {error}' if isinstance(error, KeyError) else error};"
             " check interface, channel and options"
         ) from error

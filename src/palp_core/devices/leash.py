@@ -11,7 +11,7 @@ class Leash:
     """Permission to move, which ends by itself.
 
     A beat counts from when it was sent, so that one that waited in a queue while its reader was stopped
-    renews nothing.
+    renews nothing, nor does one that is older than the last or says to be sent later than it is now.
 
     Args:
         longest_s: Time after a beat at which permission ends without another.
@@ -24,7 +24,9 @@ class Leash:
         self._permits = False
 
     def renew(self, sent_ns: int, *, permits: bool) -> None:
-        """Take note of a beat and what it says."""
+        """Take note of a beat and what it says; a permission that is older than the last word is none."""
+        if permits and self._sent_ns is not None and sent_ns < self._sent_ns:
+            return
         self._sent_ns, self._permits = sent_ns, permits
 
     @property
@@ -34,7 +36,7 @@ class Leash:
 
     def alive(self, now_ns: int) -> bool:
         """Tell whether the last beat is fresh, whatever it says."""
-        return self._sent_ns is not None and now_ns - self._sent_ns <= self._longest_ns
+        return self._sent_ns is not None and abs(now_ns - self._sent_ns) <= self._longest_ns
 
     def permits(self, now_ns: int) -> bool:
         """Tell whether anything may move now."""

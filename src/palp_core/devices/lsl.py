@@ -11,7 +11,7 @@ import numpy as np
 
 from palp_core.devices.checks import check_range
 from palp_core.devices.emg_source import EmgSourceState, EmgStream
-from palp_core.devices.health import Health, Watch
+from palp_core.devices.health import Condition, Health, Watch
 from palp_core.devices.host_time import HostTime
 from palp_core.devices.protocols import EmgBlock
 from palp_core.devices.sample_line import SampleLine
@@ -77,9 +77,10 @@ class _Session:
     def __init__(self, source: LslEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
         try:
             lsl: Any = import_module("pylsl")
+            self._lost: Any = import_module("pylsl.util").LostError
         except (ImportError, RuntimeError) as error:
             raise DeviceError(f"lsl: pylsl cannot be used: {error}; pip install 'palp[lsl]'") from error
-        self._source, self._line, self._watch, self._host, self._lsl = source, line, watch, host, lsl
+        self._source, self._line, self._watch, self._host = source, line, watch, host
         found = lsl.resolve_byprop("name", source.stream, 1, source.find_s)
         if not found:
             raise DeviceError(
@@ -99,12 +100,16 @@ class _Session:
     def step(self, stop: threading.Event) -> None:
         try:
             samples, stamps = self._inlet.pull_chunk(timeout=_PULL_S, max_samples=256)
-        except self._lsl.LostError as error:
+        except self._lost as error:
             raise DeviceError(f"lsl: stream '{self._source.stream}' ended") from error
         if not len(stamps):
             return
         now_ns = self._host.now_ns()
         values = np.asarray(samples, dtype=np.float64)[:, list(self._source.channels)] * self._volt
+        if not np.all(np.isfinite(values)):
+            self._line.broken()
+            self._watch.report(Condition.GARBLED, now_ns, "samples that are not finite")
+            return
         period_s = 1.0 / self._source.rate_hz
         for begin, end, missing in _runs(np.asarray(stamps), self._next_s, period_s, self._source.gap_s):
             self._index += missing

@@ -68,6 +68,7 @@ class MaestroRing:
         duty: Largest share of the time that the motor runs (data sheet: 20 %).
         duty_window_s: Over which that is reckoned (assumed).
         poll_hz: Rate of the feedback.
+        stale_s: Longest silence; five polls at least.
         timeout_s: Longest wait for an answer.
         verified: Parameters checked on the device; ``*`` for all.
     """
@@ -98,6 +99,7 @@ class MaestroRing:
     duty: float = 0.2
     duty_window_s: float = 300.0
     poll_hz: float = 50.0
+    stale_s: float = 0.25
     timeout_s: float = 0.1
     verified: tuple[str, ...] = ()
 
@@ -106,16 +108,17 @@ class MaestroRing:
         check_range("ring", "margin_m", self.margin_m, 0.0, self.stroke_m / 4)
         check_range("ring", "zero_m", self.zero_m, self.margin_m, self.stroke_m - self.margin_m)
         check_range("ring", "speed_m_per_s", self.speed_m_per_s, 1e-4, _TOP_SPEED_M_PER_S)
+        check_range("ring", "poll_hz", self.poll_hz, 5.0, 500.0)
         check_range("ring", "retracted_us", self.retracted_us, 64.0, 4000.0)
         check_range("ring", "extended_us", self.extended_us, 64.0, 4000.0)
-        for name, low, high in (("settle_s", 0.0, 60.0), ("stall_s", 0.05, 60.0), ("poll_hz", 5.0, 500.0)):
+        for name, low, high in (("settle_s", 0.0, 60.0), ("stall_s", 0.05, 60.0), ("stale_s", 1e-3, 60.0)):
             check_range("ring", name, getattr(self, name), low, high)
         if self.retracted_us == self.extended_us or self.retracted_counts == self.extended_counts:
             raise DeviceError(
                 "ring: retracted and extended end have the same pulse or counts; calibrate them"
             )
         self._host = HostTime()
-        self._watch = Watch(max(0.25, 5.0 / self.poll_hz))
+        self._watch = Watch(max(self.stale_s, 5.0 / self.poll_hz))
         self._duty = DutyCycle(self.duty, self.duty_window_s)
         self._motion: RodMotion | None = None
 

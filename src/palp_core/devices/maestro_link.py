@@ -7,12 +7,13 @@ import time
 
 from palp_core.devices.serial_link import SerialLink
 from palp_core.devices.wire import maestro as wire
+from palp_core.errors import DeviceTimeout
 
 __all__ = ["MaestroLink"]
 
 _BAUD = 115200  # ignored by the USB command port
 _SILENCE_S = 0.1
-_LARGEST_INPUT = 1023
+_LONGEST_TALK_S = 1.0
 
 
 class MaestroLink:
@@ -78,15 +79,23 @@ class MaestroLink:
         which is longer than any input's reading, and whatever comes before it is thrown away.
 
         Raises:
-            DeviceTimeout: The pulse is not told in time.
+            DeviceTimeout: The pulse is not told in time, or the line never falls silent: it is no Maestro's.
         """
+        end_s = time.monotonic() + _LONGEST_TALK_S
         until_s = time.monotonic() + _SILENCE_S
         while time.monotonic() < until_s:
             if self._link.read_some():
                 until_s = time.monotonic() + _SILENCE_S
+                self._refuse_talker(end_s)
         self.command(wire.get_position(self._servo))
-        while int.from_bytes(self._link.read_exactly(2, self._timeout_s), "little") <= _LARGEST_INPUT:
-            pass
+        while int.from_bytes(self._link.read_exactly(2, self._timeout_s), "little") <= wire.LARGEST_INPUT:
+            self._refuse_talker(end_s)
+
+    def _refuse_talker(self, end_s: float) -> None:
+        if time.monotonic() > end_s:
+            raise DeviceTimeout(
+                f"maestro: {self._link.url} talks without being asked; is it another device's port?"
+            )
 
     def close(self) -> None:
         """Release the port."""

@@ -16,7 +16,6 @@ from palp_core.errors import DeviceError, DeviceTimeout
 __all__ = ["RodMotion"]
 
 _TRIES = 3
-_LARGEST_INPUT = 1023
 _PROGRESS_M = 0.15e-3  # two counts of the feedback
 
 
@@ -130,9 +129,9 @@ class RodMotion:
     def _poll(self) -> None:
         counts = self._link.position(self._rod.feedback)
         now_ns = self._host.now_ns()
-        if counts > _LARGEST_INPUT:
+        if counts > wire.LARGEST_INPUT:
             self._link.distrust()
-            raise DeviceError(f"maestro: feedback of {counts}, beyond {_LARGEST_INPUT}; check the line")
+            raise DeviceError(f"maestro: feedback of {counts}, beyond {wire.LARGEST_INPUT}; check the line")
         self._turn += 1
         error = self._link.errors() if self._turn % 5 == 0 else wire.Error(0)
         if error:

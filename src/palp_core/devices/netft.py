@@ -22,6 +22,7 @@ from palp_core.errors import DeviceError
 
 __all__ = ["NetFtTorque"]
 
+_FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
 _WAIT_S = 0.05
 _SILENCE_STEPS = 3
 _FORCE_N = {
@@ -137,9 +138,10 @@ class _Stream:
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             self._socket.connect((host, port))
-            self._socket.settimeout(_WAIT_S)
+            self._socket.settimeout(_FIRST_S)
             self._socket.send(rdt.request(rdt.START))
             first = self._socket.recv(65536)
+            self._socket.settimeout(_WAIT_S)
         except BaseException:
             self._socket.close()
             raise
@@ -207,7 +209,7 @@ def _read_scale(host: str, port: int) -> np.ndarray:
     Raises:
         DeviceError: No page, or no scales on it.
     """
-    connection = http.client.HTTPConnection(host, port, timeout=1.0)
+    connection = http.client.HTTPConnection(host, port, timeout=_FIRST_S)
     try:
         connection.request("GET", "/netftapi2.xml")
         tree = ElementTree.fromstring(connection.getresponse().read())

@@ -19,27 +19,31 @@ class PositionHistory:
     """The last polls of two positions, written by one thread and read by another."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[int, float, float]] = deque(maxlen=_LENGTH)
+        self._rows: deque[tuple[int, float, float, int]] = deque(maxlen=_LENGTH)
 
-    def append(self, stamp_ns: int, first: float, second: float) -> None:
-        """Add a poll."""
-        self._rows.append((stamp_ns, first, second))
+    def append(self, stamp_ns: int, first: float, second: float, error_ns: int = 0) -> None:
+        """Add a poll, which may have been answered ``error_ns`` before or after its stamp."""
+        self._rows.append((stamp_ns, first, second, error_ns))
 
     @property
     def last(self) -> tuple[float, float]:
         """The latest positions."""
-        _, first, second = self._rows[-1]
+        _, first, second, _ = self._rows[-1]
         return first, second
 
     def measured(self, span_s: float = 0.04) -> tuple[float, float, float]:
-        """Return the latest positions and the larger speed, over polls at least ``span_s`` apart."""
+        """Return the latest positions and the larger speed, over polls at least ``span_s`` apart.
+
+        It is the least speed that the two prove: an answer that was long in coming makes nothing fast.
+        """
         rows = list(self._rows)
         last = rows[-1]
         first = next((row for row in reversed(rows) if last[0] - row[0] >= span_s * 1e9), None)
         if first is None:
             return last[1], last[2], 0.0
         ways = (abs(last[1] - first[1]), abs(last[2] - first[2]))
-        return last[1], last[2], max(ways) / ((last[0] - first[0]) * 1e-9)
+        longest_ns = last[0] + last[3] - (first[0] - first[3])
+        return last[1], last[2], max(ways) / (longest_ns * 1e-9)
 
     def at(self, times_ns: Int64Array, beyond_s: float, *, moving: bool) -> tuple[Float64Array, Float64Array]:
         """Return both positions at times: straight between polls, past the last by its speed if it moves.
@@ -63,7 +67,7 @@ class PositionHistory:
             result.append(np.where(after_s > 0.0, values[-1] + speed * after_s, between))
         return result[0], result[1]
 
-    def _since(self, begin_ns: int) -> list[tuple[int, float, float]]:
+    def _since(self, begin_ns: int) -> list[tuple[int, float, float, int]]:
         """Return the polls from the last one before a time on, in order; at least two if there are."""
         found = []
         for row in reversed(list(self._rows)):

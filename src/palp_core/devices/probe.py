@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from threading import Event
 from typing import Any
 
 import numpy as np
 
-from palp_core.devices.aerotech_stop import AerotechStop
+from palp_core.devices.aerotech_link import AerotechLink, Refused
+from palp_core.devices.ati import AtiTorque
 from palp_core.devices.description import kind_of
 from palp_core.devices.emg_source import EmgSourceState
+from palp_core.devices.health import Condition
 from palp_core.devices.maestro_link import MaestroLink
 from palp_core.devices.protocols import EmgBlock, TorqueBlock
 from palp_core.devices.registry import open_device
+from palp_core.devices.unverified import UnverifiedWarning, not_verified
+from palp_core.devices.wire import aerotech as wire
+from palp_core.devices.wire import maestro as maestro_wire
 from palp_core.devices.wrench_state import WrenchState
 from palp_core.errors import DeviceError
 
-__all__ = ["probe", "watch"]
+__all__ = ["probe", "unverified", "watch"]
 
 _LONGEST_S = 5.0
 _LISTEN_S = 0.5
@@ -42,7 +48,21 @@ def probe(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
     row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
     if not row["samples"]:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
+    if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
+        raise DeviceError(
+            f"{device}: {row['state']}: what it sends makes no sense; check that it is one, and its rates"
+        )
     return row
+
+
+def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
+    """Return which parameters nobody has checked on the device, and what is to be checked of each.
+
+    Raises:
+        DeviceError: No such device or option, or ``verified`` names what needs no verification.
+    """
+    driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
+    return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
 
 
 def watch(
@@ -65,24 +85,30 @@ def watch(
     sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
     state: Any = WrenchState() if kind == "torque" else EmgSourceState()
     rng, pause = np.random.default_rng(0), Event()
-    sensor.open(time.monotonic_ns(), state, rng)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnverifiedWarning)  # it is asked for: unverified()
+        sensor.open(time.monotonic_ns(), state, rng)
     try:
-        _await_first(sensor, pause)
+        _await_first(device, sensor, pause)
         end_ns = time.monotonic_ns() + round(seconds * 1e9) if seconds else 0
         while not end_ns or time.monotonic_ns() < end_ns:
             pause.wait(every_s)
             now_ns = time.monotonic_ns()
             block = sensor.drain(now_ns, state, rng)
-            yield _row(block, str(sensor.health(now_ns).condition), every_s)
+            row = _row(block, str(sensor.health(now_ns).condition), every_s)
+            yield {**row, **_identity(sensor)}
     finally:
         sensor.close()
 
 
-def _await_first(sensor: Any, pause: Event) -> None:
+def _await_first(device: str, sensor: Any, pause: Event) -> None:
     until_ns = time.monotonic_ns() + round(_LONGEST_S * 1e9)
     while not (health := sensor.health(time.monotonic_ns())).ok:
         if time.monotonic_ns() > until_ns:
-            raise DeviceError(f"no data within {_LONGEST_S:g} s: {health.condition}: {health.cause}")
+            raise DeviceError(
+                f"{device}: no data within {_LONGEST_S:g} s: {health.condition}: {health.cause};"
+                " check that it measures, and its rate and baud rate"
+            )
         pause.wait(0.01)
 
 
@@ -108,19 +134,45 @@ def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float) -> dict[
     return row
 
 
+def _identity(sensor: Any) -> dict[str, Any]:
+    """Return what a sensor says of itself."""
+    if not isinstance(sensor, AtiTorque):
+        return {}
+    told = sensor.sensor
+    return {"serial_number": told.serial_number, "firmware": ".".join(map(str, told.firmware))}
+
+
 def _probe_stage(options: dict[str, Any]) -> dict[str, Any]:
-    axes = tuple(options.get("axes", ("X", "Y")))
-    link = AerotechStop(options["url"], axes, int(options.get("baud", 115200))) if "url" in options else None
-    if link is None:
+    if "url" not in options:
         raise DeviceError("aerotech: where is it? give url:=/dev/ttyUSB0 or url:=socket://HOST:8000")
+    stage: Any = open_device("stage", "aerotech", **options)
+    link = AerotechLink(stage.url, stage.baud, stage.timeout_s)
     try:
-        return {
-            report.axis: f"{'enabled' if report.enabled else 'disabled'}, "
-            f"{'moving' if report.moving else 'at rest'}, fault {report.fault.words}"
-            for report in link.poll()
-        }
+        return {axis: _axis(link, axis) for axis in stage.axes}
     finally:
         link.close()
+
+
+def _axis(link: AerotechLink, axis: str) -> str:
+    """Return how an axis does, in words; nothing but questions is sent."""
+    status = wire.Status(link.bits(f"AXISSTATUS({axis})"))
+    fault = wire.Fault(link.bits(f"AXISFAULT({axis})"))
+    words = [
+        "enabled" if status & wire.Status.ENABLED else "disabled",
+        "homed" if status & wire.Status.HOMED else "not homed",
+        "moving" if status & wire.Status.MOVING else "at rest",
+        f"at {link.number(f'PFBKPROG({axis})'):g} mm",
+        f"fault {fault.words}",
+    ]
+    try:
+        low, high = (
+            link.number(f"GETPARM({axis}, {number})")
+            for number in (wire.Parameter.SOFT_LIMIT_LOW, wire.Parameter.SOFT_LIMIT_HIGH)
+        )
+        words.append(f"soft limits {low:g} to {high:g} mm")
+    except Refused:
+        words.append("does not tell its soft limits")
+    return ", ".join(words)
 
 
 def _probe_ring(options: dict[str, Any]) -> dict[str, Any]:
@@ -129,10 +181,16 @@ def _probe_ring(options: dict[str, Any]) -> dict[str, Any]:
     ring: Any = open_device("ring", "maestro", **options)
     link = MaestroLink(ring.url, ring.crc, ring.timeout_s, ring.servo)
     try:
-        counts = link.position(ring.feedback)
+        link.distrust()  # the line must be silent while nobody asks
+        counts, pulse_us = link.position(ring.feedback), link.position(ring.servo) / 4.0
+        if counts > maestro_wire.LARGEST_INPUT or pulse_us > maestro_wire.LONGEST_US:
+            raise DeviceError(
+                f"maestro: feedback {counts} counts, pulse {pulse_us:g} us: no Maestro says that;"
+                " check the port, the baud rate and that crc is what it is set to"
+            )
         return {
             "feedback": f"{counts} counts, {ring.ring_m(counts) * 1e3:.2f} mm by the present calibration",
-            "pulse": f"{link.position(ring.servo) / 4.0:.2f} us",
+            "pulse": f"{pulse_us:.2f} us",
         }
     finally:
         link.close()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, Literal, overload
+from typing import Any, Literal, get_type_hints, overload
+
+import msgspec
 
 from palp_core.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
 from palp_core.errors import DeviceError
@@ -60,10 +62,12 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
     Args:
         kind: ``stage``, ``ring``, ``torque`` or ``emg``.
         name: A known name, or ``package.module:Class`` for a back end from elsewhere.
-        options: Parameters of that class.
+        options: Parameters of that class, as a YAML file can say them: lists stand for tuples, and a mapping
+            for a class of parameters (``limits: {y_m: [-0.02, 0.02]}``).
 
     Raises:
-        DeviceError: The kind, the name or an option is unknown; the message lists those there are.
+        DeviceError: The kind, the name or an option is unknown, and the message lists those there are; or an
+            option has another type.
     """
     found = back_end(kind, name)
     signature = inspect.signature(found)
@@ -73,7 +77,15 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
         raise DeviceError(
             f"{kind} device '{name}': {error}; its options are {', '.join(signature.parameters)}"
         ) from error
-    return found(**options)
+    hints = get_type_hints(found)
+    return found(
+        **{
+            option: _converted(f"{kind} device '{name}': {option}", value, hints[option])
+            if option in hints
+            else value
+            for option, value in options.items()
+        }
+    )
 
 
 def back_end(kind: str, name: str) -> Any:
@@ -85,6 +97,20 @@ def back_end(kind: str, name: str) -> Any:
             f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
         )
     return _load(kind, where)
+
+
+def _converted(where: str, value: Any, wanted: Any) -> Any:
+    """Return a value as the type of its parameter.
+
+    Raises:
+        DeviceError: It cannot be.
+    """
+    try:
+        return msgspec.convert(value, wanted)
+    except msgspec.ValidationError as error:
+        raise DeviceError(f"{where} = {value!r}: {error}") from error
+    except TypeError:  # a type that is not plain data, as an array is
+        return value
 
 
 def _load(kind: str, where: str) -> Any:

@@ -61,6 +61,7 @@ class Cause(StrEnum):
     RING_FAULT = "ring fault"
     LINK_LOST = "lost link"
     HEARTBEAT = "lost heartbeat"
+    LATE = "late host"
     OPERATOR = "operator"
     UNPERMITTED = "unpermitted motion"
 

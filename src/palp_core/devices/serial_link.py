@@ -5,12 +5,12 @@ from __future__ import annotations
 import socket
 import termios
 import threading
-import time
 from contextlib import suppress
 from typing import Any
 
 import serial
 
+from palp_core.devices.patience import Patience
 from palp_core.errors import DeviceError, DeviceTimeout
 
 __all__ = ["LinkLost", "SerialLink"]
@@ -26,6 +26,8 @@ class LinkLost(DeviceError):
 class SerialLink:
     """Bytes to and from a serial device, with time-outs and clear errors.
 
+    A device file is locked: of two programs on one line each would get a part of the answers.
+
     Args:
         name: The device, for messages.
         url: Its address.
@@ -39,13 +41,16 @@ class SerialLink:
         self.name, self.url = name, url
         self._write_lock = threading.Lock()
         try:
-            self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0)
+            self._port: Any = serial.serial_for_url(
+                url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0, exclusive=True
+            )
             connection = getattr(self._port, "_socket", None)
             if connection is not None:  # an ABORT does not wait 40 ms for the answer to what went before
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except (OSError, ValueError, termios.error) as error:
             raise DeviceError(
-                f"{name}: cannot open {url}: {error}; check address, cable and rights"
+                f"{name}: cannot open {url}: {error};"
+                " check address, cable and rights, and that no other program has it"
             ) from error
 
     def write(self, data: bytes) -> None:
@@ -81,13 +86,14 @@ class SerialLink:
             DeviceTimeout: They did not come in time.
             DeviceError: The link is lost.
         """
-        data, until_s = b"", time.monotonic() + timeout_s
+        data, patience = b"", Patience(timeout_s)
         while len(data) < count:
+            over = patience.over()
             try:
                 data += self._port.read(count - len(data))
             except _LOST as error:
                 raise self._lost(error) from error
-            if len(data) < count and time.monotonic() > until_s:
+            if len(data) < count and over:
                 raise DeviceTimeout(
                     f"{self.name}: {len(data)} of {count} bytes within {timeout_s:g} s on {self.url}"
                 )

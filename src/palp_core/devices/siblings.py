@@ -1,23 +1,27 @@
-"""Notice a process of the same graph that was stopped: it neither works nor ends, and nobody is told.
+"""Notice a process of the same graph that was stopped or killed: it does not work, and nobody may be told.
 
-A process that ends is noticed by its parent, which ends the graph and brings the stage to rest; one that
-is stopped by a signal is noticed by nobody for seconds. All nodes of a graph on one host have one parent.
+A process that ends is noticed by its parent, which tells the launcher, which ends the graph and brings the
+stage to rest; on a busy host that takes its time. One that is stopped by a signal is noticed by nobody for
+seconds. All nodes of a graph on one host have one parent, and that is the launcher's child.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+from collections import deque
 from pathlib import Path
 
 __all__ = ["Siblings"]
 
 _STOPPED = ("T", "t")
+_ENDED = ("", "Z", "X")
+_COUNTS = 10  # a node that changes hands has two processes for some of them
 _PROC = Path("/proc")
 
 
 class Siblings:
-    """The other children of this process's parent.
+    """The other children of this process's parent, that parent, and its own.
 
     Args:
         parent: Whose children to watch; this process's parent by default.
@@ -27,22 +31,39 @@ class Siblings:
     def __init__(self, parent: int | None = None, own: int | None = None) -> None:
         self._parent = os.getppid() if parent is None else parent
         self._own = os.getpid() if own is None else own
+        self._elders = [pid for pid in (self._parent, _state(self._parent)[1]) if pid > 1]
         self._known: list[int] = []
+        self._counts: deque[int] = deque(maxlen=_COUNTS)
 
     def find(self) -> int:
-        """Look for siblings anew; return their number. It reads the whole process table."""
+        """Look for living siblings anew; return their number. It reads the whole process table."""
         found = []
         for entry in _PROC.iterdir():
-            if entry.name.isdigit():
-                _, parent = _state(int(entry.name))
-                if parent == self._parent and int(entry.name) != self._own:
+            if entry.name.isdigit() and int(entry.name) != self._own:
+                letter, parent = _state(int(entry.name))
+                if parent == self._parent and letter not in _ENDED:
                     found.append(int(entry.name))
         self._known = sorted(found)
+        self._counts.append(len(found))
         return len(found)
 
+    def ended(self) -> list[int]:
+        """Return the siblings that have ended and left fewer behind than there were all the time.
+
+        One that hands over to another ends too, and leaves as many.
+        """
+        gone = [pid for pid in self._known if _state(pid)[0] in _ENDED]
+        least = min(self._counts, default=0)
+        return gone if gone and self.find() < least else []
+
     def stopped(self) -> list[int]:
-        """Return the known siblings that are stopped."""
-        return [pid for pid in self._known if _state(pid)[0] in _STOPPED]
+        """Return the known siblings and elders that are stopped."""
+        return [pid for pid in (*self._known, *self._elders) if _state(pid)[0] in _STOPPED]
+
+    def trouble(self, *, moving: bool) -> dict[int, str]:
+        """Return who is stopped and, while something moves, who has ended, in words by process."""
+        found = dict.fromkeys(self.stopped(), "is stopped")
+        return {**found, **dict.fromkeys(self.ended() if moving else (), "has ended")}
 
 
 def _state(pid: int) -> tuple[str, int]:

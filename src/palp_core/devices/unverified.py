@@ -7,15 +7,15 @@ from collections.abc import Collection, Mapping
 
 from palp_core.errors import DeviceError
 
-__all__ = ["UnverifiedWarning", "warn_unverified"]
+__all__ = ["UnverifiedWarning", "not_verified", "warn_unverified"]
 
 
 class UnverifiedWarning(UserWarning):
     """A parameter rests on documents or memory; check it on the device and name it in ``verified``."""
 
 
-def warn_unverified(device: str, advice: Mapping[str, str], verified: Collection[str]) -> None:
-    """Warn of each parameter in ``advice`` that is not ``verified``; ``*`` verifies all (an emulator).
+def not_verified(device: str, advice: Mapping[str, str], verified: Collection[str]) -> dict[str, str]:
+    """Return what in ``advice`` is not ``verified``, by name; ``*`` verifies all (an emulator).
 
     Raises:
         DeviceError: ``verified`` names what needs no verification.
@@ -26,9 +26,12 @@ def warn_unverified(device: str, advice: Mapping[str, str], verified: Collection
             f"{device}: verified names {', '.join(sorted(unknown))};"
             f" what can be verified: {', '.join(sorted(advice))}"
         )
-    for name in sorted(set(advice) - set(verified)) if "*" not in verified else []:
+    return {} if "*" in verified else {name: advice[name] for name in sorted(set(advice) - set(verified))}
+
+
+def warn_unverified(device: str, advice: Mapping[str, str], verified: Collection[str]) -> None:
+    """Warn of each parameter that is not verified; errors as for :func:`not_verified`."""
+    for name, check in not_verified(device, advice, verified).items():
         warnings.warn(
-            f"{device}: {name} is not verified on this device: {advice[name]}",
-            UnverifiedWarning,
-            stacklevel=3,
+            f"{device}: {name} is not verified on this device: {check}", UnverifiedWarning, stacklevel=3
         )

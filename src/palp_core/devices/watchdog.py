@@ -37,7 +37,7 @@ class WatchLimits:
         speed_share: How much faster than the driver's limit is a trip: speeds are differences of polls.
         following_m: Largest difference of commanded and measured position.
         stale_s: Longest time without a sample while motion is permitted.
-        beat_s: Longest time without a report of stage or ring.
+        beat_s: Longest time without a report of sensor, stage or ring, or without the watch itself running.
         bring_up_s: As much while the stage homes.
     """
 
@@ -64,7 +64,7 @@ class WatchLimits:
 
 @dataclass(frozen=True)
 class Load:
-    """The largest load since the last report, and when the latest sample was taken."""
+    """The largest load since the last report, when the latest sample was taken, and when that was said."""
 
     sample_ns: int
     torque_n_m: float
@@ -72,6 +72,7 @@ class Load:
     saturated: bool = False
     faulty: bool = False
     condition: str = "ok"
+    stamp_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -101,14 +102,17 @@ class Watchdog:
 
     def arm(self) -> None:
         """Forget what was heard."""
-        self._sample_ns = self._stage_ns = self._ring_ns = 0
-        self._bring_up = False
+        self._sample_ns = self._load_ns = self._stage_ns = self._ring_ns = 0
+        self._run_ns = self._judges_ns = 0
+        self._bring_up = self._hears_first = False
 
     def load(self, load: Load) -> list[Finding]:
         """Take note of a load; return what is wrong with it."""
         limits, found = self.limits.wrench, []
+        fresh = load.sample_ns > self._sample_ns  # silence does not take a load away
         if load.sample_ns:
             self._sample_ns = max(self._sample_ns, load.sample_ns)
+        self._load_ns = max(self._load_ns, load.stamp_ns or load.sample_ns)
         if load.saturated:
             found.append(Finding(Cause.SATURATED, "a gauge of the sensor is at the end of its range"))
         if load.faulty or load.condition == "device fault":
@@ -119,7 +123,8 @@ class Watchdog:
             torque = load.torque_n_m >= limits.stop_torque_n_m
             said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
             found.append(Finding(Cause.TORQUE if torque else Cause.FORCE, said))
-        self.warning = self._warning(load)
+        if fresh:
+            self.warning = self._warning(load)
         return found
 
     def stage(self, stage: Stage) -> list[Finding]:
@@ -143,8 +148,13 @@ class Watchdog:
             found.append(Finding(cause, f"the stage says: {stage.condition}"))
         return found
 
-    def ring(self, stamp_ns: int, condition: str) -> list[Finding]:
-        """Take note of the ring's report; return what is wrong with it."""
+    def ring(self, stamp_ns: int, condition: str, *, released: bool = True) -> list[Finding]:
+        """Take note of the ring's report; return what is wrong with it.
+
+        One that has not taken note of the last release says what was before it, and may be busy leaving it.
+        """
+        if not released:
+            return []
         self._ring_ns = max(self._ring_ns, stamp_ns)
         if condition in (*_GOOD, "closed"):
             return []
@@ -159,18 +169,46 @@ class Watchdog:
             found.append(Finding(Cause.FOLLOWING, said))
         return found
 
+    def run(self, now_ns: int, period_s: float) -> list[Finding] | None:
+        """Note that the watch runs; say whether it was kept from it, and None if it had better hear first.
+
+        A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
+        Being late itself for longer than a heartbeat is a reason of its own to stop, as
+        nobody has watched meanwhile.
+
+        Args:
+            now_ns: Time of this run.
+            period_s: Time between two.
+        """
+        before_ns, self._run_ns = self._run_ns, now_ns
+        late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0
+        if late_s > self.limits.beat_s:
+            said = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
+            return [Finding(Cause.LATE, f"{said}, the limit is {self.limits.beat_s * 1e3:g} ms")]
+        if late_s > period_s and not self._hears_first:
+            self._hears_first, self._judges_ns = True, now_ns + round(2e9 * period_s)
+        if now_ns < self._judges_ns:
+            return None
+        self._hears_first = False  # it judges now, before it may be excused again: it may be late for ever
+        return []
+
     def late(self, now_ns: int) -> list[Finding]:
-        """Say what has not been heard of for too long; empty while motion may go on."""
+        """Say what has not been heard of for too long; empty while motion may go on.
+
+        A sensor that is silent while its node speaks is stale; a node that does not speak has lost its
+        heartbeat, whatever its device does.
+        """
         limits = self.limits
         stage_s = limits.bring_up_s if self._bring_up else limits.beat_s
         return [
             Finding(cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms")
             for name, cause, last_ns, longest_s in (
+                ("last report of the sensor", Cause.HEARTBEAT, self._load_ns, limits.stale_s),
                 ("last torque sample", Cause.STALE, self._sample_ns, limits.stale_s),
                 ("last report of the stage", Cause.HEARTBEAT, self._stage_ns, stage_s),
                 ("last report of the ring", Cause.HEARTBEAT, self._ring_ns, limits.beat_s),
             )
-            if now_ns - last_ns > longest_s * 1e9 or not last_ns
+            if not last_ns or abs(now_ns - last_ns) > longest_s * 1e9  # nor may a stamp lie ahead
         ]
 
     @staticmethod

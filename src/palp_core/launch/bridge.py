@@ -61,7 +61,10 @@ from palp_core.runtime.reactor import Reactor
 __all__ = ["Bridge", "main"]
 
 EXCHANGES = 16
-ANSWER_WITHIN_NS = 5_000_000_000
+FOUND_WITHIN_S = 5.0
+ANSWER_WITHIN_S = 20.0
+"""After the handshake (assumed: the gateway of a busy host has had its turn by then)."""
+
 DRIFT_NS = 1_000_000
 PR_SET_PDEATHSIG = 1
 _LOG = logging.getLogger("palp.bridge")
@@ -122,11 +125,15 @@ class Bridge:
     def _on_beat_due(self) -> None:
         endpoint = self._call.endpoint
         if self._view is None:
-            if monotonic_ns() - self._began_ns > ANSWER_WITHIN_NS:
-                why = "it does not answer" if self._greeted else "no host or no gateway is there"
+            within_s, why = FOUND_WITHIN_S, "no host or no gateway is there"
+            if self._greeted:
+                within_s, why = ANSWER_WITHIN_S, "it does not answer"
+            elif self._caller.accepted:
+                return  # the handshake has its own end, and knows why
+            if monotonic_ns() - self._began_ns > within_s * 1e9:
                 self._lose(
-                    f"no graph at {endpoint} within 5 s: {why}. Is it launched with --listen, and no "
-                    "firewall between?"
+                    f"no graph at {endpoint} within {within_s:g} s: {why}. Is it launched with --listen, and "
+                    "no firewall between?"
                 )
             return
         self._gateway.beat()

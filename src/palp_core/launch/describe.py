@@ -26,6 +26,7 @@ from palp_core.runtime.birth import enter_workspace, load_module
 from palp_core.runtime.message import Message
 from palp_core.runtime.node import Node, declaration_of
 from palp_core.runtime.param_description import ParamDescription, describe_params
+from palp_core.runtime.params import load_params
 from palp_core.runtime.ports import Client, Port, Pub, Srv, Sub
 from palp_core.runtime.qos import Qos
 from palp_core.runtime.schema import json_schema, ros_text, schema_of
@@ -128,6 +129,9 @@ def _describe(request: DescribeRequest, workspace: Path) -> NodeDescription:
 
 def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
     declared = declaration_of(cls)
+    errors = param_errors(declared, request.params)
+    if not errors:
+        errors = cls.examine(load_params(declared, request.params, declared.params.__name__))
     ports = [
         *declared.subs.values(),
         *declared.pubs.values(),
@@ -139,7 +143,7 @@ def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
         doc=(cls.__doc__ or "").strip().partition("\n")[0],
         ports={port.name: _port(port) for port in ports},
         params=describe_params(declared.params),
-        param_errors=param_errors(declared, request.params),
+        param_errors=errors,
         moves=cls.moves,
         simulates=cls.simulates,
         records=cls.records,

@@ -25,8 +25,11 @@ __all__ = ["Feed", "Taker", "renewed"]
 
 QUEUE = 100_000
 SLICE_NS = 20_000_000
-ANSWER_NS = 1_000_000_000
-"""How long an answer is waited for (as a reader does); a publisher that is gone gives none."""
+ANSWER_NS = 4_000_000_000
+"""How long an answer is waited for; a publisher that is gone gives none, one on a busy host takes its time.
+
+Nothing waits for it here as in a reader; it is less than what a replay allows a message to come late.
+"""
 _FLAGS_OFFSET = 3  # from the NUL: version, kind, then flags
 
 

@@ -29,6 +29,8 @@ ALIVE_NS = 500_000_000
 SAY_WAITING_NS = 5_000_000_000
 DRAIN_NS = 300_000_000
 LONGEST_DRAIN_NS = 10_000_000_000
+QUIET_TURNS = 4
+"""On a busy host no time says that nothing comes: the thread that fetches it may have had no turn."""
 
 
 class LiveRecorder:
@@ -158,12 +160,15 @@ class LiveRecorder:
                 more always will.
         """
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
-        quiet_ns, before = monotonic_ns(), self._taker.taken
-        while (now_ns := monotonic_ns()) < min(quiet_ns + DRAIN_NS, end_ns) or self._feed.asking:
+        quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._taker.taken
+        while (now_ns := monotonic_ns()) < end_ns or self._feed.asking:
+            if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
+                break
             self._feed.take(WAIT_MS)
             self._taker.tick(now_ns)
+            quiet_turns += 1
             if self._taker.taken != before:
-                before, quiet_ns = self._taker.taken, now_ns
+                before, quiet_ns, quiet_turns = self._taker.taken, now_ns, 0
         summary = self._taker.close()
         self._feed.close()
         return summary

@@ -16,7 +16,7 @@ from palp_core.runtime.spec import topic
 
 __all__ = ["ASK_S", "LiveTopic", "is_order", "live_topics"]
 
-ASK_S = 1.0
+ASK_S = 3.0
 _LATCHED = {EVENTS: 100, HEALTH: 1}
 _HIDDEN: dict[str, type[Message]] = {EVENTS_PORT: builtin.NodeEvent, ORDER_PORT: builtin.Order}
 

@@ -9,14 +9,17 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
+from palp_core.bag.diff import first_difference
 from palp_core.bag.reader import Bag, RecordedMessage
 from palp_core.bag.recorder import SUMMARY_NAME
 from palp_core.bag.rounds import NODES_ATTACHMENT
+from palp_core.bag.values import decoder_for
 from palp_core.errors import BagError, NodeError
 from palp_core.launch.replay_result import Divergence, NodeReplay, differing_fields
 from palp_core.launch.replay_streams import InOrder, Inputs, key_of
@@ -36,15 +39,20 @@ from palp_core.runtime.wire import Kind, pack, parse
 __all__ = ["Divergence", "NodeReplay", "replay"]
 
 RECENT = 5
+Close = Callable[[float, float], bool]
 
 
-def replay(path: str | Path, nodes: Sequence[str], workspace: str | Path) -> list[NodeReplay]:
+def replay(
+    path: str | Path, nodes: Sequence[str], workspace: str | Path, close: Close | None = None
+) -> list[NodeReplay]:
     """Replay named nodes of a recorded run, each from the bag alone.
 
     Args:
         path: The bag.
         nodes: Running names.
         workspace: Folder that holds ``nodes/``.
+        close: Tells of two numbers whether they count as equal (another kind of processor rounds otherwise);
+            None: outputs are to have the recorded bytes.
 
     Raises:
         BagError: The bag was not recorded with its graph, has no such node, lacks a message that the node
@@ -62,7 +70,7 @@ def replay(path: str | Path, nodes: Sequence[str], workspace: str | Path) -> lis
         for name in nodes:
             if name not in specs:
                 raise BagError(f"{path}: no node '{name}' in it; there are: {', '.join(specs)}")
-        return [_Replay(bag, specs[name], str(workspace)).run() for name in nodes]
+        return [_Replay(bag, specs[name], str(workspace), close).run() for name in nodes]
 
 
 class _Replay:
@@ -72,8 +80,9 @@ class _Replay:
     written down; and anew after a restart, a swap or a hole in the written order.
     """
 
-    def __init__(self, bag: Bag, spec: NodeSpec, workspace: str) -> None:
-        self._bag, self._spec, self._workspace = bag, spec, workspace
+    def __init__(self, bag: Bag, spec: NodeSpec, workspace: str, close: Close | None) -> None:
+        self._bag, self._spec, self._workspace, self._close = bag, spec, workspace, close
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._clock = SimClock()
         self._frames: list[bytes] = []
         self._executor: Executor | None = None
@@ -223,13 +232,20 @@ class _Replay:
                 return self._diverged(
                     frame.topic, frame.sequence, f"{was}, replayed as {frame.sequence} at {frame.stamp_ns} ns"
                 )
-            if recorded.payload != bytes(frame.payload):
+            if not self._same(recorded, bytes(frame.payload)):
                 return self._diverged(
                     frame.topic, frame.sequence, differing_fields(recorded.payload, bytes(frame.payload))
                 )
             self._waiting[frame.topic] = None
             self._compared += 1
         return None
+
+    def _same(self, recorded: RecordedMessage, payload: bytes) -> bool:
+        if recorded.payload == payload or self._close is None:
+            return recorded.payload == payload
+        name = recorded.stream.topic.name
+        known = self._decoders[name] = self._decoders.get(name) or decoder_for(recorded.stream)
+        return first_difference(known(recorded.payload), known(payload), self._close) is None
 
     def _next_output(self, name: str, key: tuple[int, int]) -> RecordedMessage | None:
         """Return the recorded output that is due; what is before the place of beginning is not compared."""

@@ -1,10 +1,11 @@
 """Quasi-static equilibrium of the yielding joint along a sweep at constant height.
 
-The residual of :class:`~palp_core.mechanics.equilibrium_joint.Joint` is sampled on all angles from 0 to
-lift-off, once a millimetre of the path. The branch is followed through these samples as an overdamped joint
-would: from the last angle in the direction of the residual to the next root. Where there is one root only,
-positions between are interpolated and polished to round-off; where there are several, or the branch is steep,
-every position is sampled. So a sweep costs little more than a few evaluations of the contact per position.
+The residual of :class:`~palp_core.mechanics.equilibrium_joint.Joint` is sampled on all angles from 0, or the
+least that the contact model answers, to lift-off, once a millimetre of the path. The branch is followed
+through these samples as an overdamped joint would: from the last angle in the direction of the residual to
+the next root. Where there is one root only, positions between are interpolated and polished to round-off;
+where there are several, or the branch is steep, every position is sampled. So a sweep costs little more than
+a few evaluations of the contact per position.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ def sweep(
         model: Contact forces over the phantom.
         probe: Dimensions of the probe.
         ring_m: True position r_a of the anchor ring; a negative one is accepted while the weight holds it.
-        indentation_m: Nominal indentation delta0, that of the upright probe. Not positive: no contact.
+        indentation_m: Nominal indentation delta0, that of the upright probe. Not positive: no contact. It may
+            be beyond the model's range if the joint yields enough for the tip to stay within.
         stage_m: Stage positions Y, shape (n,), rising or falling in sweep order; 0 is over the bead.
 
     Returns:
@@ -123,17 +125,18 @@ def _angles(
     joint: Joint, forward_m: Float64Array
 ) -> tuple[Float64Array, NDArray[np.int64], tuple[int, ...], tuple[str, ...]]:
     """Return the followed angles, the number of roots, the positions reached by a jump, the guards."""
-    grid = np.linspace(0.0, joint.lift_off_rad, _ANGLES)
+    grid = np.linspace(joint.least_rad, joint.lift_off_rad, _ANGLES)
+    spacing = grid[1] - grid[0]
     sampled = _anchors(forward_m)
     residual = _sample(joint, forward_m[sampled], grid)
     dense = _dense(joint, forward_m, sampled, residual, grid)
     if dense.size:
         more = np.setdiff1d(dense, sampled)
         sampled, residual = _merged(sampled, residual, more, _sample(joint, forward_m[more], grid))
-    cells, snaps = _follow(residual, joint.direction * forward_m[sampled])
-    guess = inverse_guess(residual, cells, grid[1])
+    cells, snaps = _follow(joint, residual, joint.direction * forward_m[sampled])
+    guess = grid[0] + inverse_guess(residual, cells, spacing)
     rows = np.arange(len(sampled))
-    slope = (residual[rows, cells + 1] - residual[rows, cells]) / grid[1]
+    slope = (residual[rows, cells + 1] - residual[rows, cells]) / spacing
     if len(sampled) < len(forward_m):
         at_m = forward_m[sampled]
         curve = (PchipInterpolator if snaps else CubicSpline)(at_m, guess)
@@ -141,10 +144,16 @@ def _angles(
         start[sampled], slopes[sampled] = guess, slope
     else:
         start, slopes = guess, slope
-    angle_rad, settled = polish(lambda q: joint.residual(forward_m, q), start, slopes, 2.0 * float(grid[1]))
-    settled[sampled] &= np.abs(angle_rad[sampled] - grid[cells] - 0.5 * grid[1]) <= 0.5 * grid[1] + 1e-12
-    settled &= (angle_rad >= 0.0) & (angle_rad <= joint.lift_off_rad)
+    least_rad = grid[0] if grid[0] > 0.0 else -np.inf  # deeper than that the model has no answer
+    angle_rad, settled = polish(
+        lambda q: joint.residual(forward_m, np.maximum(q, least_rad)), start, slopes, 2.0 * float(spacing)
+    )
+    settled[sampled] &= np.abs(angle_rad[sampled] - grid[cells] - 0.5 * spacing) <= 0.5 * spacing + 1e-12
+    settled &= (angle_rad >= grid[0]) & (angle_rad <= joint.lift_off_rad)
     guards: tuple[str, ...] = ()
+    if grid[0] > 0.0:
+        left_out = f"angles below {math.degrees(grid[0]):.2g} degrees were left out"
+        guards = (f"{left_out}: the tip is too deep for {joint.model.rung} there",)
     if not settled.all():
         angle_rad = _rescued(joint, forward_m, angle_rad, settled, grid, sampled, cells)
     counts = np.ones(len(forward_m), dtype=np.int64)
@@ -188,7 +197,7 @@ def _dense(
     several = np.count_nonzero(back[:, 1:] != back[:, :-1], axis=1) != 1
     first = grid[np.argmax(back, axis=1)]
     steep = joint.probe.lever_m * np.abs(np.diff(first)) > _STEEP * np.diff(forward_m[sampled]) + (
-        joint.probe.lever_m * grid[1]
+        joint.probe.lever_m * (grid[1] - grid[0])
     )
     between = several[1:] | several[:-1] | steep
     if not between.any():
@@ -253,12 +262,15 @@ def _lifted(joint: Joint, stage_m: Float64Array) -> Sweep:
     )
 
 
-def _follow(residual: Float64Array, stage_m: Float64Array) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+def _follow(
+    joint: Joint, residual: Float64Array, stage_m: Float64Array
+) -> tuple[NDArray[np.int64], tuple[int, ...]]:
     """Return the grid cell of the followed stable root per position, and the positions reached by a jump.
 
     Args:
+        joint: Says what to raise.
         residual: Moment that pushes q back, shape (positions, angles).
-        stage_m: Positions for the error message, shape (positions,).
+        stage_m: Positions, for the error's message, shape (positions,).
 
     A stable root lies where the residual turns from negative to not negative. A jump is a move past another
     root of the position before: the branch has ended in a fold. A fold that opens and closes between two
@@ -278,10 +290,7 @@ def _follow(residual: Float64Array, stage_m: Float64Array) -> tuple[NDArray[np.i
         else:  # it springs back, down to the last angle that still yields
             yielding = np.flatnonzero(~pushed_back[:cell])
             if not yielding.size:
-                raise MechanicsError(
-                    f"no lagging equilibrium at stage_m = {stage_m[i]:g}: the tip leads; "
-                    "raise the friction or the ring"
-                )
+                raise joint.refusal(float(stage_m[i]))
             cell = int(yielding[-1])
         low, high = min(last, cell), max(last, cell)
         if i and np.count_nonzero(roots[i - 1, low : high + 1]) > 1:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.errors import OutOfRange
+from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.limits import require
 from palp_core.mechanics.probe import Probe
@@ -48,6 +48,24 @@ class Joint:
     def lift_off_rad(self) -> float:
         """Angle at which the tip leaves the surface, acos(1 - delta0 / L)."""
         return math.acos(1.0 - max(self.indentation_m, 0.0) / self.probe.lever_m)
+
+    @property
+    def least_rad(self) -> float:
+        """Smallest angle that the model answers: 0, or that at which the tip is in as deep as it reaches."""
+        beyond_m = max(self.indentation_m - self.model.indentation_max_m, 0.0)
+        return math.acos(1.0 - beyond_m / self.probe.lever_m)
+
+    def refusal(self, stage_m: float) -> MechanicsError:
+        """Return what to raise where even the least angle is pushed back."""
+        if self.least_rad > 0.0:
+            return OutOfRange(
+                "indentation_m",
+                f"at stage_m = {stage_m:g} the tip is deeper than {self.model.indentation_max_m:.3g} m, the "
+                f"end of {self.model.rung}'s range; press less deep or use another rung",
+            )
+        return MechanicsError(
+            f"no lagging equilibrium at stage_m = {stage_m:g}: the tip leads; raise the friction or the ring"
+        )
 
     def place(self, stage_m: Float64Array, angle_rad: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return offset s, along the sweep, and indentation delta of the ball."""
@@ -95,13 +113,11 @@ def joint_at(
     """Return the joint at a ring position and height, once its numbers make sense.
 
     Raises:
-        OutOfRange: The ring makes the joint unstable, or the indentation is beyond the model or the lever.
+        OutOfRange: The ring makes the joint unstable, or the indentation is beyond model and ball.
     """
     require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
-    highest_m = min(model.indentation_max_m, 0.999 * probe.lever_m)
-    require(
-        "indentation_m", indentation_m, -1.0, highest_m, "press less deep or use a rung with a wider range"
-    )
+    highest_m = max(model.indentation_max_m, probe.tip_radius_m)
+    require("indentation_m", indentation_m, -1.0, min(highest_m, 0.999 * probe.lever_m), "press less deep")
     joint = Joint(model, probe, ring_m, indentation_m, direction)
     if joint.restoring_n_m < 0.0:
         raise OutOfRange(

@@ -14,6 +14,8 @@ from palp_core.errors import MechanicsError
 from palp_core.mechanics.equilibrium import Sweep
 from palp_core.mechanics.equilibrium_finders import continued_newton
 from palp_core.mechanics.equilibrium_joint import Joint
+from palp_core.mechanics.phantom import Phantom
+from palp_core.mechanics.probe import Probe
 from palp_core.mechanics.scene import Scene
 from palp_core.methods import find
 from palp_core.units import Float64Array
@@ -106,17 +108,16 @@ def outside(task: str, name: str, scene: Scene) -> str:
     return f"{name} is outside its valid range: {', '.join(strayed)}{advice}"
 
 
-def sweep_guards(scene: Scene, rung: str, solved: Sweep) -> tuple[str, ...]:
+def sweep_guards(phantom: Phantom, probe: Probe, rung: str, solved: Sweep) -> tuple[str, ...]:
     """Return what a sweep met that its record must say, the rung's failing regions included."""
     words = list(solved.guards)
-    bead = scene.phantom.bead
+    bead = phantom.bead
     if bead is not None and rung != "l5":
         over = np.abs(solved.offset_m) <= bead.radius_m
         deepest_m = float(solved.indentation_m[over].max()) if over.any() else 0.0
-        if deepest_m > SMALL_STRAIN_SHARE * min(bead.depth_m, scene.probe.tip_radius_m):
+        if deepest_m > SMALL_STRAIN_SHARE * min(bead.depth_m, probe.tip_radius_m):
             words.append(
-                f"small strain: {deepest_m * 1e3:.2g} mm pressed into {bead.depth_m * 1e3:.2g} mm of "
-                f"gel over the "
-                "bead; finite strain (l5) may differ by a tenth and more"
+                f"small strain: {deepest_m * 1e3:.2g} mm pressed into {bead.depth_m * 1e3:.2g} mm of gel "
+                "over the bead; finite strain (l5) may differ by a tenth and more"
             )
     return tuple(words)

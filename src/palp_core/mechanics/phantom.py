@@ -72,9 +72,18 @@ class Phantom:
         """Shear modulus of the isotropic gel, E / (2 (1 + nu))."""
         return self.modulus_pa / (2.0 * (1.0 + self.poisson))
 
-    def scene(self) -> dict[str, float]:
-        """Return the quantities by which a contact rung is chosen; bare gel names no depth."""
+    def scene(self, tip_radius_m: float | None = None) -> dict[str, float]:
+        """Return the quantities by which a contact rung is chosen; bare gel names no depth.
+
+        Args:
+            tip_radius_m: Radius of the ball that touches it, if that is known: it is a quantity too, and so
+                is the gel over the bead in such radii, ``depth_per_tip``.
+        """
         scene = {"modulus_pa": self.modulus_pa, "poisson": self.poisson, "height_m": self.height_m}
         if self.bead is not None:
             scene |= {"depth_m": self.bead.depth_m, "bead_radius_m": self.bead.radius_m}
+        if tip_radius_m is not None:
+            scene["tip_radius_m"] = tip_radius_m
+            if self.bead is not None:
+                scene["depth_per_tip"] = self.bead.depth_m / tip_radius_m
         return scene

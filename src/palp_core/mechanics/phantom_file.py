@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import dataclasses
 
+from palp_core.errors import MechanicsError
 from palp_core.mechanics.phantom import Bead, Phantom
-from palp_core.mechanics.scene_file import phantom_of, read_mapping
+from palp_core.mechanics.scene_file import phantom_of, read_mapping, read_scene
 
-__all__ = ["PAPER_PHANTOMS", "load_phantoms"]
+__all__ = ["PAPER_PHANTOMS", "file_mistakes", "load_phantoms"]
 
 PAPER_PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
@@ -45,3 +46,19 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
         for code, paper in PAPER_PHANTOMS.items()
         if paper.bead is not None
     }
+
+
+def file_mistakes(params: object) -> dict[str, str]:
+    """Return what is wrong with the files that parameters ``scene`` and ``phantoms`` name, by parameter.
+
+    Args:
+        params: Parameters of a node; it may lack either, and an empty name is no file.
+    """
+    found: dict[str, str] = {}
+    for name, read in (("scene", read_scene), ("phantoms", load_phantoms)):
+        if path := getattr(params, name, ""):
+            try:
+                read(path)
+            except MechanicsError as error:
+                found[name] = str(error)
+    return found

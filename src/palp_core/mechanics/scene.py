@@ -14,13 +14,16 @@ from palp_core.mechanics.phantom import Bead, Phantom
 from palp_core.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["OUTPUTS", "Path", "Scene", "Tolerance"]
+__all__ = ["OUTPUTS", "RINGS_M", "Path", "Scene", "Tolerance", "yielding"]
 
 OUTPUTS = ("peak", "contrast", "separation", "decision")
 """Largest torque; that minus its local base; smallest gap between the peaks of named depths; share of depth
 decisions that differ."""
 
 PAPER_DEPTHS_M = (0.002, 0.004, 0.008)
+
+RINGS_M = (0.0, 0.016)
+"""Ends of the published ring's travel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +52,11 @@ class Path:
         require("to_m", self.to_m, -10.0, 10.0, "give metres, as in 0.05")
         if self.from_m == self.to_m:
             raise OutOfRange("to_m", f"the path starts and ends at {self.to_m:g}; give it a length")
+
+    @property
+    def margin_m(self) -> float:
+        """How far the path goes past the bead where it goes less far; negative if not across it."""
+        return min(-min(self.from_m, self.to_m), max(self.from_m, self.to_m))
 
     @property
     def duration_s(self) -> float:
@@ -144,16 +152,40 @@ class Scene:
 
     def quantities(self) -> dict[str, float | tuple[float, ...]]:
         """Return the quantities by which methods are chosen, SI; several values where there are several."""
-        found: dict[str, float | tuple[float, ...]] = dict(self.phantoms[0].scene())
+        found: dict[str, float | tuple[float, ...]] = dict(self.phantoms[0].scene(self.probe.tip_radius_m))
         if len(self.phantoms) > 1:
             found["depth_m"] = self.tolerance.compared_m
+            found["depth_per_tip"] = tuple(d / self.probe.tip_radius_m for d in self.tolerance.compared_m)
             found["depth_ratio"] = min(
                 b / a for a, b in itertools.pairwise(sorted(self.tolerance.compared_m))
             )
         return found | {
-            "tip_radius_m": self.probe.tip_radius_m,
             "friction": self.probe.friction,
             "tip_mass_kg": self.probe.tip_mass_kg,
             "indentation_m": self.path.indentation_m,
             "ring_m": self.ring_m,
+            "margin_m": self.path.margin_m,
+            "yielding": tuple(
+                yielding(self.phantom, self.probe, self.path.indentation_m, ring_m) for ring_m in self.ring_m
+            ),
         }
+
+
+def yielding(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: float) -> float:
+    """Return how far the joint gives way: the moment of the gel's force over what the joint can hold.
+
+    The force is Hertz's at the nominal indentation, its lever the probe's. Well above 1 the joint gives way
+    until the gel lets it, and the peak hardly depends on the force; well below 1 it is as wrong as that.
+
+    Args:
+        phantom: The gel.
+        probe: The joint and the ball.
+        indentation_m: Nominal indentation.
+        ring_m: Position of the anchor ring.
+    """
+    pressed_m = max(indentation_m, 0.0)
+    force_n = 4.0 / 3.0 * phantom.modulus_pa * math.sqrt(probe.tip_radius_m * pressed_m) * pressed_m
+    held_n_m = probe.spring_n_m(ring_m) + probe.weight_n_m
+    if held_n_m <= 0.0:
+        return math.inf
+    return force_n / (1.0 - phantom.poisson**2) * probe.lever_m / held_n_m

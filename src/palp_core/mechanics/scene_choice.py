@@ -8,7 +8,8 @@ import palp_core.mechanics.contact  # noqa: F401 -- declares the rungs
 from palp_core.errors import MethodError
 from palp_core.mechanics.contact.model import ContactModel
 from palp_core.mechanics.phantom import Phantom
-from palp_core.mechanics.scene import Scene, Tolerance
+from palp_core.mechanics.probe import Probe
+from palp_core.mechanics.scene import RINGS_M, Scene, Tolerance, yielding
 from palp_core.methods import Choice, Method, Quantities, choose, find, methods
 
 __all__ = ["Candidate", "SceneChoice", "choose_rung", "contact_model", "rung_model"]
@@ -149,13 +150,15 @@ def contact_model(
         tip_radius_m: Radius of the ball.
         output: What must be right: ``peak`` (largest torque) or ``contrast`` (peak minus local base).
         tolerance: Largest acceptable relative error of it.
-        indentation_m: Nominal indentation; None leaves it out of the choice.
+        indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
 
     Raises:
         MethodError: No declared rung is good enough in this scene; the message says what each vouches for.
     """
-    quantities: dict[str, float | tuple[float, ...]] = {**phantom.scene(), "tip_radius_m": tip_radius_m}
+    quantities: dict[str, float | tuple[float, ...]] = dict(phantom.scene(tip_radius_m))
     if indentation_m is not None:
+        probe = Probe(tip_radius_m=tip_radius_m)
         quantities["indentation_m"] = indentation_m
+        quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
     choice = choose("contact", output, tolerance, quantities)
     return rung_model(choice.method.name, phantom, tip_radius_m), choice

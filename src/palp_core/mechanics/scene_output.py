@@ -12,7 +12,17 @@ from palp_core.mechanics.equilibrium import Sweep, sweep
 from palp_core.mechanics.scene import Scene
 from palp_core.units import Float64Array
 
-__all__ = ["Scatter", "contrast_n_m", "decisions", "grid_m", "outputs", "peak_n_m", "separation_n_m"]
+__all__ = [
+    "Scatter",
+    "answer",
+    "answer_error",
+    "contrast_n_m",
+    "decisions",
+    "grid_m",
+    "outputs",
+    "peak_n_m",
+    "separation_n_m",
+]
 
 STEP_M = 0.00025
 
@@ -135,23 +145,31 @@ def outputs(models: Sequence[ContactModel], scene: Scene) -> Float64Array:
     return np.array([separation_n_m(column) for column in found.T])
 
 
-def scene_error(
-    models: Sequence[ContactModel], reference: Sequence[ContactModel], scene: Scene, seed: int = 1
-) -> float:
-    """Return the largest relative error of the scene's output over its rings, or the share of decisions.
+def answer(models: Sequence[ContactModel], scene: Scene, seed: int = 1) -> Float64Array:
+    """Return what a scene is asked for: its output by ring, or its decisions, shape (rings, trials).
 
     Args:
         models: One per phantom of the scene.
-        reference: Likewise, taken for the truth.
         scene: What is swept; its tolerance says which output.
-        seed: Of the draws behind ``decision``, the same for both.
+        seed: Of the draws behind ``decision``.
 
     Raises:
         MechanicsError: One of the models has no answer.
     """
     if scene.tolerance.output == "decision":
-        ours, theirs = (decisions(some, scene, np.random.default_rng(seed)) for some in (models, reference))
-        return float(np.mean(ours != theirs))
-    given, true = outputs(models, scene), outputs(reference, scene)
+        return decisions(models, scene, np.random.default_rng(seed)).astype(np.float64)
+    return outputs(models, scene)
+
+
+def answer_error(given: Float64Array, true: Float64Array, scene: Scene) -> float:
+    """Return the largest relative error of the scene's output over its rings, or the share of decisions.
+
+    Args:
+        given: From :func:`answer`.
+        true: Likewise, taken for the truth.
+        scene: Its tolerance says which output.
+    """
+    if scene.tolerance.output == "decision":
+        return float(np.mean(given != true))
     scale = np.where(true == 0.0, 1.0, np.abs(true))
     return float(np.max(np.where(given == true, 0.0, np.abs(given - true) / scale)))

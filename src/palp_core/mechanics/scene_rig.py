@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from palp_core.errors import MechanicsError
 from palp_core.mechanics.contact.model import ContactModel
+from palp_core.mechanics.equilibrium import Sweep
+from palp_core.mechanics.guard import sweep_guards
 from palp_core.mechanics.phantom import Phantom
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.mechanics.probe import Probe
+from palp_core.mechanics.scene import RINGS_M, yielding
 from palp_core.mechanics.scene_choice import choose_rung, rung_model
 from palp_core.mechanics.scene_file import read_scene
+from palp_core.mechanics.sweep_table import solve
 from palp_core.methods import Method, choose
 
 __all__ = ["Chosen", "Rig", "rig"]
@@ -59,6 +65,21 @@ class Rig:
         """Return a phantom's contact model, ready to use."""
         return rung_model(self.choices[code].method.name, self.phantoms[code], self.probe.tip_radius_m)
 
+    def met(self, code: str, solved: Sweep) -> tuple[str, ...]:
+        """Return what a sweep over a phantom met that its record must say."""
+        return sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
+
+    def guards(self, code: str, rings_m: Iterable[float], from_m: float, to_m: float) -> tuple[str, ...]:
+        """Return what sweeps over a phantom meet at ring positions and the nominal height, in words."""
+        words: list[str] = []
+        for ring_m in rings_m:
+            try:
+                table = solve(self.model(code), self.probe, ring_m, self.indentation_m, from_m, to_m)
+                words += (f"ring_m = {ring_m:g}: {met}" for met in self.met(code, table.solved))
+            except MechanicsError as error:
+                words.append(f"ring_m = {ring_m:g}: stopped: {error}")
+        return tuple(words)
+
 
 def rig(
     *,
@@ -97,12 +118,13 @@ def rig(
     probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)
     for code, phantom in found.items():
         quantities: dict[str, float | tuple[float, ...]] = {
-            **phantom.scene(),
-            "tip_radius_m": probe.tip_radius_m,
+            **phantom.scene(probe.tip_radius_m),
             "friction": probe.friction,
             "tip_mass_kg": probe.tip_mass_kg,
         }
         if indentation_m is not None:
             quantities["indentation_m"] = indentation_m
+            quantities["ring_m"] = RINGS_M
+            quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
         choices[code] = choose("contact", output, tolerance, quantities)
     return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)

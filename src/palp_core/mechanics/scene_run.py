@@ -28,8 +28,7 @@ class SceneRun:
         sweeps: One per ring, all at the same stage positions.
         peak_n_m: Largest torque per ring.
         contrast_n_m: That minus its local base.
-        guards: What the solver met, per ring in words; a finer rung or another solver that took over
-            included.
+        guards: What the run met, in words: the region in which a method fails, and what took over there.
     """
 
     choice: SceneChoice
@@ -51,6 +50,7 @@ class SceneRun:
             "contrast_n_m": list(self.contrast_n_m),
             "rung": self.choice.rung,
             "bound": self.choice.bound,
+            "guards": list(self.guards),
         }
 
 
@@ -106,7 +106,7 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
     guards = tuple(
         f"ring_m = {ring_m:g}: {words}"
         for ring_m, one in zip(scene.ring_m, sweeps, strict=True)
-        for words in sweep_guards(scene, choice.rung, one)
+        for words in sweep_guards(scene.phantom, scene.probe, choice.rung, one)
     )
     strayed = outside("contact", choice.rung, scene)
     guards = (strayed, *guards) if strayed else guards
@@ -132,8 +132,9 @@ def force_table(
     model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m)
     offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
     normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
+    output = "normal" if offsets.any() or rung != "l5" else "normal_on_axis"
     bounds = [
-        find("contact", rung).bound("normal", scene.quantities() | {"indentation_m": depth})
+        find("contact", rung).bound(output, scene.quantities() | {"indentation_m": depth})
         for depth in depths.tolist()
     ]
     stated = [bound for bound in bounds if bound is not None]

@@ -21,18 +21,24 @@ from palp_core.perception.resampling import sign_flip
 from palp_core.units import Float64Array
 
 __all__ = [
+    "NOT_FINITE",
     "Anova",
     "Effect",
     "NotTestable",
     "PairTest",
     "bonferroni",
+    "checked",
     "fisher",
+    "is_constant",
     "permutation",
     "sign_flip",
     "two_way",
 ]
 
 Labels = Sequence[Hashable]
+
+NOT_FINITE = "an outcome is not finite"
+_ROUNDING = 1e-12  # of the largest outcome
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,27 @@ class PairTest:
     reason: str = ""
 
 
+def checked(outcome: Sequence[float] | Float64Array, *labels: Labels) -> Float64Array:
+    """Return outcomes as an array, shape (n,).
+
+    Raises:
+        PerceptionError: There is none, they are no list, or a label is missing.
+    """
+    values = np.asarray(outcome, dtype=np.float64)
+    if values.ndim != 1 or values.size == 0 or any(len(one) != values.size for one in labels):
+        lengths = ", ".join(str(len(one)) for one in labels)
+        raise PerceptionError(
+            f"a test needs a list of outcomes and a label of each kind for every trial; outcomes have shape "
+            f"{values.shape}, the labels lengths {lengths}"
+        )
+    return values
+
+
+def is_constant(values: Float64Array) -> bool:
+    """Tell whether values differ by no more than rounding: 0.1 + 0.2 and 0.3 are the same outcome."""
+    return bool(np.ptp(values) <= _ROUNDING * np.abs(values).max())
+
+
 def _cells(outcome: Float64Array, *factors: Labels) -> dict[tuple[Hashable, ...], Float64Array]:
     keys = list(zip(*factors, strict=True))
     cells: dict[tuple[Hashable, ...], list[float]] = {}
@@ -100,17 +127,17 @@ def _cells(outcome: Float64Array, *factors: Labels) -> dict[tuple[Hashable, ...]
 def _refusal(outcome: Float64Array, *factors: Labels) -> str:
     """Return why a table is not testable, or nothing."""
     if not np.isfinite(outcome).all():
-        return "an outcome is not finite"
+        return NOT_FINITE
     if any(len(set(factor)) < 2 for factor in factors):
         return "a factor has only one level"
     cells = _cells(outcome, *factors)
     if len(cells) < np.prod([len(set(factor)) for factor in factors]):
         return "a cell is empty"
-    if np.ptp(outcome) == 0.0:
+    if is_constant(outcome):
         return "the outcome is constant: there is no variance to analyse"
     if min(len(cell) for cell in cells.values()) < 2:
         return "a cell has one value: the interaction and the residual cannot be told apart"
-    if all(np.ptp(cell) == 0.0 for cell in cells.values()):
+    if all(is_constant(cell) for cell in cells.values()):
         return "every cell is constant (all right or all wrong): there is no residual variance"
     return ""
 
@@ -135,11 +162,9 @@ def two_way(
         names: Names of the factors.
 
     Raises:
-        PerceptionError: Lengths differ.
+        PerceptionError: There is no trial, or lengths differ.
     """
-    values = np.asarray(outcome, dtype=np.float64)
-    if not len(values) == len(first) == len(second):
-        raise PerceptionError("an outcome, a first and a second label are needed for every trial")
+    values = checked(outcome, first, second)
     reason = _refusal(values, first, second)
     if reason:
         return NotTestable(reason)
@@ -154,7 +179,7 @@ def two_way(
         Effect(name, float(table.loc[row, "df"]), float(table.loc[row, "F"]), float(table.loc[row, "PR(>F)"]))
         for row, name in rows
     )
-    flat = sum(np.ptp(cell) == 0.0 for cell in _cells(values, first, second).values())
+    flat = sum(is_constant(cell) for cell in _cells(values, first, second).values())
     caution = "trials counted as independent; repeated measures and the sessions are ignored"
     if flat:
         caution += f"; {flat} cells are constant, so the variances differ"
@@ -167,14 +192,20 @@ def bonferroni(outcome: Sequence[float] | Float64Array, group: Labels) -> list[P
     Args:
         outcome: One value per trial, shape (n,).
         group: Its group, length n.
+
+    Raises:
+        PerceptionError: There is no trial, or lengths differ.
     """
-    cells = _cells(np.asarray(outcome, dtype=np.float64), group)
+    cells = _cells(checked(outcome, group), group)
     pairs = list(itertools.combinations(sorted(cells, key=lambda key: str(key[0])), 2))
     found = []
     for one, other in pairs:
         a, b = cells[one], cells[other]
         gap = float(a.mean() - b.mean())
-        if min(len(a), len(b)) < 2 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        if not np.isfinite(gap):
+            found.append(PairTest(str(one[0]), str(other[0]), gap, None, NOT_FINITE))
+            continue
+        if min(len(a), len(b)) < 2 or is_constant(a) or is_constant(b):
             found.append(PairTest(str(one[0]), str(other[0]), gap, None, "a group is constant or one value"))
             continue
         p = float(stats.ttest_ind(a, b, equal_var=False).pvalue)
@@ -208,9 +239,16 @@ def permutation(
         session: Its session, length n.
         rng: Draws the exchanges.
         shuffles: Their number; the one seen is counted too.
+
+    Raises:
+        PerceptionError: There is no trial, lengths differ, or there is no exchange.
     """
-    values = np.asarray(outcome, dtype=np.float64)
-    if np.ptp(values) == 0.0:
+    values = checked(outcome, group, session)
+    if shuffles < 1:
+        raise PerceptionError(f"shuffles is {shuffles}; a permutation test needs at least one")
+    if not np.isfinite(values).all():
+        return NotTestable(NOT_FINITE)
+    if is_constant(values):
         return NotTestable("the outcome is constant: every exchange is the same")
     labels = np.unique([str(g) for g in group], return_inverse=True)[1]
     blocks = np.unique([str(s) for s in session], return_inverse=True)[1]

@@ -39,7 +39,7 @@ class EmgSettings:
             is one value.
 
     Raises:
-        PerceptionError: The window is outside 20 to 200 ms.
+        PerceptionError: The window is outside 20 to 200 ms, or the rails are not in order.
     """
 
     rate_hz: float = 1500.0
@@ -56,6 +56,10 @@ class EmgSettings:
     def __post_init__(self) -> None:
         if not 0.02 <= self.window_s <= 0.2:
             raise PerceptionError(f"RMS window of {1e3 * self.window_s:g} ms; choose 20 to 200 ms")
+        if self.rails is not None and not self.rails[0] < self.rails[1]:
+            raise PerceptionError(
+                f"rails are {self.rails[0]:g} and {self.rails[1]:g}; the lower one comes first"
+            )
 
     def chain(self, offset: float) -> EmgChain:
         """Return the chain of a muscle with this offset."""

@@ -82,28 +82,37 @@ def expected_gains_bits(
         Expected gains in bits, shape (..., j).
     """
     if probabilities.ndim == 2 and len(probabilities) > _CHUNK:
-        wide = np.broadcast_to(mean, (len(probabilities), *mean.shape[-2:]))
-        spread = np.broadcast_to(sd, wide.shape)
         parts = [slice(at, at + _CHUNK) for at in range(0, len(probabilities), _CHUNK)]
+        each = mean.ndim == 3  # belief by belief, else alike for all
         return np.concatenate(
-            [expected_gains_bits(probabilities[p], wide[p], spread[p], node_count=node_count) for p in parts]
+            [
+                expected_gains_bits(
+                    probabilities[p], mean[p] if each else mean, sd[p] if each else sd, node_count=node_count
+                )
+                for p in parts
+            ]
         )
     nodes, weights = _normal_nodes(node_count)
-    shape = (*probabilities.shape[:-1], *mean.shape[-2:])
-    centre = np.moveaxis(np.broadcast_to(mean, shape), -1, 0)  # (m, ..., j)
-    spread = np.moveaxis(np.broadcast_to(sd, shape), -1, 0)
+    centre, spread = np.moveaxis(mean, -1, 0), np.moveaxis(sd, -1, 0)  # (m, ..., j)
     log_spread = np.log(spread)
     belief = np.moveaxis(probabilities, -1, 0)[..., None]  # (m, ..., 1)
+    column = nodes.reshape(-1, *(1,) * (centre.ndim - 1))  # (q, ..., 1)
     total = np.zeros(np.broadcast_shapes(centre.shape[1:], belief.shape[1:]))
     for own in range(len(centre)):  # classes and nodes are few, beliefs many: their axis stays innermost
-        readings = centre[own] + spread[own] * nodes.reshape(-1, *(1,) * (centre.ndim - 1))  # (q, ..., j)
-        z = (readings[:, None] - centre) / spread  # (q, m, ..., j)
-        log_density = -0.5 * z * z - log_spread
-        top = log_density.max(axis=1)
-        mixture = top + np.log((np.exp(log_density - top[:, None]) * belief).sum(axis=1) + _TINY)
-        entropy = -0.5 * (nodes**2 @ weights) - log_spread[own]
-        total = total + belief[own] * (entropy - np.tensordot(weights, mixture, axes=1))
+        mixture = belief[own] + _TINY  # over the class's own density, so nothing over- or underflows
+        for other in range(len(centre)):
+            if other != own:
+                away = (centre[own] - centre[other]) / spread[other]
+                z = away + (spread[own] / spread[other]) * column
+                ratio = np.exp(0.5 * (column * column - z * z) + (log_spread[own] - log_spread[other]))
+                mixture = mixture + belief[other] * (ratio if centre.ndim > 2 else _beside(ratio, belief))
+        total = total - belief[own] * np.tensordot(weights, np.log(mixture), axes=1)
     return np.asarray(np.maximum(total, 0.0) / np.log(2.0))
+
+
+def _beside(ratio: Float64Array, belief: Float64Array) -> Float64Array:
+    """Return densities that are alike for all beliefs (q, j) with room for the beliefs' axes between."""
+    return ratio.reshape(len(ratio), *(1,) * (belief.ndim - 2), ratio.shape[-1])
 
 
 @lru_cache(maxsize=4)

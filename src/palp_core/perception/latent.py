@@ -25,7 +25,19 @@ from palp_core.errors import PerceptionError
 from palp_core.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["Belief", "OffsetModel", "latent", "naive", "predict", "renewed", "start", "update"]
+__all__ = [
+    "Belief",
+    "OffsetModel",
+    "keep",
+    "latent",
+    "latent_ring",
+    "latent_trial",
+    "naive",
+    "predict",
+    "renewed",
+    "start",
+    "update",
+]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 Indices = int | NDArray[np.int64]
@@ -217,6 +229,24 @@ def _at(model: OffsetModel, setting: Indices) -> tuple[Float64Array, Float64Arra
     )
 
 
+def keep(model: OffsetModel, kept: ArrayLike) -> OffsetModel:
+    """Return the model of the same single readings that takes some offsets for drawn anew at each reading.
+
+    Args:
+        model: The readings' model.
+        kept: Whether each offset still stays, shape (l,).
+    """
+    stays = np.asarray(kept, dtype=bool)
+    spread = (model.slope * model.offset_sd)[..., ~stays]
+    return OffsetModel(
+        model.mean,
+        model.noise + spread @ np.swapaxes(spread, -1, -2),
+        model.slope[..., stays],
+        model.offset_sd[stays],
+        tuple(flag for flag, stay in zip(model.renewed_by_move, stays, strict=True) if stay),
+    )
+
+
 @method(
     task="filter",
     name="latent",
@@ -231,6 +261,32 @@ def latent(model: OffsetModel) -> OffsetModel:
 
 @method(
     task="filter",
+    name="latent_ring",
+    cost_s=7e-5,
+    evidence="tests/perception/test_latent.py",
+    fails="an error that stays for the whole trial, as the phantom's height",
+    survivor="latent",
+)
+def latent_ring(model: OffsetModel) -> OffsetModel:
+    """Return the model that knows only what stays until the ring moves."""
+    return keep(model, model.renewed_by_move)
+
+
+@method(
+    task="filter",
+    name="latent_trial",
+    cost_s=7e-5,
+    evidence="tests/perception/test_latent.py",
+    fails="an error that stays until the ring moves, as its landing",
+    survivor="latent",
+)
+def latent_trial(model: OffsetModel) -> OffsetModel:
+    """Return the model that knows only what stays for the whole trial."""
+    return keep(model, ~np.array(model.renewed_by_move, dtype=bool))
+
+
+@method(
+    task="filter",
     name="naive",
     cost_s=4e-5,
     evidence="tests/perception/test_latent.py",
@@ -239,7 +295,4 @@ def latent(model: OffsetModel) -> OffsetModel:
 )
 def naive(model: OffsetModel) -> OffsetModel:
     """Return the model of the same single readings that takes every reading for independent, eq. (7)."""
-    spread = model.slope * model.offset_sd
-    noise = model.noise + spread @ np.swapaxes(spread, -1, -2)
-    nothing = model.slope[..., :0]
-    return OffsetModel(model.mean, noise, nothing, np.zeros(0), ())
+    return keep(model, np.zeros(len(model.renewed_by_move), dtype=bool))

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from palp_core.errors import PerceptionError
 from palp_core.methods import method
-from palp_core.perception.anova import Effect, NotTestable
+from palp_core.perception.anova import NOT_FINITE, Effect, NotTestable, checked
 from palp_core.units import Float64Array
 
 __all__ = ["mixed_logit"]
@@ -38,8 +39,15 @@ def mixed_logit(
         correct: 1 for right, 0 for wrong, shape (n,).
         factors: Levels of each factor by name, length n each.
         session: The session of each trial, length n.
+
+    Raises:
+        PerceptionError: There is no trial, lengths differ, or an outcome is neither 0 nor 1.
     """
-    values = np.asarray(correct, dtype=np.float64)
+    values = checked(correct, session, *factors.values())
+    if not np.isfinite(values).all():
+        return NotTestable(NOT_FINITE)
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise PerceptionError("a mixed logit is of outcomes that are right (1) or wrong (0), nothing between")
     if np.ptp(values) == 0.0:
         return NotTestable("the outcome is constant: no effect can be told from none")
     if len(set(session)) < 2:

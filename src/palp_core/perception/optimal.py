@@ -6,10 +6,11 @@ lies below; one that re-positions the ring comes near.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
+from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -35,8 +36,8 @@ class Optimum:
     probes: float
 
 
-def optimum(mean: Float64Array, sd: Float64Array, cost: float, *, most: int = 15) -> Optimum:
-    """Return what the best choice of settings and of the moment to stop achieves.
+def optimum(mean: Float64Array, sd: Float64Array, costs: Sequence[float], *, most: int = 15) -> list[Optimum]:
+    """Return what the best choice of settings and of the moment to stop achieves, for each price.
 
     Maximises P(right) - cost * probes by value iteration on a grid of beliefs (Bellman; the stopping problem
     of Wald and Wolfowitz for several hypotheses and settings), readings independent given the class.
@@ -44,31 +45,34 @@ def optimum(mean: Float64Array, sd: Float64Array, cost: float, *, most: int = 15
     Args:
         mean: Mean reading per class and setting, shape (3, k).
         sd: Standard deviation, shape (3, k).
-        cost: Price of a probe.
+        costs: Prices of a probe.
         most: Probes at which it must stop.
 
     Raises:
-        PerceptionError: There are not three classes, or the price is not positive.
+        PerceptionError: There are not three classes, or a price is not positive.
     """
-    if mean.shape[0] != 3 or not cost > 0.0:
+    if mean.shape[0] != 3 or not all(cost > 0.0 for cost in costs):
         raise PerceptionError(
-            f"dynamic programming is for 3 classes and a positive price, not {mean.shape}, {cost}"
+            f"dynamic programming is for 3 classes and positive prices, not {mean.shape}, {costs}"
         )
     grid = _simplex()
     after, weights = _transitions(grid, mean, sd)
-    accuracy, probes = grid.max(axis=1), np.zeros(len(grid))
+    corner, share = _corners(after)
+    flat_corner, flat_share = _corners(np.full((1, 3), 1 / 3))
     stop = grid.max(axis=1)
-    for _ in range(most):
-        ahead = _lookup(grid, np.stack([accuracy, probes], axis=1), after)  # (g, k, 3, q, 2)
-        expected = np.einsum("gkdq,gkdqv->gkv", weights, ahead)
-        value = expected[..., 0] - cost * (1.0 + expected[..., 1])
-        best = np.argmax(value, axis=1)
-        rows = np.arange(len(grid))
-        go = value[rows, best] > stop
-        accuracy = np.where(go, expected[rows, best, 0], stop)
-        probes = np.where(go, 1.0 + expected[rows, best, 1], 0.0)
-    flat = _lookup(grid, np.stack([accuracy, probes], axis=1), np.full((1, 3), 1 / 3))[0]
-    return Optimum(cost, float(flat[0]), float(flat[1]))
+    found = []
+    for cost in costs:
+        worth = np.stack([stop, np.zeros(len(grid))], axis=1)  # accuracy and probes
+        for _ in range(most):
+            ahead = (worth[corner] * share[..., None]).sum(axis=-2)  # (g, k, 3, q, 2)
+            expected = np.einsum("gkdq,gkdqv->gkv", weights, ahead) + np.array([0.0, 1.0])
+            best = np.argmax(expected[..., 0] - cost * expected[..., 1], axis=1)
+            chosen = expected[np.arange(len(grid)), best]
+            go = chosen[:, 0] - cost * chosen[:, 1] > stop
+            worth = np.where(go[:, None], chosen, np.stack([stop, 0.0 * stop], axis=1))
+        flat = (worth[flat_corner] * flat_share[..., None]).sum(axis=-2)[0]
+        found.append(Optimum(cost, float(flat[0]), float(flat[1])))
+    return found
 
 
 def _simplex() -> Float64Array:
@@ -95,16 +99,19 @@ def _transitions(
     return after, weights
 
 
-def _lookup(grid: Float64Array, values: Float64Array, at: Float64Array) -> Float64Array:
-    """Return values at beliefs, linear between the grid's."""
-    table = LinearNDInterpolator(grid[:, :2], values)
-    inside = np.clip(at[..., :2], 0.0, 1.0)
-    found = np.asarray(table(inside.reshape(-1, 2)), dtype=np.float64)
-    missed = np.isnan(found[:, 0])  # rounding at the edge
-    if missed.any():
-        near = np.argmin(((inside.reshape(-1, 2)[missed, None] - grid[:, :2]) ** 2).sum(axis=2), axis=1)
-        found[missed] = values[near]
-    return found.reshape(*at.shape[:-1], values.shape[1])
+def _corners(belief: Float64Array) -> tuple[NDArray[np.int64], Float64Array]:
+    """Return the three grid points about each belief (..., 3) and their weights: linear interpolation."""
+    at = np.clip(belief[..., :2], 0.0, 1.0) * _PARTS
+    low = np.minimum(np.floor(at + 1e-12), _PARTS - 1).astype(np.int64)
+    x, y = np.moveaxis(np.clip(at - low, 0.0, 1.0), -1, 0)
+    i, j = np.moveaxis(low, -1, 0)
+    upper = x + y > 1.0
+    rows = np.stack([np.where(upper, i + 1, i), i + 1, i], axis=-1)
+    columns = np.stack([np.where(upper, j + 1, j), j, j + 1], axis=-1)
+    share = np.stack([np.abs(1.0 - x - y), np.where(upper, 1.0 - y, x), np.where(upper, 1.0 - x, y)], axis=-1)
+    rows = np.minimum(rows, _PARTS)  # beyond the edge by rounding only
+    columns = np.minimum(columns, _PARTS - rows)
+    return rows * (_PARTS + 1) - rows * (rows - 1) // 2 + columns, share
 
 
 def chernoff_information(mean: Float64Array, sd: Float64Array) -> float:

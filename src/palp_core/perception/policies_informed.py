@@ -202,17 +202,14 @@ class InformationGainLatent:
         """Return what every move, and staying, promises."""
         count, rings = len(self.rings_m), np.asarray(self.rings_m)
         lead = belief.log_class.shape[:-1]
-        fresh = latent.renewed(self.model, belief, np.ones(lead, dtype=bool))
-        centres, spreads = [], []
-        for k in range(count):
-            centre, spread = latent.predict(self.model, fresh, np.full(lead, k))
-            centres.append(centre[..., 0])
-            spreads.append(spread[..., 0, 0])
         here = np.zeros(lead, dtype=np.int64) if level is None else np.asarray(level, dtype=np.int64)
-        centre, spread = latent.predict(self.model, belief, here)
-        means = np.stack([*centres, centre[..., 0]], axis=-2)
-        sds = np.sqrt(np.stack([*spreads, spread[..., 0, 0]], axis=-2))
-        gains = expected_gains_bits(belief.posterior, means, sds, node_count=self.node_count)
+        if self.model.offset_sd.size == 0:  # nothing stays: a reading is alike for all beliefs, moved or not
+            means, sds = self.model.mean[..., 0].T, np.sqrt(self.model.noise[..., 0, 0]).T
+            moves = expected_gains_bits(belief.posterior, means, sds, node_count=self.node_count)
+            stay = np.take_along_axis(moves, here[..., None], axis=-1)
+            gains = np.concatenate([moves, stay], axis=-1)
+        else:
+            gains = self._gains(belief, here)
         seconds = np.full(gains.shape, self.timing.sweep_s)
         if level is None:
             gains[..., -1] = -np.inf
@@ -221,3 +218,13 @@ class InformationGainLatent:
             renew = np.where(np.arange(count) == here[..., None], self.timing.renew_s(rings), move)
             seconds[..., :count] += renew
         return Actions(np.append(np.arange(count), -1), gains, seconds)
+
+    def _gains(self, belief: latent.Belief, here: NDArray[np.int64]) -> Float64Array:
+        """Return what a reading at every level, landed on anew, and one without a move tell, in bits."""
+        lead = belief.log_class.shape[:-1]
+        fresh = latent.renewed(self.model, belief, np.ones(lead, dtype=bool))
+        found = [latent.predict(self.model, fresh, np.full(lead, k)) for k in range(len(self.rings_m))]
+        found.append(latent.predict(self.model, belief, here))
+        means = np.stack([centre[..., 0] for centre, _ in found], axis=-2)
+        sds = np.sqrt(np.stack([spread[..., 0, 0] for _, spread in found], axis=-2))
+        return expected_gains_bits(belief.posterior, means, sds, node_count=self.node_count)

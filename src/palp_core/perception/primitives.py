@@ -134,6 +134,24 @@ class Primitives:
         }
 
     @classmethod
+    def from_rows(cls, flat: Mapping[str, Sequence[float]]) -> Primitives:
+        """Return the primitives of the fields as flat lists, row by row, as messages and states hold them.
+
+        Raises:
+            PerceptionError: A list is too short, or the values do not fit together.
+        """
+        shape = (len(flat["depths_m"]), len(flat["rings_m"]))
+        cells = {name: np.array(flat[name], dtype=np.float64) for name in ("mean", "sd", "count")}
+        if any(values.size != shape[0] * shape[1] for values in cells.values()):
+            raise PerceptionError(f"primitives: there are not {shape} values of mean, sd and count")
+        return cls(
+            depths_m=np.array(flat["depths_m"]),
+            rings_m=np.array(flat["rings_m"]),
+            floor=flat["floor"][0],
+            **{name: values.reshape(shape) for name, values in cells.items()},
+        )
+
+    @classmethod
     def from_json_dict(cls, data: Mapping[str, Any]) -> Primitives:
         """Return the primitives that :meth:`to_json_dict` described.
 

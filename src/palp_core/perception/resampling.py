@@ -74,8 +74,12 @@ def cluster_bootstrap(
         confidence: Of the interval.
 
     Raises:
-        PerceptionError: There is no session or a value is not finite.
+        PerceptionError: There is no session, a value is not finite, or the interval is none.
     """
+    if resamples < 1 or not 0.0 < confidence < 1.0:
+        raise PerceptionError(
+            f"an interval of {confidence} from {resamples} resamples; need 0 to 1, 1 resample"
+        )
     found = np.asarray(values, dtype=np.float64)
     if found.size == 0 or found.ndim != 1 or not np.isfinite(found).all():
         raise PerceptionError("an interval over sessions needs one finite value a session, and a session")
@@ -106,11 +110,11 @@ def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Genera
         rng: Draws the patterns.
 
     Raises:
-        PerceptionError: There is no session.
+        PerceptionError: There is no session, or a difference is not finite.
     """
     found = np.asarray(differences, dtype=np.float64)
-    if found.size == 0:
-        raise PerceptionError("a paired comparison needs at least one session")
+    if found.size == 0 or found.ndim != 1 or not np.isfinite(found).all():
+        raise PerceptionError("a paired comparison needs one finite difference a session, and a session")
     seen = abs(found.mean())
     if found.size <= _EXACT_UP_TO:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=found.size)))
@@ -121,7 +125,13 @@ def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Genera
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for their family by Holm's step-down rule, in the order given."""
+    """Return p-values adjusted for their family by Holm's step-down rule, in the order given.
+
+    Raises:
+        PerceptionError: A p-value does not lie between 0 and 1: what could not be tested is no member.
+    """
+    if not all(0.0 <= p <= 1.0 for p in p_values):
+        raise PerceptionError(f"Holm's rule is of p-values between 0 and 1, not {list(p_values)}")
     order = np.argsort(p_values, kind="stable")
     adjusted, reached = [0.0] * len(p_values), 0.0
     for rank, place in enumerate(order.tolist()):

@@ -17,13 +17,24 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from palp_core.errors import PerceptionError
 from palp_core.perception.latent import OffsetModel
+from palp_core.perception.offsets import ring_slopes
 from palp_core.perception.primitives import Primitives
 from palp_core.units import Float64Array
 
-__all__ = ["Component", "RigNoise", "latent_model", "read_noise", "write_noise"]
+__all__ = [
+    "Component",
+    "RigNoise",
+    "assumed_noise",
+    "independent_model",
+    "latent_model",
+    "on_depths",
+    "read_noise",
+    "write_noise",
+]
 
 
 class Component(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -82,6 +93,38 @@ def write_noise(noise: RigNoise, path: Path) -> None:
     part.rename(path)
 
 
+def assumed_noise(ring_sd_m: float, height_sd_m: float) -> RigNoise:
+    """Return the noise of a rig that was not measured: what is assumed of landing and height, no more.
+
+    Raises:
+        PerceptionError: A spread is negative or not a number.
+    """
+    if not (ring_sd_m >= 0.0 and height_sd_m >= 0.0):
+        raise PerceptionError(f"ring {ring_sd_m} m, height {height_sd_m} m: a spread is 0 or more")
+    none = Component(0.0)
+    return RigNoise(
+        sample_sd_n_m=none,
+        sweep_sd_n_m=none,
+        ring_sd_m=Component(ring_sd_m),
+        height_sd_m=Component(height_sd_m),
+        basis="assumed",
+    )
+
+
+def on_depths(values: Float64Array, depths_m: Float64Array, grid_m: Float64Array) -> Float64Array:
+    """Return values of trained depths, shape (m, ...), on others between them, by a monotone cubic."""
+    if depths_m.size == grid_m.size:
+        return values
+    return np.asarray(PchipInterpolator(depths_m, values)(grid_m))
+
+
+def independent_model(primitives: Primitives) -> OffsetModel:
+    """Return the paper's reading of the primitives: every reading is independent, eq. (7)."""
+    mean = primitives.mean[..., None]
+    nothing = np.zeros((*mean.shape, 0))
+    return OffsetModel(mean, (primitives.sd**2)[..., None, None], nothing, np.zeros(0), ())
+
+
 def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64Array) -> OffsetModel:
     """Return the model of readings that share the ring's landing and the phantom's height.
 
@@ -98,11 +141,9 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
         PerceptionError: Fewer than two rings were trained, so nothing tells how a reading answers to them.
     """
     mean = primitives.mean
-    if primitives.rings_m.size < 2:
-        raise PerceptionError("the latent filter needs training at two or more ring positions")
     if height_slope.shape != mean.shape:
         raise PerceptionError(f"height_slope has shape {height_slope.shape}, not {mean.shape}")
-    ring_slope = np.gradient(mean, primitives.rings_m, axis=1)
+    ring_slope = ring_slopes(mean, primitives.rings_m)
     ring_variance = (ring_slope * noise.ring_sd_m.value) ** 2
     least = max(noise.sweep_sd_n_m.value, primitives.floor) ** 2
     own = np.maximum(primitives.sd**2 - ring_variance, least)

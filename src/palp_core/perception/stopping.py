@@ -9,7 +9,7 @@ probe.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, Protocol
 
 import numpy as np
@@ -28,10 +28,13 @@ __all__ = [
     "Verdict",
     "correlation_distance",
     "decide",
+    "require_classes",
     "stop_rule",
+    "too_few",
     "total_variation",
 ]
 
+_FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
 _LEAST_SPREAD = 1e-12  # nats; a gain vector that varies less is rounding noise about "nothing gained"
 
 
@@ -85,6 +88,14 @@ def total_variation(first: Float64Array, second: Float64Array) -> float:
     return float(0.5 * np.abs(first - second).sum())
 
 
+def too_few(class_count: int) -> PerceptionError:
+    """Return the error of a correlation distance over fewer than three classes."""
+    return PerceptionError(
+        f"the correlation distance of {class_count} classes is 0 or 2 whatever was felt; "
+        "use the stop rule 'posterior_threshold' or 'fixed_number'"
+    )
+
+
 def correlation_distance(first: Float64Array, second: Float64Array) -> float | None:
     """Return 1 minus Pearson's correlation of two gain vectors, or None where it has no value.
 
@@ -100,11 +111,8 @@ def correlation_distance(first: Float64Array, second: Float64Array) -> float | N
     """
     if first.shape != second.shape:
         raise PerceptionError(f"gain vectors have shapes {first.shape} and {second.shape}")
-    if first.size < 3:
-        raise PerceptionError(
-            f"the correlation distance of {first.size} classes is 0 or 2 whatever was felt; "
-            "use the stop rule 'posterior_threshold' or 'fixed_number'"
-        )
+    if first.size < _FEWEST:
+        raise too_few(first.size)
     a, b = first - first.mean(), second - second.mean()
     if np.abs(a).max() < _LEAST_SPREAD or np.abs(b).max() < _LEAST_SPREAD:
         return None
@@ -214,14 +222,45 @@ class FixedNumber:
         return StopState(0.0, gamma_defined=False, converged=len(posteriors) >= self.count)
 
 
-def stop_rule(name: str, **settings: float) -> StopRule:
-    """Return a declared rule by name with its settings, as a node's parameters give them.
+def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -> StopRule:
+    """Return a declared rule by name, as a node's parameters give it.
+
+    Args:
+        name: Of task ``stop``.
+        value: The rule's own number (T, a probability, a count of probes); 0 for its default.
+        max_probes: Probes after which a trial ends undecided; None: not told.
 
     Raises:
         MethodError: No such rule.
+        PerceptionError: The rule has no use for such a number, or never gets as many probes as it wants.
     """
-    rule: StopRule = find("stop", name).target(**settings)
+    kind = find("stop", name).target
+    own = fields(kind)[0]
+    whole = isinstance(own.default, int)
+    if value < 0.0 or (whole and value != int(value)) or (name == "posterior_threshold" and value > 1.0):
+        raise PerceptionError(f"the stop rule '{name}' cannot have {own.name} = {value:g}")
+    rule: StopRule = kind() if value == 0.0 else kind(**{own.name: int(value) if whole else value})
+    wanted = rule.count if isinstance(rule, FixedNumber) else 1
+    if max_probes is not None and max_probes < wanted:
+        raise PerceptionError(
+            f"max_probes is {max_probes}, but the stop rule '{name}' wants {wanted}; raise it"
+        )
     return rule
+
+
+def require_classes(name: str, class_count: int) -> None:
+    """Refuse a rule that cannot decide among so few classes, before anything was felt.
+
+    Args:
+        name: Of task ``stop``.
+        class_count: Number of classes a belief is about.
+
+    Raises:
+        MethodError: No such rule.
+        PerceptionError: It goes by the correlation distance, and there are fewer than three classes.
+    """
+    if class_count < _FEWEST and find("stop", name).target in (PaperVerbatim, PaperGuarded):
+        raise too_few(class_count)
 
 
 def decide(

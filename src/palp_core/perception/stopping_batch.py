@@ -15,6 +15,7 @@ from palp_core.perception.stopping import (
     PaperVerbatim,
     PosteriorThreshold,
     StopRule,
+    too_few,
 )
 from palp_core.units import Float64Array
 
@@ -48,10 +49,7 @@ def correlation_distances(first: Float64Array, second: Float64Array) -> Float64A
         PerceptionError: There are fewer than three classes.
     """
     if first.shape[-1] < 3:
-        raise PerceptionError(
-            f"the correlation distance of {first.shape[-1]} classes is 0 or 2 whatever was felt; "
-            "use the stop rule 'posterior_threshold' or 'fixed_number'"
-        )
+        raise too_few(first.shape[-1])
     a = first - first.mean(axis=-1, keepdims=True)
     b = second - second.mean(axis=-1, keepdims=True)
     flat = (np.abs(a).max(axis=-1) < _LEAST_SPREAD) | (np.abs(b).max(axis=-1) < _LEAST_SPREAD)

@@ -16,7 +16,8 @@ from palp_core.runtime.reactor import MOST_AT_ONCE, Reactor
 
 __all__ = ["Caller"]
 
-_CALLED = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED | FAILED
+_LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
+_CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
 
 
 class Caller:
@@ -30,6 +31,10 @@ class Caller:
         receive: Takes each message.
         greeted: Is told that the connection stands.
         failed: Is told, in words, that the connection is refused or has ended.
+
+    Attributes:
+        accepted: Somebody has taken the call; ``greeted`` or ``failed`` is told who it is.
+        attempt_count: Calls that nobody took.
     """
 
     def __init__(
@@ -45,6 +50,7 @@ class Caller:
     ) -> None:
         self._endpoint, self._own = endpoint, own
         self._receive, self._greeted, self._failed = receive, greeted, failed
+        self.accepted = False
         self.attempt_count = 0
         self._stands = False
         self._dealer = reactor.socket(zmq.DEALER)
@@ -86,6 +92,7 @@ class Caller:
                 self._on_event(event["event"], event["value"])
 
     def _on_event(self, event: int, value: int) -> None:
+        self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._stands = True
             self._greeted()

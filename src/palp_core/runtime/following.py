@@ -11,7 +11,9 @@ from palp_core.runtime.wire import Frame, Kind
 
 __all__ = ["Following", "Ordered", "Turns"]
 
-PATIENCE_NS = 1_000_000_000
+PATIENCE_NS = 5_000_000_000
+"""How long what comes from a new place waits for the old one's word (assumed: no host is busier)."""
+
 GIVE_UP_NS = 90_000_000_000
 """Longer than an old place stays for a slow reader."""
 

@@ -197,6 +197,7 @@ class Intake:
                 raise SchemaMismatch(f"{frame.topic} is no input of {self._executor.name}")
             if frame.kind == Kind.MOVED:
                 self._following.take(frame, now_ns)
+                self._inquirer.keep(self._following.servers.values())
                 return
         except SchemaMismatch as error:
             self._executor.events.reject(error)
@@ -247,11 +248,11 @@ class Intake:
         for wired in self._executor.ends.inputs[frame.topic]:
             wired.counter.drop(frame.epoch, frame.sequence)
 
-    def keep_house(self, now_ns: int, graph_ns: int) -> None:
-        """Look for silence, give up what cannot be had, measure rates; to be called ten times a second."""
+    def keep_house(self, now_ns: int, graph_ns: int, late_ns: int) -> None:
+        """Look for silence, give up what cannot be had; due ten times a second, and now so late."""
         self._following.tick(now_ns)
-        self._inquirer.keep(set(self._following.servers.values()))
         for name, reception in self._receptions.items():
+            reception.pardon(late_ns, now_ns)
             reception.expire(now_ns)
             count, since_ns, _ = self._rates[name]
             if now_ns - since_ns >= RATE_WINDOW_NS:

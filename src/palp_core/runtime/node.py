@@ -102,6 +102,11 @@ class Node:
         """Return the class to run under a name with parameters: another one where these decide its ports."""
         return cls
 
+    @staticmethod
+    def examine(params: Params) -> dict[str, str]:  # noqa: ARG004 - for subclasses
+        """Return, by parameter, what is wrong with files that parameters name; called before any start."""
+        return {}
+
     @property
     def name(self) -> str:
         """Running name of the node in its graph."""

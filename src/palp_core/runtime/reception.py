@@ -181,6 +181,18 @@ class Reception:
             self._skip_to(min(self._held, default=self._last + 1) - 1)
             self._advance(now_ns)
 
+    def pardon(self, away_ns: int, now_ns: int) -> None:
+        """Let time in which this process was away count neither as silence nor as waiting for an answer.
+
+        What came meanwhile is in the socket: the process was stopped, or had no turn, or one long handler.
+        """
+        if self.give_up_ns is not None:
+            self.give_up_ns += away_ns
+        if self.heard_ns >= 0:
+            self.heard_ns = min(self.heard_ns + away_ns, now_ns)
+        if self.data_ns >= 0:
+            self.data_ns = min(self.data_ns + away_ns, now_ns)
+
     def begin_move(self) -> None:
         """Expect the publisher at two places: what comes from the second waits for the rest of the first."""
         self._moving = True

@@ -87,7 +87,7 @@ class WallMain:
         self._doorbell = Doorbell(self.broadcast.context, self._others)
         self.intake.hear(ENDPOINT)
         self._health = HealthProbe(birth.spec.name)
-        self._next_beat_ns = 0
+        self._next_beat_ns = monotonic_ns()
 
     def now_ns(self) -> int:
         """Return the time since the graph's start; the start is known at activation."""
@@ -138,7 +138,7 @@ class WallMain:
         if now_ns >= self._next_beat_ns:
             if not self.changeover.silent:
                 self.broadcast.beat()
-            self.intake.keep_house(now_ns, self.now_ns())
+            self.intake.keep_house(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
             self.executor.order.keep_up(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection
+from collections.abc import Iterable
 from typing import Any
 
 import msgpack
@@ -31,9 +31,9 @@ class Inquirer:
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
         self.file_descriptors: tuple[int, ...] = ()
 
-    def keep(self, endpoints: Collection[str]) -> None:
+    def keep(self, endpoints: Iterable[str]) -> None:
         """Ask nobody else any more."""
-        for endpoint in self._sockets.keys() - endpoints:
+        for endpoint in self._sockets.keys() - set(endpoints):
             self._sockets.pop(endpoint).close(linger=0)
             del self._descriptors[endpoint]
             self.file_descriptors = tuple(self._descriptors.values())

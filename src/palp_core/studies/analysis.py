@@ -19,7 +19,7 @@ from palp_core.perception import statistics
 from palp_core.perception.resampling import Interval, cluster_bootstrap
 from palp_core.perception.rig_noise import RigNoise
 from palp_core.studies.contact_page import paragraph, table, write_page
-from palp_core.studies.redecide import Again, Methods, redecide
+from palp_core.studies.redecide import Again, Decided, Methods, redecide
 from palp_core.studies.stored import StoredSession
 
 __all__ = ["analyse", "combinations", "rows_of", "write_analysis"]
@@ -35,7 +35,9 @@ def combinations(
     filter: str,
     likelihood: str,
     stop: str,
+    stop_value: float = 0.0,
     max_probes: int,
+    depth_count: int = 0,
 ) -> list[Methods]:
     """Return every combination of names given with commas; ``all`` stands for every declared one.
 
@@ -50,7 +52,12 @@ def combinations(
         for task, said in words.items()
     ]
     return [
-        Methods(**dict(zip(_TASKS, names, strict=True)), max_probes=max_probes)
+        Methods(
+            **dict(zip(_TASKS, names, strict=True)),
+            stop_value=stop_value,
+            max_probes=max_probes,
+            depth_count=depth_count,
+        )
         for names in product(*choices)
         if names[2] == "naive" or names[3] == choices[3][0]  # the latent filter has one likelihood, its own
     ]
@@ -100,9 +107,14 @@ def analyse(
 
 def _accuracy(again: Again) -> float | None:
     known = [t for t in again.trials if t.depth_m is not None]
-    return (
-        float(np.mean([abs(t.estimate_m - float(t.depth_m or 0)) < 1e-9 for t in known])) if known else None
-    )
+    return float(np.mean([_right(again, t) for t in known])) if known else None
+
+
+def _right(again: Again, trial: Decided) -> bool:
+    """Tell whether of all trained depths the true one is the nearest to the estimate."""
+    taught = again.primitives.depths_m
+    nearest_m = float(taught[np.argmin(np.abs(taught - trial.estimate_m))])
+    return abs(nearest_m - float(trial.depth_m or 0.0)) < 1e-9
 
 
 def _row(
@@ -110,7 +122,8 @@ def _row(
 ) -> dict[str, Any]:
     trials = [trial for again in decided for trial in again.trials]
     scored = [t for t in trials if t.depth_m is not None]
-    right = [abs(t.estimate_m - float(t.depth_m or 0.0)) < 1e-9 for t in scored]
+    right = [_right(again, t) for again in decided for t in again.trials if t.depth_m is not None]
+    away_m = [t.expected_m - float(t.depth_m or 0.0) for t in scored]
     known = [share for share in shares if share is not None]
     accuracy, difference, error = None, None, None
     if known:
@@ -132,7 +145,8 @@ def _row(
         "accuracy_per_session": list(shares),
         "trials": len(trials),
         "probes": float(np.mean([t.probe_count for t in trials])),
-        "calibration_error": error,
+        "rmse_mm": 1e3 * float(np.sqrt(np.mean(np.square(away_m)))) if away_m else None,
+        "calibration_error": None if combo.depth_count else error,  # of a grid a cell is not a verdict
         "undecided": sum(t.verdict == "undecided" for t in trials),
         "ran_out": sum(t.verdict == "ran_out" for t in trials),
     }
@@ -171,9 +185,9 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
 
 def rows_of(record: dict[str, Any]) -> list[list[str]]:
     """Return the results as a table of text, the heading first."""
-    heads = [*_TASKS, "accuracy, %", "95 %", "against the first", "probes", "calibration error", "undecided"]
+    heads = [*_TASKS, "accuracy, %", "95 %", "against the first", "probes", "RMSE, mm"]
     return [
-        [*heads, "ran out"],
+        [*heads, "calibration error", "undecided", "ran out"],
         *(
             [
                 *(str(row[task]) for task in _TASKS),
@@ -183,6 +197,7 @@ def rows_of(record: dict[str, Any]) -> list[list[str]]:
                 if row["difference_to_first"]
                 else "-",
                 f"{row['probes']:.2f}",
+                "-" if row["rmse_mm"] is None else f"{row['rmse_mm']:.2f}",
                 "-" if row["calibration_error"] is None else f"{row['calibration_error']:.3f}",
                 str(row["undecided"]),
                 str(row["ran_out"]),

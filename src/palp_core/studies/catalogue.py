@@ -79,6 +79,18 @@ STUDIES = {
             spreads=True,
         ),
         Study(
+            "power",
+            "How many trials and sessions does it take to see the paper's differences?",
+            "palp_core.studies.power_study:run",
+            spreads=True,
+        ),
+        Study(
+            "robustness",
+            "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
+            "palp_core.studies.robustness_study:run",
+            spreads=True,
+        ),
+        Study(
             "why",
             "Which hypotheses make a fixed stiffness stop making progress?",
             "palp_core.studies.why_study:run",

@@ -81,9 +81,9 @@ def save(chart: Chart, folder: Path, *, svg: bool = False) -> bytes:
     vector = io.BytesIO()
     with rc_context(_STYLE | {"svg.hashsalt": chart.name}):  # the same file for the same numbers
         figure = Figure(figsize=chart.size, dpi=_DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         chart.draw(figure)
-        figure.savefig(image, format="png", metadata={"Software": "palp"})
+        canvas.print_png(image, metadata={"Software": "palp"})  # savefig would lay everything out twice
         if svg:
             figure.savefig(vector, format="svg", metadata={"Creator": "palp", "Date": None})
     folder.mkdir(parents=True, exist_ok=True)

@@ -52,6 +52,19 @@ class Case:
         return bool(np.all(self.of_survivor < self.limit))
 
     @property
+    def row(self) -> tuple[str, str, str, str]:
+        """Failing method, symptom with its limit, where it fails of what was tried, survivor; in words."""
+        least, most = (f"{end:.5g}" for end in (self.values[0], self.values[-1]))
+        worst = float(np.max(self.of_survivor))
+        most_left = f"{worst:.1g}" if worst > 1e-6 * self.limit else "0"  # round-off is no symptom
+        return (
+            self.failing,
+            f"{self.symptom}: {self.limit:g} and more",
+            f"{self.parameter}: {self.threshold} (tried: {least} to {most})",
+            f"{self.survivor} (there at most {most_left})",
+        )
+
+    @property
     def threshold(self) -> str:
         """Where the failing method fails, in words."""
         failed = self.failed
@@ -63,7 +76,7 @@ class Case:
         if len(flips) == 1:
             at = int(flips[0])
             side = "from" if failed[-1] else "up to"
-            return f"{side} {self.values[at + 1 if failed[-1] else at]:.4g}"
+            return f"{side} {self.values[at + 1 if failed[-1] else at]:.3g}"
         spans, start = [], None
         for i, bad in enumerate([*failed.tolist(), False]):
             if bad and start is None:

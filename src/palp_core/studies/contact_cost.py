@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.mechanics import ContactModel, Phantom, Probe, sweep
+from palp_core.errors import MechanicsError
+from palp_core.mechanics import ContactModel, Phantom, Probe, Sweep, sweep
 from palp_core.mechanics.scene_output import contrast_n_m, peak_n_m
 from palp_core.methods import find, methods
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.units import Float64Array
 
-__all__ = ["Measured", "Variant", "cold_cache", "measure", "median_s", "side_by_side_s", "variants"]
+__all__ = ["Measured", "Variant", "cold_cache", "measure", "median_s", "side_by_side", "variants"]
 
 SWEEP_POSITIONS = 3000
 _OFFSETS_M = np.linspace(0.0, 0.012, 7)
@@ -43,11 +44,6 @@ class Variant:
     usual: bool = True
 
     @property
-    def axis_only(self) -> bool:
-        """Whether the rung knows the bead's axis alone, so that there is nothing to sweep."""
-        return self.rung == "l5"
-
-    @property
     def label(self) -> str:
         """Rung and resolution."""
         return f"{self.rung.upper()} {self.resolution}".strip()
@@ -66,10 +62,11 @@ class Measured:
         variant: Rung and resolution.
         depth_m: Depth of the bead.
         setup_s: Seconds until the first force, nothing cached.
-        sweep_s: Seconds for a sweep of 3000 positions, median of repeats; NaN for a rung that has none.
-        normal_n: Forces over a grid of offsets and indentations; offset 0 alone for a rung on the axis.
-        peak_n_m: By ring.
-        contrast_n_m: By ring.
+        sweep_s: Seconds for a sweep of 3000 positions at the last ring it can sweep, median of repeats; NaN
+            if it can at none.
+        normal_n: Forces over a grid of offsets and of those indentations that the rung reaches.
+        peak_n_m: By ring, of those it can sweep.
+        contrast_n_m: Likewise.
         errors: Relative errors by output and ring, against the reference; empty for the reference.
     """
 
@@ -90,14 +87,20 @@ class Measured:
 def variants(*, quick: bool) -> list[Variant]:
     """Return the rungs and resolutions to measure; the last is the reference."""
     declared = {one.name for one in methods("contact")}
-    plain = [Variant(name) for name in ("l0", "l1", "l2", "l3", "l5") if name in declared]
-    cells = (0.002, 0.001) if quick else (0.002, 0.001, 0.0005)
-    fine = [
-        Variant("l4", f"{cell_m * 1e3:g} mm", (("cell_m", cell_m),), usual=cell_m == 0.001)
-        for cell_m in cells
-        if "l4" in declared
+
+    def sizes(rung: str, name: str, lengths_m: Sequence[float], usual_m: float) -> list[Variant]:
+        return [
+            Variant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
+            for length_m in lengths_m
+        ]
+
+    found = [
+        *(Variant(name) for name in ("l0", "l1", "l2")),
+        *sizes("l3", "facet_m", (0.002,) if quick else (0.002, 0.001), 0.001),
+        *sizes("l5", "facet_m", (0.000375,) if quick else (0.00075, 0.000375), 0.000375),
+        *sizes("l4", "cell_m", (0.001, 0.0005) if quick else (0.002, 0.001, 0.0005), 0.001),
     ]
-    return plain + fine
+    return [one for one in found if one.rung in declared]
 
 
 @contextlib.contextmanager
@@ -128,8 +131,8 @@ def median_s(action: Callable[[], object], repeats: int = 7) -> float:
     return float(np.median(times[1:]))
 
 
-def side_by_side_s(actions: Mapping[str, Callable[[], object]], repeats: int = 7) -> dict[str, float]:
-    """Return the median time of each action, in s, taken in turns so that a busy machine slows all alike."""
+def side_by_side(actions: Mapping[str, Callable[[], object]], repeats: int = 7) -> dict[str, list[float]]:
+    """Return the times of each action, in s, taken in turns so that a busy machine slows all alike."""
     times: dict[str, list[float]] = {name: [] for name in actions}
     for action in actions.values():
         action()
@@ -138,7 +141,7 @@ def side_by_side_s(actions: Mapping[str, Callable[[], object]], repeats: int = 7
             start_ns = monotonic_ns()
             action()
             times[name].append((monotonic_ns() - start_ns) / 1e9)
-    return {name: float(np.median(taken)) for name, taken in times.items()}
+    return times
 
 
 def measure(
@@ -158,29 +161,36 @@ def measure(
         against: The reference.
 
     Raises:
-        MechanicsError: The rung has no answer here.
+        MechanicsError: The rung cannot be set up for this phantom and ball.
     """
     stage = np.linspace(-0.03, 0.05, SWEEP_POSITIONS)
     with cold_cache():
         start_ns = monotonic_ns()
         model = variant.model(phantom, probe.tip_radius_m)
-        offsets_m = _OFFSETS_M[:1] if variant.axis_only else _OFFSETS_M
         depths_m = _INDENTATIONS_M[model.indentation_max_m >= _INDENTATIONS_M]  # what it reaches
-        normal_n, _ = model.force(offsets_m[:, None], depths_m)
+        normal_n, _ = model.force(_OFFSETS_M[:, None], depths_m)
         setup_s = (monotonic_ns() - start_ns) / 1e9
     depth_m = phantom.bead.depth_m if phantom.bead is not None else 0.0
     errors: dict[tuple[str, float | None], float] = {}
     if against is not None:
-        here = against.normal_n[: len(offsets_m), : len(depths_m)]
-        errors["normal", None] = float(np.max(np.abs(normal_n / here - 1.0)))
-    if variant.axis_only:
-        return Measured(variant, depth_m, setup_s, float("nan"), normal_n, {}, {}, errors)
-    solved = {ring_m: sweep(model, probe, ring_m, _NOMINAL_M, stage) for ring_m in rings_m}
-    sweep_s = median_s(lambda: sweep(model, probe, rings_m[-1], _NOMINAL_M, stage))
+        errors["normal", None] = _off(normal_n, against.normal_n[:, : len(depths_m)])
+    solved: dict[float, Sweep] = {}
+    sweep_s = float("nan")
+    for ring_m in rings_m:
+        with contextlib.suppress(MechanicsError):  # the tip is deeper than the rung reaches
+            solved[ring_m] = sweep(model, probe, ring_m, _NOMINAL_M, stage)
+    if solved:
+        last_m = max(solved)
+        sweep_s = median_s(lambda: sweep(model, probe, last_m, _NOMINAL_M, stage))
     peaks = {ring_m: peak_n_m(one) for ring_m, one in solved.items()}
     contrasts = {ring_m: contrast_n_m(one) for ring_m, one in solved.items()}
     if against is not None:
-        for ring_m in rings_m:
+        for ring_m in solved:
             errors["peak", ring_m] = abs(peaks[ring_m] / against.peak_n_m[ring_m] - 1.0)
             errors["contrast", ring_m] = abs(contrasts[ring_m] / against.contrast_n_m[ring_m] - 1.0)
     return Measured(variant, depth_m, setup_s, sweep_s, normal_n, peaks, contrasts, errors)
+
+
+def _off(given: Float64Array, true: Float64Array) -> float:
+    """Return the largest relative difference."""
+    return float(np.max(np.abs(given / true - 1.0)))

@@ -120,6 +120,7 @@ def map_chart(found: list[Verdict], method: str) -> Chart:
         colours = ListedColormap(
             ["#D55E00", "#cfe8dd"]
         )  # vermilion fails, pale green is safe; texts say it too
+        figure.suptitle(f"{METHODS[method]}\n× and orange: not safe", x=0.01, ha="left", fontweight="bold")
         panels = figure.subplots(len(moduli), len(presses), squeeze=False, sharex=True, sharey=True)
         for i, modulus_pa in enumerate(moduli):
             for j, indentation_m in enumerate(presses):
@@ -135,7 +136,7 @@ def map_chart(found: list[Verdict], method: str) -> Chart:
                 axes.set_yticks(range(len(axis["depth_m"])), [f"{d * 1e3:g}" for d in axis["depth_m"]])
                 axes.grid(visible=False)
                 if i == 0:
-                    axes.set_title(f"{indentation_m * 1e3:g} mm deep", loc="left")
+                    axes.set_title(f"pressed {indentation_m * 1e3:g} mm", loc="left")
                 if j == 0:
                     axes.set_ylabel(f"{modulus_pa * 1e-3:g} kPa\nd, mm")
                 if i == len(moduli) - 1:
@@ -148,7 +149,7 @@ def map_chart(found: list[Verdict], method: str) -> Chart:
         f"A panel per modulus (rows) and nominal indentation (columns); × and orange: not safe. "
         f"Safe in {100 * share:.0f} % of {len(safe)} scenes. Contact: L2, bead of 7.5 mm, ball of 6 mm, "
         f"mu = 0.3.",
-        (2.2 + 1.7 * len(presses), 1.2 + 1.5 * len(moduli)),
+        (2.2 + 1.7 * len(presses), 1.6 + 1.5 * len(moduli)),
         ("depth_m", "ring_m", "modulus_pa", "indentation_m", "safe"),
         [(p.depth_m, p.ring_m, p.modulus_pa, p.indentation_m, int(ok)) for p, ok in safe.items()],
         draw,

@@ -19,10 +19,11 @@ from palp_core.studies.contact_page import figure, paragraph, table, write_page
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["run"]
+__all__ = ["markdown", "run"]
 
 _FAILING, _SURVIVOR = "#D55E00", "#0072B2"
 _HUGE = 1e6
+_HEAD = ("failing method", "symptom", "fails at", "survivor")
 
 
 def run(out: Path, *, quick: bool = False) -> Path:
@@ -34,12 +35,12 @@ def run(out: Path, *, quick: bool = False) -> Path:
     """
     cases = [*joint_cases(quick=quick), *other_cases(quick=quick), *fem_cases(quick=quick)]
     found = verdicts(quick=quick)
-    head = ["failing method", "symptom", "parameter", "fails", "survivor", "survivor over the range"]
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "stability.md").write_text(markdown(cases), encoding="utf-8")
     rows = [
-        [case.failing, case.symptom, case.parameter, case.threshold, case.survivor,
-         "below the limit everywhere" if case.survived else "ABOVE THE LIMIT SOMEWHERE"]
+        [*case.row, "below the limit everywhere" if case.survived else "ABOVE THE LIMIT SOMEWHERE"]
         for case in cases
-    ]  # fmt: skip
+    ]
     parts = [
         paragraph(
             "Each line is a method that looks reasonable and fails. It was run over the parameter at "
@@ -48,7 +49,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
             "the limit.",
             "lead",
         ),
-        table(head, rows),
+        table([*_HEAD, "survivor over the range"], rows),
         figure(_overview(cases), out),
         *(figure(_case_chart(case), out) for case in cases),
         "<h2>On your own axes</h2>",
@@ -60,6 +61,12 @@ def run(out: Path, *, quick: bool = False) -> Path:
         *(figure(map_chart(found, name), out) for name in METHODS),
     ]
     return write_page(out, "Where methods fail", parts)
+
+
+def markdown(cases: Sequence[Case]) -> str:
+    """Return the table of ``docs/mechanics.md``, a row per case."""
+    lines = [_HEAD, ("---",) * len(_HEAD), *(case.row for case in cases)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _overview(cases: Sequence[Case]) -> Chart:
@@ -75,20 +82,22 @@ def _overview(cases: Sequence[Case]) -> Chart:
                     color=_FAILING if bad else "#cfe8dd", hatch="///" if bad else None, edgecolor="white",
                     linewidth=0,
                 )  # fmt: skip
-            axes.text(0.0, i + 0.36, f"{case.values[0]:.3g}", fontsize=6.5, color=GREY)
-            axes.text(1.0, i + 0.36, f"{case.values[-1]:.3g}", fontsize=6.5, color=GREY, ha="right")
+            axes.text(0.0, i + 0.36, f"{case.values[0]:.5g}", fontsize=6.5, color=GREY)
+            axes.text(1.0, i + 0.36, f"{case.values[-1]:.5g}", fontsize=6.5, color=GREY, ha="right")
         axes.set_yticks(
             range(len(cases)), [f"{c.failing}\n{c.parameter}" for c in reversed(cases)], fontsize=7
         )
         axes.set_xticks([])
         axes.set_xlim(0.0, 1.0)
+        axes.set_ylim(-0.5, len(cases) - 0.3)
         axes.grid(visible=False)
-        axes.set_title("where the failing method fails (hatched)", loc="left", fontweight="bold")
+        axes.set_title("where a method fails: orange, hatched", loc="left", fontweight="bold")
 
     return Chart(
         "stability",
         "All cases",
-        "One bar per failing method, over its parameter from the first to the last value measured.",
+        "One bar per failing method, over the values of its parameter that were tried, evenly spaced from "
+        "the first to the last; both are written over the bar.",
         (9.0, 0.8 + 0.55 * len(cases)),
         (
             "case",

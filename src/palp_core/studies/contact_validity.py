@@ -1,192 +1,148 @@
-"""The study ``contact-validity``: is the chosen model right enough on random scenes, and at what cost?"""
+"""The study ``contact-validity``: is the chosen model right enough on random scenes, and at what cost?
+
+Every scene is a line of ``scenes.jsonl``, written when it is done: a run that was stopped goes on where it
+was, and lines of other models or another draw are judged again.
+"""
 
 from __future__ import annotations
 
-import functools
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.errors import MechanicsError, MethodError
-from palp_core.mechanics import ContactModel, Scene, choose_rung, run_scene
-from palp_core.mechanics.contact.l4 import HarmonicContact
-from palp_core.mechanics.scene_choice import rung_model
-from palp_core.mechanics.scene_output import decisions, outputs, scene_error
-from palp_core.methods import methods
 from palp_core.studies.charts import GREY, Chart, tidy
-from palp_core.studies.contact_cost import side_by_side_s
-from palp_core.studies.contact_page import figure, paragraph, write_page
-from palp_core.studies.contact_scenes import random_scene
+from palp_core.studies.contact_judged import NEAR, Judged, judge
+from palp_core.studies.contact_page import figure, paragraph, table, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Judged", "judge", "reference_models", "run"]
+__all__ = ["kept", "run", "scenes"]
 
-REFERENCE_CELL_M = 0.0005
-_SCENES, _QUICK = 200, 10
-_SEED = 20
+_SCENES, _QUICK = (200, 50), (10, 2)  # anywhere, and near the published rig
+_LINES = "scenes.jsonl"
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """A random scene, the rung chosen for it, and how every rung does.
+def kept(out: Path, *, any_code: bool = False) -> dict[int, Judged]:
+    """Return the judged scenes of a folder by index, those of other models or another draw left out.
 
-    Attributes:
-        scene: The scene.
-        rung: The chosen rung; empty if none vouches for the tolerance.
-        bound: Its stated error.
-        errors: True error per rung that answers.
-        bounds: Stated error per rung, where there is one.
-        cost_s: Seconds of a run per rung that would have done, nothing to set up.
+    Args:
+        out: Folder of the study.
+        any_code: Take them whatever the source of the models was.
     """
-
-    scene: Scene
-    rung: str
-    bound: float | None
-    errors: dict[str, float]
-    bounds: dict[str, float]
-    cost_s: dict[str, float]
-
-    @property
-    def wrong(self) -> bool:
-        """Whether the chosen rung is less right than was asked for."""
-        return bool(self.rung) and not self.errors.get(self.rung, np.inf) <= self.scene.tolerance.relative
-
-    @property
-    def broken(self) -> list[str]:
-        """Rungs whose stated bound is not kept."""
-        return [rung for rung, bound in self.bounds.items() if self.errors.get(rung, 0.0) > bound]
-
-    @property
-    def cost_ratio(self) -> float | None:
-        """Cost of the chosen rung over that of the cheapest that would have done."""
-        if not self.rung or self.rung not in self.cost_s:
-            return None
-        return self.cost_s[self.rung] / min(self.cost_s.values())
+    file = out / _LINES
+    if not file.exists():
+        return {}
+    read = (Judged.of_line(line, any_code=any_code) for line in file.read_text(encoding="utf-8").splitlines())
+    return {one.index: one for one in read if one is not None}
 
 
-def reference_models(scene: Scene) -> list[ContactModel]:
-    """Return the finest rung, L4 at 0.5 mm, for each of a scene's phantoms."""
-    return [
-        HarmonicContact(phantom, scene.probe.tip_radius_m, REFERENCE_CELL_M) for phantom in scene.phantoms
-    ]
+def scenes(
+    out: Path, count: int, first: int = 0, *, timed: bool = True, tell: Callable[[str], object] | None = None
+) -> Iterator[Judged]:
+    """Judge random scenes until so many have an answer, keeping each as it comes, and give every one.
 
-
-def judge(scene: Scene, *, timed: bool = True) -> Judged:
-    """Choose a rung for a scene and hold every rung against the finest one.
-
-    Raises:
-        MechanicsError: The reference itself has no answer.
+    Args:
+        out: Folder for ``scenes.jsonl``; made if missing.
+        count: How many with an answer; those skipped come on top.
+        first: Index of the first.
+        timed: Also time the rungs.
+        tell: Told of each scene that had to be judged; the error stream by default.
     """
-    try:
-        choice = choose_rung(scene)
-        rung, bound = choice.rung, choice.bound
-    except MethodError:
-        rung, bound = "", None
-    reference = reference_models(scene)
-    _ = scene_error(reference, reference, scene)
-    errors: dict[str, float] = {}
-    bounds: dict[str, float] = {}
-    for one in methods("contact"):
-        if one.name in ("l3", "l5"):  # a cylinder, and another constitutive law: not comparable with L4
-            continue
-        stated = one.bound(scene.tolerance.output, scene.quantities())
-        if stated is not None:
-            bounds[one.name] = stated
-        try:
-            models = [rung_model(one.name, p, scene.probe.tip_radius_m) for p in scene.phantoms]
-            errors[one.name] = scene_error(models, reference, scene)
-        except (MechanicsError, MethodError):
-            continue
-    enough = [name for name, error in errors.items() if error <= scene.tolerance.relative] if timed else []
-    costs = side_by_side_s({name: functools.partial(run_scene, scene, name) for name in enough})
-    return Judged(scene, rung, bound, errors, bounds, costs)
+    out.mkdir(parents=True, exist_ok=True)
+    done, answered = kept(out), 0
+    for index in itertools.count(first):
+        if answered == count:
+            return
+        one = done.get(index)
+        if one is None:
+            one = judge(index, timed=timed)
+            with (out / _LINES).open("a", encoding="utf-8") as file:
+                file.write("\n" * _cut_short(out / _LINES) + one.line() + "\n")
+            (tell or sys.stderr.write)(f"{answered + 1}/{count} scene {index}: {_said(one)}\n")
+        answered += not one.skipped
+        yield one
+
+
+def _cut_short(file: Path) -> bool:
+    """Tell whether the last line has no end: the run before was stopped while it wrote."""
+    with file.open("rb") as opened:
+        size = opened.seek(0, 2)
+        opened.seek(max(0, size - 1))
+        return size > 0 and opened.read() != b"\n"
+
+
+def _said(one: Judged) -> str:
+    asked = one.scene.tolerance
+    if one.skipped:
+        return one.skipped
+    chosen = f"{one.rung} off by {one.own.get(one.rung, np.inf):.2%}" if one.rung else "refused"
+    words = f"{asked.output} within {asked.relative:.1%}: {chosen}"
+    return "; ".join([words, *one.broken])
 
 
 def run(out: Path, *, quick: bool = False) -> Path:
-    """Judge random scenes, write the record, the chart and the page, and return the page.
+    """Judge random scenes, write the chart and the page, and return the page.
 
     Args:
-        out: Folder for the files; made if missing.
-        quick: 10 scenes rather than 200.
+        out: Folder for the files; made if missing. Scenes that it holds already are not judged again.
+        quick: 10 scenes anywhere and 2 near the published rig rather than 200 and 50.
     """
-    rng = np.random.default_rng(_SEED)
-    judged: list[Judged] = []
-    skipped = 0
-    while len(judged) < (_QUICK if quick else _SCENES):
-        try:
-            judged.append(judge(random_scene(rng)))
-        except MechanicsError:
-            skipped += 1  # no equilibrium with a lagging tip: nothing to be right about
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "reference.json").write_text(
-        json.dumps([_record(one) for one in judged], indent=1) + "\n", encoding="utf-8"
-    )
+    anywhere, near = _QUICK if quick else _SCENES
+    drawn = [*scenes(out, anywhere), *scenes(out, near, NEAR)]
+    judged = [one for one in drawn if not one.skipped]
+    failed = [one for one in drawn if one.failed]
     chosen = [one for one in judged if one.rung]
     ratios = [one.cost_ratio for one in chosen if one.cost_ratio is not None]
     counts = {name: sum(one.rung == name for one in chosen) for name in sorted({one.rung for one in chosen})}
+    broken = [words for one in judged for words in one.broken]
+    setups = [one.setup_s["l4"] / len(one.scene.phantoms) for one in judged if "l4" in one.setup_s]
     said = [
-        f"{len(judged)} random scenes, {len(chosen)} answered "
+        f"{len(judged)} random scenes, of which {near} near the published rig; {len(chosen)} answered "
         f"({', '.join(f'{n} by {name}' for name, n in counts.items())}), "
         f"{len(judged) - len(chosen)} refused because no rung vouches for the tolerance; "
-        f"{skipped} more had no equilibrium with a lagging tip and were drawn again.",
+        f"{len(drawn) - len(judged) - len(failed)} more had no equilibrium with a lagging tip and were drawn "
+        f"again; in {len(failed)} the reference itself failed.",
         f"Chosen and less right than asked for: {sum(one.wrong for one in chosen)}. "
-        f"Stated bounds not kept: {sum(bool(one.broken) for one in judged)}.",
+        f"Stated bounds not kept: {len(broken)}.",
         f"Cost of the choice over the cheapest rung that would have done: at most "
-        f"{max(ratios, default=1.0):.2f}, "
-        f"median {np.median(ratios or [1.0]):.2f} (a run, set-ups in the cache).",
+        f"{max(ratios, default=1.0):.2f}, median {np.median(ratios or [1.0]):.2f} "
+        "(median of seven runs, set-ups in the cache).",
+        f"Set-up of L4 per phantom, nothing cached: median {np.median(setups or [0.0]):.1f} s, "
+        f"at most {max(setups, default=0.0):.1f} s.",
     ]
     parts = [*(paragraph(text, "lead") for text in said), figure(_chart(judged), out)]
+    parts += [_closest(judged), *(paragraph(words) for words in [*broken, *(one.skipped for one in failed)])]
     return write_page(out, "Is the chosen contact model right enough?", parts)
 
 
-def _record(one: Judged) -> dict[str, Any]:
-    scene = one.scene
-    bead = scene.phantom.bead
-    reference = reference_models(scene)
-    if scene.tolerance.output == "decision":
-        made = decisions(reference, scene, np.random.default_rng(1))
-        truth: list[Any] = ["".join(map(str, row)) for row in made.tolist()]
-    else:
-        truth = outputs(reference, scene).tolist()
-    return {
-        "phantom": {
-            "modulus_pa": scene.phantom.modulus_pa,
-            "poisson": scene.phantom.poisson,
-            "height_m": scene.phantom.height_m,
-            "bead": {"radius_m": bead.radius_m, "depth_m": bead.depth_m} if bead else "none",
-        },
-        "probe": {
-            "tip_radius_m": scene.probe.tip_radius_m,
-            "friction": scene.probe.friction,
-            "tip_mass_kg": scene.probe.tip_mass_kg,
-        },
-        "path": {"indentation_m": scene.path.indentation_m},
-        "ring_m": list(scene.ring_m),
-        "tolerance": {
-            "output": scene.tolerance.output,
-            "relative": scene.tolerance.relative,
-            "depths_m": list(scene.tolerance.depths_m),
-        },
-        "rung": one.rung,
-        "bound": one.bound,
-        "errors": one.errors,
-        "bounds": one.bounds,
-        "truth": truth,
-    }
+def _closest(judged: Sequence[Judged]) -> str:
+    """Return a table of the largest errors, by rung, output and stated bound."""
+    worst: dict[tuple[str, str, float], tuple[float, int]] = {}
+    for one in judged:
+        for output, stated in one.bounds.items():
+            for rung, bound in stated.items():
+                error, count = worst.get((rung, output, bound), (0.0, 0))
+                here = one.errors[output].get(rung, np.inf)
+                worst[rung, output, bound] = (max(error, here), count + 1)
+    rows = [
+        [rung, output, f"{bound:.1%}", f"{error:.2%}", str(count)]
+        for (rung, output, bound), (error, count) in sorted(worst.items())
+    ]
+    return table(["rung", "output", "stated", "largest seen", "scenes"], rows)
 
 
 def _chart(judged: Sequence[Judged]) -> Chart:
     points = [
-        (rung, one.scene.tolerance.output, bound, one.errors[rung], int(rung == one.rung))
+        (rung, output, bound, one.errors[output][rung], int(rung == one.rung))
         for one in judged
-        for rung, bound in one.bounds.items()
-        if rung in one.errors
+        for output, stated in one.bounds.items()
+        for rung, bound in stated.items()
+        if rung in one.errors[output]
     ]
 
     def draw(to: Figure) -> None:
@@ -205,8 +161,7 @@ def _chart(judged: Sequence[Judged]) -> Chart:
     return Chart(
         "validity",
         "Stated bounds against true errors",
-        "A point per scene and rung that states a bound for the scene's output. Above the line a bound "
-        "is not kept.",
+        "A point per scene, output and rung that states a bound for it. Above the line a bound is not kept.",
         (6.0, 4.4),
         ("rung", "output", "bound", "error", "chosen"),
         points,

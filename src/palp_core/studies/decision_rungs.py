@@ -2,92 +2,151 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
+from palp_core.methods import find
 from palp_core.perception.stopping import PosteriorThreshold
 from palp_core.runtime.clock import monotonic_ns
-from palp_core.studies.batch_trials import Outcomes
 from palp_core.studies.paper_jobs import seeds
-from palp_core.studies.policy_table import begin, run
-from palp_core.studies.touch import ERRORS_M, HEIGHTS_M, Gel, touch
+from palp_core.studies.policy_table import STIFF_M, begin, run
+from palp_core.studies.spread_work import spread
+from palp_core.studies.touch import Gel, scene_quantities, sweep_torque, touch
 from palp_core.studies.virtual_rig import Conditions
 
-__all__ = ["REFERENCE", "rung_rows"]
+__all__ = ["QUICK", "REFERENCE", "RungJob", "rung_rows", "rung_world"]
 
 REFERENCE = "l4"
-_RUNGS = ("l0", "l1", "l2", "l4")
+RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
+QUICK = ("l1", "l2", "l4")
+FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+FEATURES = ("peak", "contrast")
+_COARSE = ("l3",)  # seconds a sweep: solved at the ends of errors and heights only
+_LONG = "takes minutes to set up; run without --quick"
 
 
-def rung_rows(*, quick: bool = False, seed: int = 1) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class RungJob:
+    """A contact rung to decide with.
+
+    Attributes:
+        rung: Its name.
+        features: What is read off a sweep.
+        sessions: How many.
+        seed: Of the sessions.
+    """
+
+    rung: str
+    features: tuple[str, ...]
+    sessions: int
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What a rung led to with one feature.
+
+    Attributes:
+        estimates: Classes decided for by filter, all sessions, shape (n,).
+        probes: Mean probes a trial by filter.
+        filter_s: CPU of a trial's filtering by filter.
+        sweep_s: CPU of a sweep, its set-up not counted.
+        words: Why there is nothing, or why it is not to be trusted here.
+    """
+
+    estimates: dict[str, NDArray[np.int64]]
+    probes: dict[str, float]
+    filter_s: dict[str, float]
+    sweep_s: float
+    words: str
+
+
+def rung_rows(
+    *, quick: bool = False, seed: int = 1, workers: int = 1, dask: str = ""
+) -> list[dict[str, Any]]:
     """Return agreement and CPU of every contact rung, feature and filter.
 
     Training and trials are simulated with the rung, with the same luck as with the reference; decisions agree
     where both name the same depth. Cost is that of the sweeps a trial takes, plus its filter's, on one core.
 
     Args:
-        quick: Few sessions, the peak only, and without the cheapest rungs.
+        quick: Few sessions, the peak only, and without the rungs that take minutes.
         seed: Of the sessions; times are measured.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
     """
     chosen = set(touch(Gel(), noisy_sweeps=2).rungs)
-    rows: list[dict[str, Any]] = []
-    for feature in ("peak",) if quick else ("peak", "contrast"):
-        world = {}
-        for rung in _RUNGS[2:] if quick else _RUNGS:
-            world[rung] = _decide(rung, feature, 2 if quick else 6, seed)
-        rows += [
-            {
-                "rung": rung,
-                "feature": feature,
-                "filter": filter_name,
-                "agreement": _agreement(found, world[REFERENCE][0], filter_name),
-                "cpu_s_per_trial": _cost(found, filter_name, sweep_s),
-                "chosen": rung in chosen,
-                "unstable": bool(words),
-                "words": words,
-            }
-            for rung, (found, sweep_s, words) in world.items()
-            for filter_name in ("naive", "latent")
-        ]
-    return rows
+    features = FEATURES[:1] if quick else FEATURES
+    served = QUICK if quick else RUNGS
+    jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]
+    found = dict(zip(served, spread(rung_world, jobs, workers=workers, dask=dask), strict=True))
+    return [
+        _row(rung, feature, filter_name, found, rung in chosen)
+        for rung in RUNGS
+        for feature in features
+        for filter_name in FILTERS
+    ]
 
 
-Found = dict[str, tuple[list[Outcomes], float]]
+def _row(
+    rung: str, feature: str, filter_name: str, found: Mapping[str, Mapping[str, World]], chosen: bool
+) -> dict[str, Any]:
+    world = found[rung][feature] if rung in found else None
+    reference = found[REFERENCE][feature]
+    agreement, cost, words = None, None, _LONG if world is None else world.words
+    if world is not None and world.estimates:
+        agreement = float(np.mean(world.estimates[filter_name] == reference.estimates[filter_name]))
+        cost = world.probes[filter_name] * world.sweep_s + world.filter_s[filter_name]
+    return {
+        "rung": rung,
+        "feature": feature,
+        "filter": filter_name,
+        "agreement": agreement,
+        "cpu_s_per_trial": cost,
+        "chosen": chosen,
+        "unstable": bool(words),
+        "words": words,
+    }
 
 
-def _decide(rung: str, feature: str, sessions: int, seed: int) -> tuple[Found, float, str]:
-    """Return outcomes and filter's seconds a trial by filter, seconds a sweep, and why it is unstable."""
-    gel, conditions = Gel(rung=rung, feature=feature), Conditions(remount=True, trials=20)
-    begun = monotonic_ns()
+def rung_world(job: RungJob) -> dict[str, World]:
+    """Return by feature what a rung leads to."""
+    return {feature: _decide(job, feature) for feature in job.features}
+
+
+def _decide(job: RungJob, feature: str) -> World:
+    gel = Gel(rung=job.rung, rings_m=STIFF_M, feature=feature)
+    conditions = Conditions(remount=True, trials=20)
     try:
-        felt = touch(gel, noisy_sweeps=8)
-    except PalpError as error:
-        return {}, float("nan"), str(error)
-    cells = len(gel.depths_m) * len(gel.rings_m) * (len(ERRORS_M) * len(HEIGHTS_M) + 1)
-    sweep_s = 1e-9 * (monotonic_ns() - begun) / cells
-    found: Found = {}
-    for filter_name in ("naive", "latent"):
-        ended = []
+        sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
+        felt = touch(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
         begun = monotonic_ns()
-        for one in seeds(21, seed, sessions):
-            session = begin(felt, conditions, one)
-            ended.append(run("uniform_stiff", session, PosteriorThreshold(), filter_name=filter_name))
+        sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1])
+        sweep_s = 1e-9 * (monotonic_ns() - begun)
+    except PalpError as error:
+        return World({}, {}, {}, float("nan"), str(error))
+    estimates, probes, filter_s = {}, {}, {}
+    for filter_name in FILTERS:
+        begun = monotonic_ns()
+        ended = [
+            run("uniform_stiff", begin(felt, conditions, one), PosteriorThreshold(), filter_name=filter_name)
+            for one in seeds(21, job.seed, job.sessions)
+        ]
         count = sum(one.depth.size for one in ended)
-        found[filter_name] = (ended, 1e-9 * (monotonic_ns() - begun) / count)
-    return found, sweep_s, ""
+        filter_s[filter_name] = 1e-9 * (monotonic_ns() - begun) / count
+        estimates[filter_name] = np.concatenate([one.estimate for one in ended])
+        probes[filter_name] = float(np.concatenate([one.probes for one in ended]).mean())
+    return World(estimates, probes, filter_s, sweep_s, _doubt(job.rung, feature, gel))
 
 
-def _agreement(found: Found, reference: Found, filter_name: str) -> float | None:
-    if not found or not reference:
-        return None
-    pairs = zip(found[filter_name][0], reference[filter_name][0], strict=True)
-    return float(np.mean(np.concatenate([a.estimate == b.estimate for a, b in pairs])))
-
-
-def _cost(found: Found, filter_name: str, sweep_s: float) -> float | None:
-    if not found:
-        return None
-    ended, filter_s = found[filter_name]
-    return float(np.mean([one.probes.mean() for one in ended])) * sweep_s + filter_s
+def _doubt(rung: str, feature: str, gel: Gel) -> str:
+    """Return why the register would not take the rung for this feature, or nothing."""
+    vouches = [
+        find("contact", rung).bound(feature, scene_quantities(gel, depth_m)) for depth_m in gel.depths_m
+    ]
+    return "" if all(bound is not None for bound in vouches) else f"vouches for no {feature} here"

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from palp_core.perception.optimal import Optimum, chernoff_information, optimum
 from palp_core.perception.stopping import (
     FixedNumber,
     PaperGuarded,
@@ -22,27 +20,19 @@ from palp_core.perception.stopping import (
 from palp_core.studies.batch_trials import Outcomes
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
 from palp_core.studies.decision_charts import calibration_chart, rungs_chart, tradeoff_chart
+from palp_core.studies.decision_limits import limits
 from palp_core.studies.decision_rungs import rung_rows
 from palp_core.studies.paper_jobs import seeds
 from palp_core.studies.policy_summary import summarise
-from palp_core.studies.policy_table import begin
+from palp_core.studies.policy_table import NAMES, begin
 from palp_core.studies.policy_table import run as run_policy
 from palp_core.studies.spread_work import spread
 from palp_core.studies.touch import Gel, Touch, touch
 from palp_core.studies.virtual_rig import Conditions
 
-__all__ = ["POLICIES", "STOPS", "TradeoffJob", "limits", "pareto", "run", "tradeoff_session"]
+__all__ = ["FILTERS", "POLICIES", "STOPS", "TradeoffJob", "pareto", "run", "tradeoff_session"]
 
-POLICIES = (
-    *(f"fixed_{mm}" for mm in (4, 8, 12, 16)),
-    "fixed_best",
-    "markov",
-    "uniform",
-    "uniform_stiff",
-    "reposition_best",
-    "information_gain",
-    "information_gain_latent",
-)
+POLICIES = NAMES
 STOPS: dict[str, StopRule] = {
     "paper_verbatim": PaperVerbatim(),
     "paper_guarded": PaperGuarded(),
@@ -52,7 +42,7 @@ STOPS: dict[str, StopRule] = {
     "fixed_8": FixedNumber(8),
 }
 FEATURES = ("peak", "contrast")
-FILTERS = ("naive", "latent")
+FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
 UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
 """Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
 
@@ -89,21 +79,6 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
     ]
 
 
-def limits(felt: Touch, conditions: Conditions) -> tuple[list[Optimum], float]:
-    """Return the optimum with independent readings at several prices, and Chernoff's rate in nats a probe.
-
-    A reading's spread is then that of landing, height and noise together, drawn anew each time.
-    """
-    variance = (
-        felt.noise_sd**2
-        + (felt.ring_slope() * conditions.ring_sd_m) ** 2
-        + 2.0 * (felt.height_slope() * conditions.height_sd_m) ** 2
-    )
-    mean, sd = felt.nominal(), np.sqrt(variance)
-    best = [optimum(mean, sd, cost) for cost in (0.2, 0.1, 0.05, 0.02, 0.01, 0.005)]
-    return best, chernoff_information(mean, sd)
-
-
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
     """Run every combination, write tables and charts, and return the page.
 
@@ -114,7 +89,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         dask: Address of a Dask scheduler instead.
         seed: Of everything but the measured times.
     """
-    count = 4 if quick else 20
+    count = 2 if quick else 20
     rows: list[dict[str, Any]] = []
     for feature in FEATURES:
         felt = touch(Gel(feature=feature))
@@ -127,18 +102,18 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     for cost in ("probes", "seconds"):
         for row, front in zip(rows, pareto([(r[cost], r["accuracy"]) for r in rows]), strict=True):
             row[f"front_{cost}"] = front
-    best, rate = limits(touch(Gel()), UNKNOWN)
-    rungs = rung_rows(quick=quick, seed=seed)
+    bounds = limits(touch(Gel()), UNKNOWN)
+    rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
-    report = {"rows": rows, "optimum_independent": best, "chernoff_nats_per_probe": rate, "rungs": rungs}
+    report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
     (out / "decision_tradeoff.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
     with (out / "decision_tradeoff.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
     charts = [
-        tradeoff_chart(rows, "probes", best, rate),
-        tradeoff_chart(rows, "seconds", [], rate),
+        tradeoff_chart(rows, "probes", bounds),
+        tradeoff_chart(rows, "seconds", bounds),
         calibration_chart(rows),
         rungs_chart(rungs),
     ]

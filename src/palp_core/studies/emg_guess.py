@@ -141,6 +141,12 @@ def _muscles(
         for place in (0, 1):
             if named[place] is None:
                 named[place], reasons[place] = free.pop(0), "by order"
+    for one, option in zip(named, ("--fds", "--edc"), strict=True):
+        if one is not None and all(one is not other for other in others):
+            raise PalpError(
+                f"{file.path}: {option} names {one.name}, which is the time; name the muscle's. It has: "
+                f"{', '.join(other.name for other in others)}"
+            )
     flexor, extensor = named
     if flexor is None or extensor is None:
         has = ", ".join(one.name for one in file.columns)
@@ -172,12 +178,27 @@ def _is_time(samples: Float64Array) -> bool:
     return bool(steps.size and np.isfinite(samples).all() and (steps > 0.0).all())
 
 
+def _step(times: Float64Array) -> float:
+    """Return the step of a time column whose entries may be rounded and may have gaps.
+
+    The median step is off by its rounding, which does not add up: the slope over the longest stretch without
+    a gap is free of it.
+    """
+    steps = np.diff(times)
+    median = float(np.median(steps))
+    cuts = np.flatnonzero((steps > 2.5 * median) | (steps < 0.0))
+    edges = np.concatenate([[-1], cuts, [steps.size]])
+    longest = int(np.argmax(np.diff(edges)))
+    first, last = int(edges[longest]) + 1, int(edges[longest + 1])
+    return float((times[last] - times[first]) / (last - first)) if last > first else median
+
+
 def _rate(flexor: Column, time: Column | None) -> tuple[float | None, str, float | None]:
     """Return rate, its ground, and the unit of time in seconds; None of a counter of samples."""
     scale = 1.0
     timed: float | None = None
     if time is not None:
-        step = float(np.median(np.diff(time.samples)))
+        step = _step(time.samples)
         stated = _PER_SECOND.get((time.unit or time.name.rpartition("_")[2]).lower())
         # EMG is sampled at 100 Hz to 20 kHz: the unit of an unnamed time is the one that lands there.
         fits = [per for per in (1.0, 1e3, 1e6, 1e9) if 100.0 <= per / step <= 20e3]

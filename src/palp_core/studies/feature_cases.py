@@ -155,7 +155,7 @@ def clean_cases(rings_m: tuple[float, ...]) -> list[Case]:
         torques = []
         for depth_m in DEPTHS_M:
             phantom = Phantom(bead=Bead(depth_m=depth_m))
-            scene = {**phantom.scene(), "tip_radius_m": probe.tip_radius_m, "indentation_m": INDENTATION_M}
+            scene = {**phantom.scene(probe.tip_radius_m), "indentation_m": INDENTATION_M}
             rung = choose("contact", "peak", 0.02, scene).method.name
             model = rung_model(rung, phantom, probe.tip_radius_m)
             table = solve(model, probe, ring_m, INDENTATION_M, FROM_M - MARGIN_M, TO_M + MARGIN_M)

@@ -117,7 +117,10 @@ def fit(
         PalpError: A file cannot be used, or no trial has a transition.
     """
     records: list[dict[str, Any]] = []
+    places = [source.path.resolve() for source in sources]
     for source in sources:
+        if places.count(source.path.resolve()) > 1:
+            raise PalpError(f"{source.path}: named twice; a trial counts once")
         if source.path.is_dir() and not is_recording(source.path):
             found = run_folder(source.path, mvc, choices, settings, tell)
         else:

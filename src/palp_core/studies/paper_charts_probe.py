@@ -75,7 +75,7 @@ def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> Ch
             axes.plot(stage_mm[inside], mean[inside], color=colour, label=f"{ring_m * 1e3:g} mm")
             top = inside.start + int(np.argmax(mean[inside]))
             axes.plot(stage_mm[top], mean[top], "o", color=colour, markersize=4)
-        axes.legend(title="r_a")
+        axes.legend(title="r_a", loc="center left", bbox_to_anchor=(1.0, 0.5))
         tidy(axes, f"d = 8 mm, {count} palpations each", "stage, mm", "torque, N mm")
 
     return Chart(

@@ -101,7 +101,8 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
         _bars(left, names, table, "#0072B2")
         for level, text in ((0.667, "paper, fixed"), (0.9, "paper, human strategy"), (1 / 3, "chance")):
             left.axhline(level, color=GREY, linestyle="--", linewidth=0.9)
-            left.annotate(text, (len(names) - 0.4, level), fontsize=7, va="bottom", ha="right")
+            left.annotate(text, (len(names) - 0.5, level), fontsize=7, va="bottom")
+        left.set_xlim(-0.8, len(names) + 2.2)  # room for the words beside the bars
         tidy(left, "accuracy, 95 % intervals over sessions", "", "share right")
         right.bar(range(len(names)), [table[n]["seconds"] for n in names], color="#009E73", width=0.7)
         for place, name in enumerate(names):

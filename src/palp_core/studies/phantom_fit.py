@@ -76,11 +76,11 @@ def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> Phantom
         MethodError: No contact rung is good enough for the start's scene.
     """
     problem = Problem(cells, start, noise)
-    if not np.isfinite(problem.residuals(problem.start())).all():
-        raise PalpError(
-            "the mechanics have no answer at the start; give another --scene, nearer to the phantom"
-        )
-    best, cost = problem.minimise()
+    best, cost = _minimised(problem)
+    wanted = _costliest(problem, problem.scene(best))
+    if wanted not in (None, problem.rung):  # what was found needs another contact model than the start
+        problem = Problem(cells, problem.scene(best), noise)
+        best, cost = _minimised(problem)
     slope = problem.slope(best)
     covariance = np.linalg.pinv(slope.T @ slope)[:3, :3]
     sd = np.sqrt(np.diag(covariance))
@@ -104,6 +104,23 @@ def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> Phantom
         (*_warnings(parameters, correlation, misfit, cells), *_of_model(found, problem)),
         len(cells),
     )
+
+
+def _minimised(problem: Problem) -> tuple[Float64Array, float]:
+    if not np.isfinite(problem.residuals(problem.start())).all():
+        raise PalpError(
+            "the mechanics have no answer at the start; give another --scene, nearer to the phantom"
+        )
+    return problem.minimise()
+
+
+def _costliest(problem: Problem, scene: Scene) -> str | None:
+    """Return the costliest rung that the scene's phantoms get; None where one of them gets none."""
+    try:
+        chosen = [choose_rung(problem.with_bead(scene, depth_m)) for depth_m in problem.depths_m]
+    except MethodError:
+        return None
+    return max(chosen, key=lambda choice: choice.method.cost_s).rung
 
 
 def _ring_sd(cells: Sequence[Cell], problem: Problem, x: Float64Array) -> Fitted | None:

@@ -15,7 +15,7 @@ from palp_core.perception.statistics import calibration
 from palp_core.studies.batch_trials import Outcomes
 from palp_core.units import Float64Array
 
-__all__ = ["accuracies", "average_of", "depth_key", "summarise"]
+__all__ = ["accuracies", "average_of", "depth_key", "joined", "summarise"]
 
 _SEED = 11  # of the resamples; every table gives the same intervals for the same sessions
 
@@ -80,8 +80,12 @@ def average_of(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[fl
         sessions: Outcomes by policy, all over the same sessions.
         depths_m: Depth of each class.
     """
-    joined = [_join(row) for row in zip(*sessions.values(), strict=True)]
-    return summarise(joined, depths_m)
+    return summarise(joined(sessions), depths_m)
+
+
+def joined(sessions: Mapping[str, Sequence[Outcomes]]) -> list[Outcomes]:
+    """Return the trials of several policies as one policy's, session by session."""
+    return [_join(row) for row in zip(*sessions.values(), strict=True)]
 
 
 def _join(parts: Sequence[Outcomes]) -> Outcomes:

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.methods import find
 from palp_core.perception import figure5, latent, markov
 from palp_core.perception.policies import Fixed, Markov, Policy, Uniform
 from palp_core.perception.policies_informed import InformationGainLatent, Reposition
+from palp_core.perception.rig_noise import independent_model
 from palp_core.perception.stopping import FixedNumber, StopRule
 from palp_core.studies.batch_trials import Outcomes, run_trials
 from palp_core.studies.touch import Touch
@@ -22,7 +24,6 @@ from palp_core.studies.virtual_rig import (
     Draws,
     Trained,
     draw,
-    independent_model,
     offset_model,
     train,
 )
@@ -195,14 +196,13 @@ def run(
         name: As in ``paper.json``.
         session: The session.
         stop: The stop rule; a single probe has its own.
-        filter_name: ``naive`` or ``latent``.
+        filter_name: Task ``filter``.
         per_second: Whether the informed policies weigh seconds.
     """
     if name == "chance":
         return chance(session)
-    if filter_name not in ("naive", "latent"):
-        raise PalpError(f"there is no filter '{filter_name}'; there are naive and latent")
-    model = session.naive if filter_name == "naive" else session.latent
+    known = find("filter", filter_name).target
+    model = session.naive if filter_name == "naive" else known(session.latent)
     chosen = policy(name, session, per_second=per_second)
     rule = FixedNumber(1) if name == "best_single_probe" else stop
     return run_trials(session.touch, session.conditions, session.draws, model, chosen, rule)

@@ -45,7 +45,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One palpation; SI units. ``posterior`` and ``gain`` are empty in training.
 
     ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
-    where nobody told.
+    where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
     """
 
     row: int
@@ -70,6 +70,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     start_ns: int
     end_ns: int
+    landed: bool | None = None
 
 
 class Record:
@@ -188,6 +189,7 @@ def _row(cells: dict[str, str]) -> Row:
     for name in ("gamma", "estimate_m", "true_ring_m", "true_height_m"):
         plain[name] = float(plain[name]) if plain.get(name) else None
     plain["outlier"] = plain["outlier"] == "1"
+    plain["landed"] = plain["landed"] == "1" if plain.get("landed") else None
     return msgspec.convert(plain, Row, strict=False)
 
 

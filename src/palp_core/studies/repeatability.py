@@ -21,7 +21,8 @@ from palp_core.perception.rig_noise import Component, RigNoise, write_noise
 from palp_core.perception.variance_components import Block, Estimate, estimate
 from palp_core.studies.contact_page import paragraph, table, write_page
 from palp_core.studies.feature_cases import RESOLUTION_N_M
-from palp_core.studies.redecide import Methods, height_slope, readings
+from palp_core.studies.height_slope import height_slope
+from palp_core.studies.redecide import Methods, readings
 from palp_core.studies.stored import StoredSession, StoredSweep
 from palp_core.units import Float64Array
 

@@ -89,8 +89,10 @@ def build(session: Session, summary: RunSummary) -> dict[str, Any]:
         "verdicts": {word: _verdicts(trials)[word] for word in ("decided", "undecided")},
         "calibration": _calibration(trials),
         "confusion": _confusion(session),
+        "grid_depths": session.grid_count,
+        "rmse_mm": _rmse_mm(trials),
         "stop_rule": _stop_rule(summary.params.get("estimator", {})),
-        "mechanics": _mechanics(summary.params.get("phantom")),
+        "mechanics": _mechanics(summary.params.get("phantom"), session),
         "protocol": _protocol(summary.params),
         "clock": summary.clock,
         "sim_time_s": summary.clock_s,
@@ -210,29 +212,48 @@ def _confusion(session: Session) -> dict[str, Any]:
     return {"depths_mm": [round(d * 1e3, 6) for d in session.depths_m], "actual_by_estimated": table.tolist()}
 
 
+def _rmse_mm(trials: Sequence[Trial]) -> float | None:
+    """Return the root mean square of the belief's mean depth about the true one, mm."""
+    if not trials:
+        return None
+    return 1e3 * float(np.sqrt(np.mean([(trial.mean_m - trial.depth_m) ** 2 for trial in trials])))
+
+
 def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     if "stop" not in estimator:
         return None
-    settings: dict[str, Any] = asdict(stop_rule(estimator["stop"]))  # type: ignore[call-overload]
+    settings: dict[str, Any] = asdict(
+        stop_rule(estimator["stop"], estimator.get("stop_value", 0.0))  # type: ignore[call-overload]
+    )
     limit = {"max_probes": estimator["max_probes"]} if "max_probes" in estimator else {}
     return {"name": estimator["stop"], "settings": settings | limit}
 
 
-def _mechanics(phantom: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Return every phantom's contact rung with its stated bound, and the scene; None where touch was real."""
+def _mechanics(phantom: dict[str, Any] | None, session: Session) -> dict[str, Any] | None:
+    """Return every phantom's rung, its stated bound, its guards, and the scene; None where touch was real.
+
+    Guards are those of sweeps at the ring positions visited and the nominal height.
+    """
     if phantom is None:
         return None
     names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
     indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
     touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
     choices, file = touched.choices, phantom.get("scene") or phantom.get("phantoms", "")
+    way_m = phantom.get("from_m", -0.03), phantom.get("to_m", 0.05)
+    visited = {code: {row.ring_m for row in session.rows if row.phantom == code} for code in choices}
     return {
         "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
         "bound": max(choice.bound or 0.0 for choice in choices.values()),
         "output": touched.output,
         "tolerance": touched.tolerance,
         "per_phantom": {
-            code: {"rung": choice.method.name, "bound": choice.bound, "reason": choice.reason}
+            code: {
+                "rung": choice.method.name,
+                "bound": choice.bound,
+                "reason": choice.reason,
+                "guards": list(touched.guards(code, sorted(visited[code]), *way_m)),
+            }
             for code, choice in choices.items()
         },
         "scene": {

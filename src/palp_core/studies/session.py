@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError
@@ -32,9 +33,13 @@ class Trial:
 
     Attributes:
         probes: Its palpations in order; at least one.
+        mean_m: Mean depth of the last belief, over the depths it is about.
+        confidence: Posterior of the estimate, 0 to 1.
     """
 
     probes: tuple[Row, ...]
+    mean_m: float
+    confidence: float
 
     @property
     def depth_m(self) -> float:
@@ -52,11 +57,6 @@ class Trial:
         estimate_m = self.probes[-1].estimate_m
         return estimate_m is not None and abs(estimate_m - self.depth_m) < 1e-9
 
-    @property
-    def confidence(self) -> float:
-        """Posterior of the estimate, 0 to 1."""
-        return min(max(self.probes[-1].posterior), 1.0)
-
 
 @dataclass(frozen=True)
 class Session:
@@ -69,6 +69,8 @@ class Session:
         primitives: The memory primitives; None where training did not reach every cell.
         trials: Trials of estimation that came to a verdict.
         unfinished_count: Trials of estimation without one: the record ends within them.
+        grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
+            of a depth of the grid is counted to the class nearest to it.
     """
 
     folder: Path
@@ -77,6 +79,7 @@ class Session:
     primitives: Primitives | None
     trials: tuple[Trial, ...]
     unfinished_count: int
+    grid_count: int = 0
 
     @property
     def training(self) -> list[Row]:
@@ -116,16 +119,32 @@ def read_session(out: str | Path) -> Session:
     """
     folder = Path(out)
     rows = read_rows(folder)
-    depths_m = _classes(folder) or tuple(sorted({row.depth_m for row in rows}))
+    believed_m = _classes(folder) or tuple(sorted({row.depth_m for row in rows}))
     for row in rows:
-        if row.phase == "estimation" and len(row.posterior) != len(depths_m):
+        if row.phase == "estimation" and len(row.posterior) != len(believed_m):
             raise PalpError(
                 f"{folder / 'trials.csv'}: row {row.row} has a posterior of {len(row.posterior)}, not "
-                f"{len(depths_m)} classes; the record is damaged, run the session again"
+                f"{len(believed_m)} classes; the record is damaged, run the session again"
             )
-    every = list(_trials(rows))
+    taught_m = tuple(sorted({row.depth_m for row in rows if row.phase == "training"}))
+    grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
+    depths_m = taught_m if grid else believed_m
+    every = list(_trials(rows, believed_m, depths_m))
+    if grid:
+        rows = [_counted(row, believed_m, depths_m) for row in rows]
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
-    return Session(folder, tuple(rows), depths_m, _primitives(folder, rows), ended, len(every) - len(ended))
+    unfinished = len(every) - len(ended)
+    return Session(folder, tuple(rows), depths_m, _primitives(folder, rows), ended, unfinished, grid)
+
+
+def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Row:
+    """Return a row whose belief over a grid is one over the classes nearest to its depths."""
+    if not row.posterior:
+        return row
+    nearest = np.argmin(np.abs(np.array(grid_m)[:, None] - np.array(depths_m)), axis=1)
+    mass, gain = (np.bincount(nearest, weights=w, minlength=len(depths_m)) for w in (row.posterior, row.gain))
+    best = depths_m[nearest[int(np.argmax(row.posterior))]]
+    return msgspec.structs.replace(row, posterior=mass.tolist(), gain=gain.tolist(), estimate_m=best)
 
 
 def _classes(folder: Path) -> tuple[float, ...]:
@@ -136,10 +155,19 @@ def _classes(folder: Path) -> tuple[float, ...]:
     return tuple(float(label.removesuffix("mm")) / 1e3 for label in labels)
 
 
-def _trials(rows: Iterable[Row]) -> Iterable[Trial]:
+def _trials(rows: Iterable[Row], believed_m: Sequence[float], depths_m: Sequence[float]) -> Iterable[Trial]:
     estimation = (row for row in rows if row.phase == "estimation")
-    for _, probes in groupby(estimation, key=lambda row: row.trial):
-        yield Trial(tuple(probes))
+    for _, group in groupby(estimation, key=lambda row: row.trial):
+        probes = list(group)
+        mean_m = float(np.dot(probes[-1].posterior, believed_m))
+        if len(believed_m) != len(depths_m):
+            probes = [_counted(row, believed_m, depths_m) for row in probes]
+        last = probes[-1]
+        estimate_m = (
+            believed_m[int(np.argmax(last.posterior))] if last.estimate_m is None else last.estimate_m
+        )
+        stated = last.posterior[int(np.argmin(np.abs(np.array(depths_m) - estimate_m)))]
+        yield Trial(tuple(probes), mean_m, min(stated, 1.0))
 
 
 def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:

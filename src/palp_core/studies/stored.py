@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ from palp_core.errors import PalpError
 from palp_core.studies.record import read_rows, read_sweep
 from palp_core.units import Float64Array
 
-__all__ = ["StoredSession", "StoredSweep", "read_stored"]
+__all__ = ["StoredSession", "StoredSweep", "read_sessions", "read_stored"]
 
 _TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
+_RING = "/actuator/ring_state"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,7 @@ class StoredSweep:
         ring_m: Ring position as commanded.
         torque_n_m: As measured, shape (n,).
         rate_hz: Sampling rate.
+        landed: Whether the ring was moved or re-homed since the sweep before; None where nobody told.
     """
 
     phase: str
@@ -43,6 +45,7 @@ class StoredSweep:
     ring_m: float
     torque_n_m: Float64Array
     rate_hz: float
+    landed: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,20 @@ class StoredSession:
     def phase(self, name: str) -> list[StoredSweep]:
         """Return the sweeps of a phase."""
         return [sweep for sweep in self.sweeps if sweep.phase == name]
+
+
+def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
+    """Read sessions, each its own: one that counts twice makes intervals too narrow.
+
+    Raises:
+        PalpError: One is named twice, or cannot be read.
+        BagError: A bag cannot be read.
+    """
+    places = [path.resolve() for path in paths]
+    for path, place in zip(paths, places, strict=True):
+        if places.count(place) > 1:
+            raise PalpError(f"{path}: named twice; a session counts once")
+    return [read_stored(path) for path in paths]
 
 
 def read_stored(path: Path) -> StoredSession:
@@ -87,7 +104,7 @@ def _of_record(folder: Path) -> Iterator[StoredSweep]:
         torque_n_m, rate_hz = read_sweep(folder, row.row)
         yield StoredSweep(
             row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
-            torque_n_m, rate_hz,
+            torque_n_m, rate_hz, row.landed,
         )  # fmt: skip
 
 
@@ -107,9 +124,13 @@ def _of_bag(path: Path) -> Iterator[StoredSweep]:
             raise PalpError(
                 f"{path}: has no {', '.join(missing)}; record the whole run: palp launch FILE --record DIR"
             )
-        messages = list(bag.messages(_TOPICS))  # in the order of recording: a mount follows its last sweep
+        told = _RING in bag.topics()
+        messages = list(
+            bag.messages((*_TOPICS, _RING) if told else _TOPICS)
+        )  # in the order of recording: a mount follows its last sweep
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
+    homed, ring_m = False, -1.0
     for message in messages:
         value: Any = message.value
         if message.topic == _TOPICS[0]:
@@ -118,8 +139,12 @@ def _of_bag(path: Path) -> Iterator[StoredSweep]:
             trial = value
             if value.label_known:
                 depths[code] = value.depth_m
+        elif message.topic == _RING:
+            homed = homed or value.rehome
         elif trial is not None and value.trial == trial.trial:
+            landed = (homed or value.ring_m != ring_m) if told else None
+            homed, ring_m = False, value.ring_m
             yield StoredSweep(
                 trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
-                value.torque_n_m, value.rate_hz,
+                value.torque_n_m, value.rate_hz, landed,
             )  # fmt: skip

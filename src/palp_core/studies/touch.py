@@ -16,14 +16,15 @@ from scipy.interpolate import RectBivariateSpline
 from palp_core.errors import PalpError
 from palp_core.mechanics.phantom import Bead, Phantom
 from palp_core.mechanics.probe import Probe
+from palp_core.mechanics.scene import Path, Scene
 from palp_core.mechanics.scene_choice import rung_model
 from palp_core.mechanics.sweep_table import solve
-from palp_core.methods import choose, find
+from palp_core.methods import Quantities, choose, find
 from palp_core.perception.figure5 import DEPTHS_M, RINGS_M
 from palp_core.perception.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
-__all__ = ["Gel", "Touch", "sweep_torque", "touch"]
+__all__ = ["Gel", "Touch", "scene_quantities", "sweep_torque", "touch"]
 
 ERRORS_M = np.linspace(-0.75e-3, 0.75e-3, 5)
 HEIGHTS_M = np.linspace(-1.5e-3, 1.5e-3, 5)
@@ -47,6 +48,8 @@ class Gel:
         rung: Contact model; empty: the cheapest that vouches for the peak within 2 %.
         feature: ``peak`` or ``contrast``.
         denoising: Rule of the wavelet's coefficients.
+        height_reach_m: Heights up to this far from nominal are tabulated; less than the usual 1.5 mm where
+            the contact model ends before.
     """
 
     depths_m: tuple[float, ...] = DEPTHS_M
@@ -59,6 +62,12 @@ class Gel:
     rung: str = ""
     feature: str = "peak"
     denoising: str = "soft_universal"
+    height_reach_m: float = 1.5e-3
+
+    @property
+    def heights_m(self) -> Float64Array:
+        """Heights of the surface that are tabulated, m."""
+        return np.asarray(HEIGHTS_M * (self.height_reach_m / HEIGHTS_M[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +102,12 @@ class Touch:
             depth: Class, shape (n,).
             ring: Index of the ring position, shape (n,).
             error_m: Where the ring is minus where it ought to be; beyond 0.75 mm it counts as 0.75.
-            height_m: Height of the surface; beyond 1.5 mm it counts as 1.5.
+            height_m: Height of the surface; beyond the gel's ``height_reach_m`` it counts as that.
             noise: Standard normal numbers, shape (n,).
         """
         values = self.bias[depth, ring] + self.noise_sd[depth, ring] * noise
         error = np.clip(error_m, ERRORS_M[0], ERRORS_M[-1])
-        height = np.clip(height_m, HEIGHTS_M[0], HEIGHTS_M[-1])
+        height = np.clip(height_m, -self.gel.height_reach_m, self.gel.height_reach_m)
         cell = depth * len(self.gel.rings_m) + ring
         for number in np.unique(cell):
             here = cell == number
@@ -122,12 +131,14 @@ class Touch:
         return np.reshape(values, (len(self.gel.depths_m), len(self.gel.rings_m)))
 
 
-def touch(gel: Gel, *, noisy_sweeps: int = 24) -> Touch:
+def touch(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Touch:
     """Solve the sweeps of every cell and measure what noise becomes.
 
     Args:
         gel: What is touched.
         noisy_sweeps: Sweeps per cell from which bias and spread are measured, with a seed of their own.
+        coarse: Whether to solve at the ends of errors and heights only, for a contact model of seconds a
+            sweep; the reading is bilinear then.
 
     Raises:
         MethodError: No contact model vouches for the peak in this gel.
@@ -135,6 +146,8 @@ def touch(gel: Gel, *, noisy_sweeps: int = 24) -> Touch:
     """
     rng = np.random.default_rng(20)
     rungs, splines, bias, spread = [], [], [], []
+    errors_m, heights_m = (x[[0, -1]] if coarse else x for x in (ERRORS_M, gel.heights_m))
+    degree = 1 if coarse else 3
     for depth_m in gel.depths_m:
         rung = _rung(gel, depth_m)
         rungs.append(rung)
@@ -144,12 +157,12 @@ def touch(gel: Gel, *, noisy_sweeps: int = 24) -> Touch:
                 [
                     [
                         read(_torque(model, _probe(gel), ring_m + error_m, gel.indentation_m + height_m), gel)
-                        for height_m in HEIGHTS_M
+                        for height_m in heights_m
                     ]
-                    for error_m in ERRORS_M
+                    for error_m in errors_m
                 ]
             )
-            splines.append(RectBivariateSpline(ERRORS_M, HEIGHTS_M, table))
+            splines.append(RectBivariateSpline(errors_m, heights_m, table, kx=degree, ky=degree))
             clean = _torque(model, _probe(gel), ring_m, gel.indentation_m)
             noisy = np.array([read(measured(clean, gel, rng), gel) for _ in range(noisy_sweeps)])
             bias.append(float(noisy.mean()) - read(clean, gel))
@@ -190,17 +203,21 @@ def _phantom(gel: Gel, depth_m: float) -> Phantom:
     return Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa)
 
 
+def scene_quantities(gel: Gel, depth_m: float) -> Quantities:
+    """Return what the register asks of a scene before it chooses a contact model."""
+    scene = Scene(
+        phantom=_phantom(gel, depth_m),
+        probe=_probe(gel),
+        path=Path(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
+        ring_m=gel.rings_m,
+    )
+    return scene.quantities()
+
+
 def _rung(gel: Gel, depth_m: float) -> str:
     if gel.rung:
         return gel.rung
-    probe = _probe(gel)
-    scene = {
-        **_phantom(gel, depth_m).scene(),
-        "tip_radius_m": probe.tip_radius_m,
-        "friction": probe.friction,
-        "tip_mass_kg": probe.tip_mass_kg,
-        "indentation_m": gel.indentation_m,
-    }
+    scene = scene_quantities(gel, depth_m)
     for tolerance in (
         0.02,
         0.05,

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from palp_core.errors import PalpError
 from palp_core.perception.latent import OffsetModel
 from palp_core.perception.primitives import Primitives, fit, quantisation_sd
+from palp_core.perception.ring_curve import LEAST_RINGS, ring_curve
 from palp_core.studies.touch import RESOLUTION_N_M, Touch
 from palp_core.units import Float64Array
 
-__all__ = ["Conditions", "Draws", "Trained", "draw", "independent_model", "offset_model", "train"]
+__all__ = ["Conditions", "Draws", "Trained", "draw", "offset_model", "train"]
+
+_SPREAD = {"uniform": 1 / np.sqrt(3.0), "normal": 0.5, "triangular": 1 / np.sqrt(6.0), "two_sided": 1.0}
+"""Standard deviation of a landing in units of the repeatability."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +30,14 @@ class Conditions:
 
     Attributes:
         repeatability_m: The ring's +-0.3 mm (data sheet).
-        distribution: ``uniform`` reads it as hard limits, ``normal`` as the band of 95 %.
+        distribution: ``uniform`` reads it as hard limits, ``triangular`` too, with landings near the middle
+            more often; ``two_sided`` lands at either limit, as play does; ``normal`` is a band of 95 %.
         height_sd_m: Spread of the surface's height over mountings (assumed).
         training: Palpations per depth and ring position; 25 as published.
         training_lands: ``each`` palpation of training lands anew, or once a ``cell`` of depth and ring
             (blocked, not re-homed). Not published.
+        training_mounts: Training mounts the phantom ``once`` a depth (blocked by depth), or anew for each
+            ``palpation``, as an order that alternates between depths (Table 3) has to.
         trials: Trials per depth; 100 as published.
         remount: Whether the phantom is put on anew for every trial, or once a phase. Not published.
         rehome: Whether the ring is re-homed before each trial. If not, a ring that never moves keeps one
@@ -46,6 +53,7 @@ class Conditions:
     height_sd_m: float = 0.1e-3
     training: int = 25
     training_lands: str = "each"
+    training_mounts: str = "once"
     trials: int = 100
     remount: bool = False
     rehome: bool = True
@@ -56,8 +64,9 @@ class Conditions:
 
     def __post_init__(self) -> None:
         for name, allowed in (
-            ("distribution", ("uniform", "normal")),
+            ("distribution", tuple(_SPREAD)),
             ("training_lands", ("each", "cell")),
+            ("training_mounts", ("once", "palpation")),
             ("landing", ("move", "level")),
         ):
             if getattr(self, name) not in allowed:
@@ -68,13 +77,19 @@ class Conditions:
     @property
     def ring_sd_m(self) -> float:
         """Standard deviation of a landing."""
-        return self.repeatability_m / (np.sqrt(3.0) if self.distribution == "uniform" else 2.0)
+        return float(self.repeatability_m * _SPREAD[self.distribution])
 
     def landings_m(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Float64Array:
         """Return landing errors."""
-        if self.distribution == "normal":
-            return np.asarray(rng.normal(0.0, self.repeatability_m / 2.0, shape))
-        return np.asarray(rng.uniform(-self.repeatability_m, self.repeatability_m, shape))
+        limit = self.repeatability_m
+        match self.distribution:
+            case "normal":
+                return np.asarray(rng.normal(0.0, limit / 2.0, shape))
+            case "triangular" if limit > 0.0:
+                return np.asarray(rng.triangular(-limit, 0.0, limit, shape))
+            case "two_sided":
+                return np.asarray(rng.choice((-limit, limit), shape))
+        return np.asarray(rng.uniform(-limit, limit, shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +129,11 @@ class Draws:
 
 
 def train(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Trained:
-    """Return what a training on the rig leaves: every depth at every ring position, one mounting a depth."""
+    """Return what a training on the rig leaves: every depth at every ring position."""
     m, k = len(touch.gel.depths_m), len(touch.gel.rings_m)
     count = conditions.training
-    height_m = conditions.height_sd_m * rng.standard_normal((m, 1, 1))
+    mounts = (m, 1, 1) if conditions.training_mounts == "once" else (m, k, count)
+    height_m = conditions.height_sd_m * rng.standard_normal(mounts)
     landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
     depth, ring, _ = np.indices((m, k, count))
     readings = touch.reading(
@@ -160,31 +176,32 @@ def draw(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Draw
     )
 
 
-def independent_model(primitives: Primitives) -> OffsetModel:
-    """Return the paper's reading of the primitives: every reading is independent, eq. (7)."""
-    mean = primitives.mean[..., None]
-    nothing = np.zeros((*mean.shape, 0))
-    return OffsetModel(mean, (primitives.sd**2)[..., None, None], nothing, np.zeros(0), ())
-
-
 def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> OffsetModel:
     """Return primitives that know what stays.
 
     Offsets: the ring's landing (until it moves), the height (for the trial), and the error that training left
-    in each ring position's mean (for the trial; its landings were as few as they were). Means are the
-    session's own. Known from the rig, not from this session: the spreads of landing and height, the sensor's
-    noise, and how a reading answers to both offsets. A height counts against that of the training's mounting,
-    hence its variance twice.
+    in each depth's mean (for the trial; its landings were as few as they were). Means lie on a curve over the
+    ring through the session's own, where there are rings enough and the cells do not contradict it. Known
+    from the rig, not from this session: the spreads of landing and height, the sensor's noise, and how a
+    reading answers to both offsets. A height counts against that of the training's mounting, hence its
+    variance twice; against their mean where training had many.
     """
-    mean = trained.primitives.mean[..., None]
-    m, k, _ = mean.shape
+    mean, rings_m = trained.primitives.mean, trained.primitives.rings_m
     landings = conditions.training if conditions.training_lands == "each" else 1
-    ring = touch.ring_slope()
-    slope = np.zeros((m, k, 1, 2 + k))
-    slope[..., 0, 0], slope[..., 0, 1] = ring, touch.height_slope()
-    for setting in range(k):
-        slope[:, setting, 0, 2 + setting] = ring[:, setting]
-    sd = conditions.ring_sd_m
-    offset_sd = np.array([sd, np.sqrt(2.0) * conditions.height_sd_m, *[sd / np.sqrt(landings)] * k])
-    noise = touch.noise_sd**2 * (1.0 + 1.0 / conditions.training) + trained.primitives.floor**2
-    return OffsetModel(mean, noise[..., None, None], slope, offset_sd, (True, *[False] * (1 + k)))
+    ring, sd = touch.ring_slope(), conditions.ring_sd_m
+    noise = touch.noise_sd**2 + trained.primitives.floor**2
+    error_sd = np.sqrt((ring * sd) ** 2 / landings + noise / conditions.training)
+    curve = ring_curve(mean, error_sd, rings_m) if len(rings_m) >= LEAST_RINGS else None
+    if curve is not None and curve.fits:
+        mean, root = curve.mean, curve.root
+    else:
+        root = error_sd[..., None] * np.eye(len(rings_m))
+    own = np.stack([ring, touch.height_slope()], axis=-1)
+    slope = np.concatenate([own, root], axis=-1)[:, :, None, :]
+    mounts = 1 if conditions.training_mounts == "once" else conditions.training
+    height_sd = np.sqrt(1.0 + 1.0 / mounts) * conditions.height_sd_m
+    left = root.shape[-1]
+    offset_sd = np.array([sd, height_sd, *[1.0] * left])
+    return OffsetModel(
+        mean[..., None], noise[..., None, None], slope, offset_sd, (True, *[False] * (1 + left))
+    )

@@ -17,25 +17,35 @@ __all__ = ["Muscles", "Noraxon", "SpikerShield"]
 
 
 class Muscles:
-    """The simulated subject, sampled in real time at a rate."""
+    """The simulated subject, sampled at a rate by a clock of the device's own.
 
-    def __init__(self, world: World, rate_hz: float) -> None:
+    Args:
+        world: The rig.
+        rate_hz: Samples per second of the device's clock.
+        clock_ppm: How much faster than the host's that clock runs, in millionths.
+    """
+
+    def __init__(self, world: World, rate_hz: float, clock_ppm: float = 0.0) -> None:
+        self._speed = 1.0 + clock_ppm * 1e-6
+        self._begin_ns: int | None = None
         self.source = replace(world.emg, rate_hz=rate_hz)
         self._state = EmgState()
         self._rng = np.random.default_rng((world.settings.seed, 2))
 
     def since(self, now_ns: int) -> EmgBlock:
-        """Return the samples since the last call."""
-        self.source.open(now_ns, self._state, self._rng)
-        return self.source.drain(now_ns, self._state, self._rng)
+        """Return the samples since the last call, at times of the device's clock."""
+        begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
+        device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)
+        self.source.open(device_ns, self._state, self._rng)
+        return self.source.drain(device_ns, self._state, self._rng)
 
 
 class Noraxon:
     """MR3's HTTP streaming: what was measured since the last poll, in microvolts."""
 
-    def __init__(self, world: World, rate_hz: float = 1500.0) -> None:
+    def __init__(self, world: World, rate_hz: float = 1500.0, clock_ppm: float = 0.0) -> None:
         self._rate_hz = rate_hz
-        self._muscles = Muscles(world, rate_hz)
+        self._muscles = Muscles(world, rate_hz, clock_ppm)
         self._enabled = [True, True]
 
     def page(self, path: str, now_ns: int) -> bytes | None:
@@ -69,9 +79,9 @@ class Noraxon:
 class SpikerShield:
     """The box's serial stream: 10-bit samples of both muscles about the middle of the range."""
 
-    def __init__(self, world: World, volt_per_count: float = 4e-6) -> None:
-        self._world, self._volt_per_count = world, volt_per_count
-        self._muscles = Muscles(world, 5000.0)
+    def __init__(self, world: World, volt_per_count: float = 4e-6, clock_ppm: float = 0.0) -> None:
+        self._world, self._volt_per_count, self._clock_ppm = world, volt_per_count, clock_ppm
+        self._muscles = Muscles(world, 5000.0, clock_ppm)
         self._rest = b""
         self._booted = False
         self.ready_ns = 0
@@ -82,7 +92,7 @@ class SpikerShield:
         for line in lines:
             match = re.fullmatch(rb"conf s:(\d+);c:(\d+);\s*", line)
             if match and int(match[2]) == 2:
-                self._muscles = Muscles(self._world, int(match[1]) / 2)
+                self._muscles = Muscles(self._world, int(match[1]) / 2, self._clock_ppm)
         return b""
 
     def stream(self, now_ns: int) -> bytes:

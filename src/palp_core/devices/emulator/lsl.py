@@ -29,14 +29,20 @@ class LslOutlet:
     """
 
     def __init__(
-        self, reactor: Reactor, world: World, faults: Faults, name: str, rate_hz: float = 1500.0
+        self,
+        reactor: Reactor,
+        world: World,
+        faults: Faults,
+        name: str,
+        rate_hz: float = 1500.0,
+        clock_ppm: float = 0.0,
     ) -> None:
         try:
             self._lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError) as error:
             raise DeviceError(f"emulator: no LSL: {error}; pip install 'palp[lsl]'") from error
         self._reactor, self._faults, self._name, self._rate_hz = reactor, faults, name, rate_hz
-        self._muscles = Muscles(world, rate_hz)
+        self._muscles = Muscles(world, rate_hz, clock_ppm)
         self._outlet: Any = None
         self._run = 0
         self._clock_s = self._lsl.local_clock() - reactor.now_ns() * 1e-9

@@ -11,6 +11,7 @@ from palp_core.devices.emulator.faults import Faults
 from palp_core.devices.emulator.reactor import Reactor
 from palp_core.devices.emulator.world import World
 from palp_core.devices.wire.rdt import SATURATION
+from palp_core.errors import DeviceError
 
 __all__ = ["NetFt", "configuration_page"]
 
@@ -31,10 +32,18 @@ def configuration_page(path: str) -> bytes | None:
 class NetFt:
     """The sensor's UDP port: one stream, to whoever asked last."""
 
-    def __init__(self, reactor: Reactor, world: World, faults: Faults, rate_hz: float, port: int = 0) -> None:
+    def __init__(
+        self,
+        reactor: Reactor,
+        world: World,
+        faults: Faults,
+        rate_hz: float,
+        host: str = "127.0.0.1",
+        clock_ppm: float = 0.0,
+    ) -> None:
         self._reactor, self._world, self._faults = reactor, world, faults
-        self._period_ns = 1e9 / rate_hz
-        self.port = port
+        self._period_ns = 1e9 / (rate_hz * (1.0 + clock_ppm * 1e-6))
+        self.host, self.port = host, 0
         self._socket: socket.socket | None = None
         self._client: tuple[str, int] | None = None
         self._run = self._sequence = self._left = 0
@@ -42,9 +51,18 @@ class NetFt:
         self._bias = np.zeros(6)
 
     def plug(self) -> None:
-        """Bind the port; the device behind it is powered up."""
+        """Bind the port; the device behind it is powered up.
+
+        Raises:
+            DeviceError: The address is not of this host.
+        """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", self.port))
+        try:
+            self._socket.bind((self.host, self.port))
+        except OSError as error:
+            self._socket.close()
+            self._socket = None
+            raise DeviceError(f"emulator: no UDP on {self.host}:{self.port}: {error.strerror}") from error
         self._socket.setblocking(False)
         self.port = self._socket.getsockname()[1]
         self._reactor.add(self._socket, self._arrive)
@@ -76,9 +94,12 @@ class NetFt:
         if self._socket is None:
             return
         try:
-            datagram, sender = self._socket.recvfrom(64)
+            self.answer(*self._socket.recvfrom(64))
         except OSError:
             return
+
+    def answer(self, datagram: bytes, sender: tuple[str, int]) -> None:
+        """Obey a request; what is none is not answered."""
         if len(datagram) != 8:
             return
         header, command, count = struct.unpack(">HHI", datagram)

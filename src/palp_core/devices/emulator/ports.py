@@ -10,8 +10,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from palp_core.devices.emulator.arrival import receive, stamp_arrivals
 from palp_core.devices.emulator.faults import Faults
 from palp_core.devices.emulator.reactor import Reactor
+from palp_core.errors import DeviceError
 
 __all__ = ["PtyPort", "Speaker", "TcpPort"]
 
@@ -157,8 +159,18 @@ class TcpPort:
         return f"socket://{self.host}:{self.port}"
 
     def plug(self) -> None:
-        """Listen."""
-        self._listener = socket.create_server((self.host, self.port))
+        """Listen.
+
+        Raises:
+            DeviceError: Somebody else does, or the address is not of this host.
+        """
+        try:
+            self._listener = socket.create_server((self.host, self.port))
+        except OSError as error:
+            raise DeviceError(
+                f"emulator: cannot listen on {self.host}:{self.port}: {error.strerror};"
+                " end what does, or choose another address"
+            ) from error
         self._listener.setblocking(False)
         self.port = self._listener.getsockname()[1]
         self._reactor.add(self._listener, self._accept)
@@ -178,6 +190,7 @@ class TcpPort:
             return
         client, _ = self._listener.accept()
         client.setblocking(False)
+        stamp_arrivals(client)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         speaker = self._make()
         self._clients[client] = speaker
@@ -185,14 +198,13 @@ class TcpPort:
         self._say(client, speaker.stream(self._reactor.now_ns()))
 
     def _arrive(self, client: socket.socket) -> None:
-        try:
-            data = client.recv(65536)
-        except OSError:
-            data = b""
+        data, arrived_ns = b"", 0
+        with suppress(OSError):
+            data, arrived_ns = receive(client, 65536)
         if not data:
             self._drop(client)
             return
-        reply = self._clients[client].receive(self._faults.spoil_request(data), self._reactor.now_ns())
+        reply = self._clients[client].receive(self._faults.spoil_request(data), arrived_ns)
         self._say(client, reply)
 
     def _say(self, client: socket.socket, reply: bytes) -> None:

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -84,6 +85,7 @@ class EmulatedRig:
             undo.callback(self.world.close)
             self.reactor = Reactor()
             undo.callback(self.reactor.stop)
+            undo.callback(self._unplug_all)
             for name in self._devices:
                 self.reactor.call(lambda name=name: self._begin(name))  # type: ignore[misc]
             self._undo = undo.pop_all()
@@ -100,12 +102,8 @@ class EmulatedRig:
         Raises:
             DeviceError: An emulated device failed on the way.
         """
-        for name in self._devices:
-            self.disconnect(name)
-        if self._second is not None:
-            self.reactor.call(self._second.unplug)
-        failures = list(self.reactor.failures)
         self._undo.close()
+        failures = self.reactor.failures
         if failures:
             raise DeviceError(
                 f"emulator: {len(failures)} failures, the first: {failures[0]!r}"
@@ -174,6 +172,12 @@ class EmulatedRig:
         """Look at or change the truth, at a time, on the emulator's thread."""
         return self.reactor.call(lambda: function(self.world, self.reactor.now_ns()))
 
+    def _unplug_all(self) -> None:
+        for name in self._devices:
+            self.disconnect(name)
+        if self._second is not None:
+            self.reactor.call(self._second.unplug)
+
     def _begin(self, name: str) -> None:
         make = getattr(self, f"_make_{name}")
         self._plugs[name] = make(self._faults[name])
@@ -187,9 +191,7 @@ class EmulatedRig:
         return TcpPort(self.reactor, port, speaker, faults, self.settings.host)
 
     def _make_aerotech(self, faults: Faults) -> list[Plug]:
-        def speaker() -> Aerotech:
-            return Aerotech(self.world, always_end=self.settings.stage_always_ends)
-
+        speaker = partial(Aerotech, self.world, always_end=self.settings.stage_always_ends)
         self._stage: PtyPort | TcpPort
         if self.settings.stage_serial:
             path = self._folder / "aerotech"
@@ -225,7 +227,9 @@ class EmulatedRig:
         return {"channel": "can0", "interface": "socketcand", "options": link, "verified": ("*",)}
 
     def _make_netft(self, faults: Faults) -> list[Plug]:
-        self._netft = NetFt(self.reactor, self.world, faults, self.settings.netft_rate_hz)
+        given = self.settings
+        rate_hz, host, clock_ppm = given.netft_rate_hz, given.host, given.clock_ppm
+        self._netft = NetFt(self.reactor, self.world, faults, rate_hz, host, clock_ppm)
         self._netft_page = self._tcp(
             0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
         )
@@ -240,7 +244,7 @@ class EmulatedRig:
         }
 
     def _make_noraxon(self, faults: Faults) -> list[Plug]:
-        amplifier = Noraxon(self.world, self.settings.emg_rate_hz)
+        amplifier = Noraxon(self.world, self.settings.emg_rate_hz, self.settings.clock_ppm)
         self._noraxon = self._tcp(
             self.settings.noraxon_port, lambda: Http(amplifier.page, "application/json"), faults
         )
@@ -253,13 +257,15 @@ class EmulatedRig:
     def _make_lsl(self, faults: Faults) -> list[Plug]:
         name = self._folder.name
         self.options["lsl"] = {"stream": name, "rate_hz": self.settings.emg_rate_hz}
-        return [LslOutlet(self.reactor, self.world, faults, name, self.settings.emg_rate_hz)]
+        rate_hz, clock_ppm = self.settings.emg_rate_hz, self.settings.clock_ppm
+        return [LslOutlet(self.reactor, self.world, faults, name, rate_hz, clock_ppm)]
 
     def _make_spikershield(self, faults: Faults) -> list[Plug]:
         path = self._folder / "spikershield"
         self.options["spikershield"] = {"url": str(path), "volt_per_count": 4e-6, "verified": ("*",)}
         baud = spikershield_wire.BAUD
-        return [PtyPort(self.reactor, path, lambda: SpikerShield(self.world), faults, baud, streams=True)]
+        speaker = partial(SpikerShield, self.world, clock_ppm=self.settings.clock_ppm)
+        return [PtyPort(self.reactor, path, speaker, faults, baud, streams=True)]
 
     def _break(self, name: str, value: float) -> None:
         world, now_ns = self.world, self.reactor.now_ns()

@@ -26,6 +26,7 @@ from palp_core.units import Float64Array
 __all__ = ["World", "WorldSettings"]
 
 _STEP_M = 50e-6
+_LOWEST_RING_M = -0.6e-3  # twice the actuator's repeatability; the joint is unstable from -1 mm on
 _LOG_LENGTH = 100_000
 _EQUAL = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
@@ -74,6 +75,9 @@ class World:
 
     Attributes:
         log: Every command that the stage's controller got: when, from which client, the line.
+        load_n_m: Torque that somebody puts on the sensor beside the phantom, about its axis x.
+        felt_ns: When the sensor took the first sample with it; 0: none yet.
+        felt_y_m: Where the stage was then.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
@@ -85,6 +89,7 @@ class World:
         self.ring_state = RingState()
         self.ring_stalled = False
         self.saturated_gauges: tuple[int, ...] = ()
+        self.put_on(0.0)
         self.sensor_status = 0
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
@@ -129,6 +134,10 @@ class World:
         self.ring = ring
         ring.command(min(max(extension_m, 0.0), ring.stroke_m), now_ns, self.ring_state, self._rng)
         self._solve()
+
+    def put_on(self, load_n_m: float) -> None:
+        """Put a torque on the sensor beside the phantom's; 0 takes it off."""
+        self.load_n_m, self.felt_ns, self.felt_y_m = load_n_m, 0, 0.0
 
     def stall(self, now_ns: int) -> None:
         """Block the actuator where it is."""
@@ -175,6 +184,9 @@ class World:
         noise = self._noise_rng.standard_normal(6)
         noise[:3] *= settings.force_noise_sd_n
         noise[3:] *= settings.torque_noise_sd_n_m
+        noise[3] += self.load_n_m
+        if self.load_n_m and not self.felt_ns:
+            self.felt_ns, self.felt_y_m = now_ns, self.axes["y"].position_m(now_ns)
         return self.true_wrench(now_ns) + noise
 
     def close(self) -> None:
@@ -182,7 +194,7 @@ class World:
         self._solver.shutdown(wait=True, cancel_futures=True)
 
     def _solve(self) -> None:
-        ring_m = max(0.0, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
+        ring_m = max(_LOWEST_RING_M, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
         arguments = (self._model, self._rig.probe, ring_m, self._indentation_m)
         self._contact: Future[Float64Array] = self._solver.submit(
             _contact, *arguments, self.settings.from_m, self.settings.to_m

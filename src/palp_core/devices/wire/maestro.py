@@ -7,6 +7,8 @@ from enum import IntFlag
 from palp_core.devices.checks import check_range
 
 __all__ = [
+    "LARGEST_INPUT",
+    "LONGEST_US",
     "SPEED_UNIT_US_PER_S",
     "Error",
     "crc7",
@@ -20,6 +22,13 @@ __all__ = [
 
 SPEED_UNIT_US_PER_S = 25.0
 """One step of speed: 0.25 us in 10 ms."""
+
+
+LARGEST_INPUT = 1023
+"""What an input says at 5 V."""
+
+LONGEST_US = 4000.0
+"""Longest pulse that a channel can be set to."""
 
 
 class Error(IntFlag):

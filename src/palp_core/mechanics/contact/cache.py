@@ -23,7 +23,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CacheInfo", "cached", "clear", "info", "location"]
+from palp_core.errors import MechanicsError
+
+__all__ = ["CacheInfo", "cached", "clear", "code", "info", "location"]
 
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
 
@@ -65,12 +67,20 @@ def info() -> CacheInfo:
 
 
 def clear() -> int:
-    """Remove every entry and return how many there were; entries being computed come back."""
+    """Remove every entry and return how many there were; entries being computed come back.
+
+    Raises:
+        MechanicsError: One cannot be removed.
+    """
     count = 0
     for path in location().glob("*.npz"):
-        with contextlib.suppress(FileNotFoundError):
+        try:
             path.unlink()
-            count += 1
+        except FileNotFoundError:  # another process has cleared it
+            continue
+        except OSError as error:
+            raise MechanicsError(f"{path}: cannot be removed: {error.strerror}") from error
+        count += 1
     for pattern in ("*.lock", "*.part"):
         for path in location().glob(pattern):
             _remove_idle(path)
@@ -100,14 +110,19 @@ def cached(kind: str, inputs: Mapping[str, float | int | str], compute: Callable
 def _digest(kind: str, inputs: Mapping[str, float | int | str]) -> str:
     exact = {k: float(v).hex() if isinstance(v, float) else v for k, v in sorted(inputs.items())}
     text = json.dumps([_LAYOUT, kind, exact])
-    return hashlib.sha256(text.encode() + _code()).hexdigest()[:32]
+    return hashlib.sha256(text.encode() + code()).hexdigest()[:32]
 
 
 @cache
-def _code() -> bytes:
-    """Return a digest of this package's source: a changed model never reads an old result."""
+def code() -> bytes:
+    """Return a digest of this package's source: a changed model never reads an old result.
+
+    Files of stated bounds do not count; they change no force.
+    """
     total = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
+        if path.stem.endswith("_bounds"):
+            continue
         total.update(path.name.encode() + b"\0" + path.read_bytes())
     return total.digest()
 

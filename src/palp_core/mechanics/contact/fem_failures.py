@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, cg, eigsh, splu
 from skfem import (
     Basis,
     BilinearForm,
+    ElementQuad1,
     ElementQuad2,
     ElementTriP1,
     ElementVector,
@@ -34,7 +36,11 @@ from palp_core.units import Float64Array
 
 __all__ = [
     "coarse_cells",
+    "critical_step_s",
+    "explicit_growth",
+    "finite_strain_error",
     "iterations_of_conjugate_gradients",
+    "residual_of_direct_solution",
     "small_strain_excess",
     "softness_error_of_linear_triangles",
     "softness_error_of_taylor_hood",
@@ -44,6 +50,8 @@ __all__ = [
 _HEIGHT_M = 0.030
 _DISC_M = 0.005
 _MOST_ITERATIONS = 3000
+_MODULUS_PA = 20e3
+_DENSITY_KG_M3 = 1000.0  # assumed, of a silicone gel
 
 
 def _grid(parts: int, outer_m: float) -> tuple[Float64Array, Float64Array]:
@@ -80,12 +88,16 @@ def _slab(poisson: float, mesh: Any, element: Any) -> tuple[Any, Float64Array]:
     load = LinearForm(_even_pressure).assemble(
         FacetBasis(mesh, ElementVector(element), facets=top, intorder=4)
     )
-    x, outer_m = basis.doflocs, float(mesh.p[0].max())
-    along = np.zeros(basis.N, dtype=np.bool_)
+    free = _free(basis, float(mesh.p[0].max()))
+    return matrix[free][:, free].tocsc(), load[free]
+
+
+def _free(basis: Any, outer_m: float) -> NDArray[np.int64]:
+    """Return the unknowns that neither floor, edge nor axis hold."""
+    x, along = basis.doflocs, np.zeros(basis.N, dtype=np.bool_)
     along[basis.dofs.element_dofs[0::2].ravel()] = True
     held = (x[1] > _HEIGHT_M - 1e-9) | (x[0] > outer_m - 1e-9) | (along & (x[0] < 1e-12))
-    free = np.flatnonzero(~held)
-    return matrix[free][:, free].tocsc(), load[free]
+    return np.flatnonzero(~held)
 
 
 def _error(softness: float, poisson: float) -> float:
@@ -135,6 +147,51 @@ def iterations_of_conjugate_gradients(poisson: float, parts: int = 4) -> int | N
     return None if failed else count
 
 
+def residual_of_direct_solution(poisson: float, parts: int = 4) -> float:
+    """Return the relative residual of one sparse factorisation of the same system."""
+    columns, rows = _grid(parts, 5.0 * _HEIGHT_M)
+    matrix, load = _slab(poisson, MeshQuad.init_tensor(columns, rows), ElementQuad2())
+    return float(np.linalg.norm(matrix @ splu(matrix).solve(load) - load) / np.linalg.norm(load))
+
+
+def _rates(poisson: float, parts: int) -> tuple[Any, Float64Array]:
+    """Return M^-1/2 K M^-1/2 in 1/s^2, the mass being lumped, and the scaled load."""
+    columns, rows = _grid(parts, 5.0 * _HEIGHT_M)
+    mesh = MeshQuad.init_tensor(columns, rows)
+    matrix, load = _slab(poisson, mesh, ElementQuad1())
+    whole = Basis(mesh, ElementVector(ElementQuad1()), intorder=4)
+    mass = LinearForm(lambda v, w: _DENSITY_KG_M3 * (v[0] + v[1]) * w.x[0]).assemble(whole)
+    root = 1.0 / np.sqrt(mass[_free(whole, float(mesh.p[0].max()))])
+    return (matrix.multiply(root[:, None]).multiply(root) * _MODULUS_PA).tocsr(), load * root
+
+
+def critical_step_s(poisson: float, parts: int = 12) -> float:
+    """Return the longest stable step of central differences, 2 / omega_max, E = 20 kPa, cells of 0.4 mm."""
+    matrix, load = _rates(poisson, parts)
+    (fastest,) = eigsh(matrix, k=1, v0=np.abs(load) + 1.0, return_eigenvectors=False, tol=1e-4)
+    return float(2.0 / np.sqrt(fastest))
+
+
+def explicit_growth(poisson: float, share: float, steps: int = 400, parts: int = 4) -> float:
+    """Return how far a suddenly loaded slab moves in central differences, over twice its static sinking.
+
+    Args:
+        poisson: Poisson's ratio.
+        share: Step over the critical one: up to 1 the motion is at most about that, beyond it grows for ever.
+        steps: How many.
+        parts: Cells under the load.
+    """
+    matrix, load = _rates(poisson, parts)
+    load = load * _MODULUS_PA
+    step_s = share * critical_step_s(poisson, parts)
+    still = splu(matrix.tocsc()).solve(load)
+    before, now, largest = np.zeros(load.size), np.zeros(load.size), 0.0
+    for _ in range(steps):
+        before, now = now, 2.0 * now - before + step_s**2 * (load - matrix @ now)
+        largest = max(largest, float(np.linalg.norm(now)))
+    return largest / (2.0 * float(np.linalg.norm(still)))
+
+
 def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float, float]:
     """Return the smallest eigenvalue of the compliance over its largest, and the error of N.
 
@@ -154,6 +211,17 @@ def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float,
     values = np.linalg.eigvalsh(patch.compliance(0.0))
     normal = patch.press(0.0).normal_n if values[0] > 0.0 else np.nan
     return float(values[0] / values[-1]), float(normal / fine - 1.0)
+
+
+def finite_strain_error(indentations_m: Float64Array, depth_m: float) -> Float64Array:
+    """Return by how much L5's force on the axis of a bead changes with facets twice as long, shape (n,).
+
+    Raises:
+        OutOfRange: An indentation is beyond what the finite-strain elements bear.
+    """
+    phantom, tip_m, axis = Phantom(bead=Bead(depth_m=depth_m)), 0.006, np.zeros(())
+    coarse = FiniteStrainContact(phantom, tip_m, facet_m=tip_m / 8.0).force(axis, indentations_m)[0]
+    return coarse / FiniteStrainContact(phantom, tip_m).force(axis, indentations_m)[0] - 1.0
 
 
 def small_strain_excess(indentation_over_depth: float, depth_m: float = 0.004) -> float:

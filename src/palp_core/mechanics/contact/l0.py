@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.mechanics.contact.l2 import LayeredHertz
 from palp_core.mechanics.contact.model import ContactModel
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.limits import finite_offsets, require
 from palp_core.mechanics.phantom import Phantom
 from palp_core.methods import method
 from palp_core.units import Float64Array
@@ -100,6 +100,7 @@ def fit_to(model: ContactModel, indentation_m: float = _NOMINAL_M) -> Bump:
     evidence="tests/mechanics/test_l0.py: against what it was fitted to; charted by contact-tradeoff",
     valid={
         "depth_m": (0.0015, 0.015),
+        "depth_per_tip": (0.25, 1e4),
         "poisson": (0.45, 0.5),
         "height_m": (0.015, 1.0),
         "bead_radius_m": (0.003, 0.015),
@@ -177,7 +178,7 @@ class FittedBump:
                 f"{np.max(given):g} is beyond {self.indentation_max_m:g}, what the bump was fitted over; "
                 "press less deep, fit deeper forces or climb to l2",
             )
-        offset, width = np.asarray(offset_m, dtype=np.float64), self.fit.width_m
+        offset, width = finite_offsets(offset_m), self.fit.width_m
         extra = self.fit.rise * np.exp(-0.5 * (offset / width) ** 2)
         depth, bump = np.broadcast_arrays(np.maximum(given, 0.0), 1.0 + extra)
         return depth, bump, np.broadcast_to(-extra * offset / width**2, depth.shape)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import OutOfRange
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.limits import finite_offsets, require
 from palp_core.mechanics.phantom import Phantom
 from palp_core.methods import Bound, method
 from palp_core.units import Float64Array
@@ -109,7 +109,7 @@ class ElasticFoundation:
                 f"{np.max(given):g} is not below {self.indentation_max_m:g}, the ball's radius; "
                 "press less deep or use a finite-strain rung",
             )
-        offset, depth = np.broadcast_arrays(np.asarray(offset_m, dtype=np.float64), np.maximum(given, 0.0))
+        offset, depth = np.broadcast_arrays(finite_offsets(offset_m), np.maximum(given, 0.0))
         bare = self.column_modulus_pa * math.pi * self.tip_radius_m / self.phantom.height_m
         sums = np.stack([bare * depth**2, np.zeros(depth.shape), bare * depth**3 / 3.0])
         near = (depth > 0.0) & (np.abs(offset) < self._edge(depth))

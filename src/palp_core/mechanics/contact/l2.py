@@ -10,7 +10,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.mechanics.contact.l2_bounds import BOUNDS
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.limits import finite_offsets, require
 from palp_core.mechanics.phantom import Phantom
 from palp_core.methods import method
 from palp_core.units import Float64Array
@@ -18,6 +18,7 @@ from palp_core.units import Float64Array
 __all__ = ["LayeredHertz", "layer_series"]
 
 _ITERATIONS = 60
+_LAST_STEP = 1e-9  # of the indentation: Newton squares it, and is then at round-off
 _THIN = 4.0  # the series is convex and grows with chi up to here
 
 
@@ -52,6 +53,7 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     evidence="palp study run contact-validity: against L4 on random scenes; tests/mechanics/test_picker.py",
     valid={
         "depth_m": (0.0015, 0.015),
+        "depth_per_tip": (0.25, 1e4),  # a thinner film over the bead is refused
         "modulus_pa": (1e3, 1e6),
         "poisson": (0.45, 0.5),
         "height_m": (0.015, 1.0),
@@ -156,7 +158,7 @@ class LayeredHertz:
         self, offset_m: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
         """Return u(s) in 1/m, u'(s), c(s) in m/N, c'(s)."""
-        offset_m = np.asarray(offset_m, dtype=np.float64)
+        offset_m = finite_offsets(offset_m)
         floor = 1.0 / self.phantom.height_m
         bead = self.phantom.bead
         if bead is None:
@@ -201,18 +203,24 @@ class LayeredHertz:
         """Solve l + c N_layer(l) = delta. It is convex and rises with l: Newton descends from l = delta."""
         layer_m = indentation_m + np.zeros_like(inverse)
         plane = 4.0 * self.phantom.modulus_pa / (3.0 * (1.0 - self.phantom.poisson**2))
+        stiffness, highest = yielding * plane, 1.5 + 0.5 * (len(self._series) - 1)
         for _ in range(_ITERATIONS):
             root = np.sqrt(self.tip_radius_m * layer_m)
             chi = root * inverse
-            value = np.zeros_like(layer_m)
-            slope = np.zeros_like(layer_m)
-            for k in range(len(self._series) - 1, -1, -1):
-                value = value * chi + self._series[k]
-                slope = slope * chi + self._series[k] * (1.5 + 0.5 * k)
-            stiffness = yielding * plane * root
-            step = (layer_m * (1.0 + stiffness * value) - indentation_m) / (1.0 + stiffness * slope)
+            value, slope = np.full_like(chi, self._series[-1]), np.full_like(chi, highest * self._series[-1])
+            for k in range(len(self._series) - 2, -1, -1):
+                value *= chi
+                value += self._series[k]
+                slope *= chi
+                slope += self._series[k] * (1.5 + 0.5 * k)
+            root *= stiffness
+            value *= root
+            value += 1.0
+            slope *= root
+            slope += 1.0
+            step = (layer_m * value - indentation_m) / slope
             layer_m = np.maximum(layer_m - step, 0.0)
-            if np.all(np.abs(step) <= 1e-14 * indentation_m):
+            if np.all(np.abs(step) <= _LAST_STEP * indentation_m):
                 return layer_m
         raise MechanicsError(
             "the layer under the ball has no equilibrium: its series does not reach this thin a layer; use l4"

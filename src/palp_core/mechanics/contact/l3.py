@@ -11,7 +11,7 @@ import numpy as np
 from palp_core.errors import OutOfRange
 from palp_core.mechanics.contact.active_set import touch
 from palp_core.mechanics.contact.ranges import require_range
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.limits import finite_offsets, require
 from palp_core.mechanics.phantom import Phantom
 from palp_core.methods import method
 from palp_core.units import Float64Array
@@ -123,8 +123,7 @@ class PlaneContact:
                 f"{np.max(indentation_m):g} is not below {self.indentation_max_m:g}, the tip's radius; "
                 "press less deep",
             )
-        if np.any(np.isnan(offset_m)):
-            raise OutOfRange("offset_m", "an offset is not a number; give metres from the bead, as in 0.01")
+        finite_offsets(offset_m)
         indentation_m = np.maximum(indentation_m, 0.0)
         place_m, scale = self.solid.place_m, self.phantom.modulus_pa * self._thickness_m
         result = np.zeros((3, *offset_m.shape))

@@ -11,13 +11,14 @@ import numpy as np
 from palp_core.errors import OutOfRange
 from palp_core.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.mechanics.contact.cache import Arrays, cached
+from palp_core.mechanics.contact.l4_bounds import BOUNDS
 from palp_core.mechanics.contact.layer import BondedLayer
 from palp_core.mechanics.contact.patch import Patch
 from palp_core.mechanics.contact.ranges import require_range
 from palp_core.mechanics.contact.table import EnergyTable, energy_table
-from palp_core.mechanics.limits import require
+from palp_core.mechanics.limits import finite_offsets, require
 from palp_core.mechanics.phantom import Phantom
-from palp_core.methods import Bound, method
+from palp_core.methods import method
 from palp_core.units import Float64Array
 
 __all__ = ["HarmonicContact"]
@@ -31,17 +32,8 @@ _LARGEST = 1.5  # cells over their nominal size
     task="contact",
     name="l4",
     cost_s=3.0,
-    bounds=[
-        Bound("normal", 0.01),
-        Bound("peak", 0.005),
-        Bound("contrast", 0.02, within={"depth_m": (0.0, 0.008)}),
-        Bound("contrast", 0.05),  # a deep bead's contrast is a few thousandths of its peak
-        # Between two depths, on 25 scenes of tests/mechanics/test_picker.py's kind:
-        Bound("separation", 0.04, within={"depth_ratio": (2.0, 1e3)}),
-        Bound("separation", 0.06, within={"depth_ratio": (1.3, 1e3)}),
-        Bound("decision", 0.02, within={"depth_ratio": (1.3, 1e3)}),
-    ],
-    evidence="tests/mechanics/test_l4.py",
+    bounds=BOUNDS,
+    evidence="palp study run contact-validity: against cells of 0.5 mm; tests/mechanics/test_l4.py",
     valid={
         "depth_m": (0.0005, 0.015),
         "modulus_pa": (1.0, 1e9),
@@ -107,6 +99,18 @@ class HarmonicContact:
         bead = self.phantom.bead
         return 0.0 if bead is None else 3.0 * bead.centre_depth_m + self.tip_radius_m
 
+    @property
+    def geometry(self) -> dict[str, float]:
+        """What a table for Young's modulus 1 depends on; the bead's lengths are 0 without one."""
+        phantom, bead = self.phantom, self.phantom.bead
+        return {
+            "poisson": phantom.poisson,
+            "height_m": phantom.height_m,
+            "tip_radius_m": self.tip_radius_m,
+            "bead_radius_m": 0.0 if bead is None else bead.radius_m,
+            "depth_m": 0.0 if bead is None else bead.depth_m,
+        }
+
     def prepare(self) -> None:
         """Do the set-up now, or read it from the cache."""
         _ = self._table
@@ -133,21 +137,11 @@ class HarmonicContact:
                 f"{np.max(indentation_m):g} is not below {self.indentation_max_m:g}, the ball's radius; "
                 "press less deep",
             )
-        if np.any(np.isnan(offset_m)):
-            raise OutOfRange("offset_m", "an offset is not a number; give metres from the bead, as in 0.01")
-        return offset_m, indentation_m
+        return finite_offsets(offset_m), indentation_m
 
     @cached_property
     def _table(self) -> EnergyTable:
-        phantom, bead = self.phantom, self.phantom.bead
-        inputs = {
-            "poisson": phantom.poisson,
-            "height_m": phantom.height_m,
-            "tip_radius_m": self.tip_radius_m,
-            "cell_m": self.cell_m,
-            "bead_radius_m": 0.0 if bead is None else bead.radius_m,
-            "depth_m": 0.0 if bead is None else bead.depth_m,
-        }
+        inputs = self.geometry | {"cell_m": self.cell_m}
         kept = cached("l4-table", inputs, self._tabulate)
         return EnergyTable(float(kept["offset_max_m"]), float(kept["root_max"]), kept["pieces"])
 

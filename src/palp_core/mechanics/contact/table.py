@@ -11,6 +11,7 @@ the indentation is the energy.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,12 +40,17 @@ class EnergyTable:
     power: int = 5
 
     @cached_property
-    def _flat(self) -> list[list[Float64Array]]:
-        return [[np.ascontiguousarray(piece.ravel()) for piece in row] for row in self.pieces]
+    def _by_cell(self) -> Float64Array:
+        return np.ascontiguousarray(self.pieces.reshape(16, -1))
 
-    def _locate(
+    def _located(
         self, offset_m: Float64Array, indentation_m: Float64Array
-    ) -> tuple[Float64Array, Float64Array, Float64Array, list[list[Float64Array]]]:
+    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+        """Return t, the place within the cell along s and t, and the cell's coefficients, (4, 4, ...).
+
+        The coefficients are gathered in one piece: sixteen would make the allocator give its memory back
+        and take it again, page by page, which costs more than the arithmetic.
+        """
         count_s, count_t = self.pieces.shape[2:]
         root = np.sqrt(np.maximum(indentation_m, 0.0))
         y = root * (count_t / self.root_max)
@@ -56,29 +62,39 @@ class EnergyTable:
             i = np.minimum(x.astype(np.intp), count_s - 1)
             x = x - i
             cell = i * count_t + j
-        return root, x, y - j, [[piece.take(cell) for piece in row] for row in self._flat]
+        return root, x, y - j, self._by_cell.take(cell, axis=1).reshape(4, 4, *cell.shape)
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
         """Return U for E = 1, of the broadcast shape."""
-        root, x, y, c = self._locate(offset_m, indentation_m)
-        rows = [((row[3] * y + row[2]) * y + row[1]) * y + row[0] for row in c]
-        return np.asarray((((rows[3] * x + rows[2]) * x + rows[1]) * x + rows[0]) * root**self.power)
+        root, x, y, c = self._located(offset_m, indentation_m)
+        row = ((c[:, 3] * y + c[:, 2]) * y + c[:, 1]) * y + c[:, 0]
+        return np.asarray((((row[3] * x + row[2]) * x + row[1]) * x + row[0]) * root**self.power)
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return (N, U_s) for E = 1, of the broadcast shape."""
-        root, x, y, c = self._locate(offset_m, indentation_m)
-        value = [((row[3] * y + row[2]) * y + row[1]) * y + row[0] for row in c]
-        slope = [(3.0 * row[3] * y + 2.0 * row[2]) * y + row[1] for row in c]
-        energy = ((value[3] * x + value[2]) * x + value[1]) * x + value[0]
-        by_root = ((slope[3] * x + slope[2]) * x + slope[1]) * x + slope[0]
+        root, x, y, c = self._located(offset_m, indentation_m)
+        # Horner's rule for g and its slope together, along t for all four powers of s, then along s.
+        value, slope = c[:, 3] * y, 3.0 * c[:, 3]
+        value += c[:, 2]
+        slope *= y
+        slope += 2.0 * c[:, 2]
+        slope *= y
+        slope += c[:, 1]
+        for power in (1, 0):
+            value *= y
+            value += c[:, power]
+        by_offset = (3.0 * value[3] * x + 2.0 * value[2]) * x + value[1]
+        energy, by_root = value[3], slope[3]
+        for power in (2, 1, 0):
+            energy = energy * x + value[power]
+            by_root = by_root * x + slope[power]
         by_root *= self.pieces.shape[3] / self.root_max
-        scale = root ** (self.power - 2)
+        scale = math.prod([root] * (self.power - 3), start=root)
         normal = 0.5 * scale * (self.power * energy + root * by_root)
         if self.offset_max_m == 0.0:
             return normal, np.zeros(normal.shape)
-        by_offset = (3.0 * value[3] * x + 2.0 * value[2]) * x + value[1]
         by_offset *= self.pieces.shape[2] / self.offset_max_m
-        return normal, np.sign(offset_m) * by_offset * (scale * root**2)
+        return normal, np.sign(offset_m) * by_offset * (scale * root * root)
 
 
 def energy_table(

@@ -1,0 +1,262 @@
+"""What the contact models and the joint cost, and how right they are: figures beside limits and peers.
+
+Times are medians of repeats on one core, taken in turns with a peer where there is one: Brent's method
+position by position for the joint, the same elements solved anew for the condensed compliance. Run it on an
+idle machine.
+
+Run: .venv/bin/python benchmarks/mechanics.py [--quick] [--json] [--picker DIR]
+
+``--picker DIR`` times once more the rungs that would have done in the scenes that ``palp study run
+contact-validity --out DIR`` has judged; set-ups that the cache lacks come first and are not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from palp_core.mechanics import Bead, ContactModel, LayeredHertz, Phantom, Probe, run_scene, solve, sweep
+from palp_core.mechanics.contact.l3 import PlaneContact
+from palp_core.mechanics.contact.l4 import HarmonicContact
+from palp_core.mechanics.equilibrium_finders import brent
+from palp_core.mechanics.equilibrium_joint import Joint
+from palp_core.mechanics.scene_choice import rung_model
+from palp_core.mechanics.scene_output import contrast_n_m, peak_n_m
+from palp_core.runtime.clock import monotonic_ns
+from palp_core.studies.contact_cost import cold_cache, side_by_side
+from palp_core.studies.contact_validity import kept
+
+TIP_M = 0.006
+NOMINAL_M = 0.004
+DEPTHS_M = (0.002, 0.004, 0.008)
+RINGS_M = (0.0, 0.004, 0.008, 0.016)
+STAGE_M = np.linspace(-0.03, 0.05, 3000)
+CORNERS: dict[str, tuple[Phantom, float]] = {
+    **{f"d = {d * 1e3:g} mm": (Phantom(bead=Bead(depth_m=d)), TIP_M) for d in DEPTHS_M},
+    "slab 60, bead 12, d 0.5, ball 12 mm": (
+        Phantom(bead=Bead(depth_m=0.0005, radius_m=0.012), height_m=0.060, poisson=0.4999),
+        0.012,
+    ),
+    "slab 24.5, bead 12, d 0.5, ball 2 mm": (
+        Phantom(bead=Bead(depth_m=0.0005, radius_m=0.012), height_m=0.0245, poisson=0.4999),
+        0.002,
+    ),
+    "slab 15, bead 2, d 0.5, ball 12 mm": (
+        Phantom(bead=Bead(depth_m=0.0005, radius_m=0.002), height_m=0.015, poisson=0.3),
+        0.012,
+    ),
+    "slab 60, bead 12, d 15, ball 12 mm": (
+        Phantom(bead=Bead(depth_m=0.015, radius_m=0.012), height_m=0.060),
+        0.012,
+    ),
+    "slab 60, bead 2, d 15, ball 2 mm": (
+        Phantom(bead=Bead(depth_m=0.015, radius_m=0.002), height_m=0.060),
+        0.002,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number.
+
+    Attributes:
+        name: What it is, with its unit.
+        value: Measured.
+        limit: What it is held against; None for a peer's own number.
+        against: What the limit is.
+    """
+
+    name: str
+    value: float
+    limit: float | None = None
+    against: str = "target"
+
+    @property
+    def ratio(self) -> float | None:
+        """Value over limit; at most 1 is good."""
+        return None if self.limit is None else self.value / self.limit
+
+
+def over(depth_m: float) -> Phantom:
+    """Return the default phantom with its bead at a depth."""
+    return Phantom(bead=Bead(depth_m=depth_m))
+
+
+def prepare(phantom: Phantom, tip_m: float) -> None:
+    """Set up L4 at its usual cells, or read it from the cache."""
+    HarmonicContact(phantom, tip_m).prepare()
+
+
+def timed_s(action: Callable[[], object]) -> float:
+    """Return the seconds that an action takes, once."""
+    start_ns = monotonic_ns()
+    action()
+    return (monotonic_ns() - start_ns) / 1e9
+
+
+def medians_s(actions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Return median times of actions taken in turns."""
+    return {name: float(np.median(taken)) for name, taken in side_by_side(actions, repeats).items()}
+
+
+def setups(quick: bool) -> list[Figure]:
+    """Set-up of L4 at 1 mm with nothing cached, and its reading from the cache."""
+    figures = []
+    for name, (phantom, tip_m) in list(CORNERS.items())[: 3 if quick else None]:
+        with cold_cache():
+            cold_s = timed_s(functools.partial(prepare, phantom, tip_m))
+            warm = side_by_side({"warm": functools.partial(prepare, phantom, tip_m)})["warm"]
+        figures.append(Figure(f"L4 set-up, {name}, s", cold_s, 20.0))
+        figures.append(Figure(f"L4 from the cache, {name}, ms", 1e3 * float(np.median(warm)), 50.0))
+    return figures
+
+
+def sweeps(quick: bool) -> list[Figure]:
+    """The joint's equilibrium at 3000 positions, beside Brent's method, and a solved sweep read again."""
+    figures, repeats, few = [], 5 if quick else 25, STAGE_M[::30]
+    for rung in ("l2", "l4"):
+        worst, brent_us, residual, angles = ("", 0.0), [], 0.0, 0.0
+        for depth_m in DEPTHS_M:
+            model = rung_model(rung, over(depth_m), TIP_M)
+            for ring_m in RINGS_M:
+                joint = Joint(model, Probe(), ring_m, NOMINAL_M)
+                run = functools.partial(sweep, model, Probe(), ring_m, NOMINAL_M, STAGE_M)
+                taken = medians_s({"ours": run, "brent": functools.partial(brent, joint, few)}, repeats)
+                each_us = 1e6 * taken["ours"] / STAGE_M.size
+                brent_us.append(1e6 * taken["brent"] / few.size)
+                solved = run()
+                residual = max(residual, float(np.abs(joint.residual(STAGE_M, solved.angle_rad)).max()))
+                angles = max(angles, float(np.abs(solved.angle_rad[::30] - brent(joint, few)).max()))
+                if each_us > worst[1]:
+                    worst = f"d = {depth_m * 1e3:g}, ring {ring_m * 1e3:g} mm", each_us
+        name = rung.upper()
+        figures += [
+            Figure(f"equilibrium, {name}, slowest ({worst[0]}), us a position", worst[1], 1.0),
+            Figure(f"the same beside Brent, {name}, us a position", worst[1], max(brent_us), "Brent"),
+            Figure(f"a sweep of 3000 positions, {name}, ms", 3.0 * worst[1], 5.0),
+            Figure(f"largest residual, {name}, N m", residual, 1e-15, "round-off"),
+            Figure(f"largest difference from Brent, {name}, rad", angles, 1e-12, "Brent"),
+        ]
+    table = solve(rung_model("l4", over(0.004), TIP_M), Probe(), 0.008, NOMINAL_M, -0.03, 0.05)
+    read = side_by_side({"read": lambda: table.torque_n_m(STAGE_M)}, 4 * repeats)["read"]
+    return [*figures, Figure("3000 positions of a solved sweep, ms", 1e3 * float(np.median(read)), 5.0)]
+
+
+def solved_again_n(model: PlaneContact, indentation_m: float) -> float:
+    """Return L3's normal force on the axis from the whole system, factorised anew in every round."""
+    solid = model.solid
+    freedom, (nodes, x) = solid.freedom(odd=False), solid.surface
+    stiffness = (freedom.T @ solid.matrix @ freedom).tocsc()
+    overlap = indentation_m - x**2 / (2.0 * model.tip_radius_m)
+    touching = overlap > 0.0
+    for _ in range(30):
+        held = freedom[nodes[touching]]
+        system = sp.bmat([[stiffness, held.T], [held, None]]).tocsc()
+        load = np.concatenate([np.zeros(stiffness.shape[0]), overlap[touching]])
+        solution = splu(system).solve(load)
+        force = -solution[stiffness.shape[0] :]
+        wrong = ~touching & (freedom[nodes] @ solution[: stiffness.shape[0]] < overlap - 1e-12)
+        wrong[touching] = force < 0.0
+        if not wrong.any():
+            break
+        touching ^= wrong
+    return 2.0 * float(force.sum()) * model.phantom.modulus_pa * 2.0 * model.tip_radius_m
+
+
+def condensed(quick: bool) -> list[Figure]:
+    """A position of L3 from the condensed compliance, and from the same elements solved again."""
+    model, at = PlaneContact(over(0.004), TIP_M), np.array(0.003)
+    ours_n = float(model.force(np.zeros(()), at)[0])
+    again_n = solved_again_n(model, 0.003)
+    taken = medians_s(
+        {"ours": lambda: model.force(np.zeros(()), at), "again": lambda: solved_again_n(model, 0.003)},
+        3 if quick else 9,
+    )
+    return [
+        Figure("condensed against solved again, relative", abs(ours_n / again_n - 1.0), 1e-10),
+        Figure("a condensed position (L3), ms", 1e3 * taken["ours"], 1e3 * taken["again"], "solved again"),
+    ]
+
+
+def accuracy(quick: bool) -> list[Figure]:
+    """L4 at 1 mm against cells of 0.35 mm, and L2 against it: force from 1 mm on, peak, contrast."""
+    figures = []
+    offset_m, depth_m = np.linspace(0.0, 0.03, 13)[:, None], np.linspace(0.001, 0.005, 9)
+    stage_m = np.linspace(-0.03, 0.05, 321)
+    for bead_m in DEPTHS_M[: 1 if quick else None]:
+        models: dict[str, ContactModel] = {
+            "L4": HarmonicContact(over(bead_m), TIP_M),
+            "fine": HarmonicContact(over(bead_m), TIP_M, 0.00035),
+            "L2": LayeredHertz(over(bead_m), TIP_M),
+        }
+        found: dict[str, Any] = {}
+        for name, model in models.items():
+            done = [sweep(model, Probe(), ring_m, NOMINAL_M, stage_m) for ring_m in (0.008, 0.012, 0.016)]
+            found[name] = (
+                model.force(offset_m, depth_m)[0],
+                np.array([peak_n_m(one) for one in done]),
+                np.array([contrast_n_m(one) for one in done]),
+            )
+        for rung, limits in (("L4", (0.01, 0.005, 0.02)), ("L2", (None, 0.01, 0.18))):
+            for what, limit, given, true in zip(
+                ("N", "peak", "contrast"), limits, found[rung], found["fine"], strict=True
+            ):
+                if limit is not None:
+                    error = float(np.abs(given / true - 1.0).max())
+                    where = f"d = {bead_m * 1e3:g} mm"
+                    figures.append(Figure(f"{rung}, {where}: error of {what}", error, limit, "stated"))
+    return figures
+
+
+def picker(folder: Path, repeats: int = 9) -> list[Figure]:
+    """Runs of the chosen rung and of each that would have done, in the scenes of a folder."""
+    ratios = []
+    for one in kept(folder, any_code=True).values():
+        if len(one.cost_s) < 2 or one.rung not in one.cost_s:
+            continue
+        for phantom in one.scene.phantoms:
+            rung_model("l4", phantom, one.scene.probe.tip_radius_m).force(np.zeros(1), np.full(1, 1e-4))
+        taken = medians_s({r: functools.partial(run_scene, one.scene, r) for r in one.cost_s}, repeats)
+        ratios.append(taken[one.rung] / min(taken.values()))
+    if not ratios:
+        return []
+    return [
+        Figure(f"cost of the choice over the cheapest, largest of {len(ratios)} scenes", max(ratios), 2.0),
+        Figure("the same, median", float(np.median(ratios)), 2.0),
+    ]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="few repeats, the paper's depths only")
+    parser.add_argument("--json", action="store_true", help="a list for machines")
+    parser.add_argument("--picker", type=Path, metavar="DIR", help="time the scenes judged in this folder")
+    options = parser.parse_args()
+    figures = [*setups(options.quick), *sweeps(options.quick), *condensed(options.quick)]
+    figures += accuracy(options.quick)
+    if options.picker is not None:
+        figures += picker(options.picker)
+    if options.json:
+        print(json.dumps([asdict(one) | {"ratio": one.ratio} for one in figures]))
+        return
+    for one in figures:
+        bar = "" if one.limit is None else f"{one.ratio:8.2g} of {one.limit:.3g} ({one.against})"
+        print(f"{one.name:<72} {one.value:10.3g} {bar}")
+
+
+if __name__ == "__main__":
+    main()

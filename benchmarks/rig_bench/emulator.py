@@ -1,0 +1,71 @@
+"""Emulated devices in a process of their own, which takes commands by line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+__all__ = ["PRIORITY", "EmulatorProcess", "emulator"]
+
+PRIORITY = 25
+"""Above every node of the rig: a device does not wait for the host."""
+
+
+class EmulatorProcess:
+    """Start one; it prints the drivers' options and then obeys.
+
+    Args:
+        arguments: Of ``python -m palp_core.devices.emulator``.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "palp_core.devices.emulator", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+        self._lock = threading.Lock()
+        self.options: dict[str, dict[str, Any]] = json.loads(self._line())
+
+    def tell(self, command: str) -> str:
+        """Send a command and return its answer.
+
+        Raises:
+            RuntimeError: It was refused.
+        """
+        assert self._process.stdin is not None
+        with self._lock:
+            self._process.stdin.write(command + "\n")
+            answer = self._line()
+        if answer.startswith("error"):
+            raise RuntimeError(f"emulator: {command}: {answer}")
+        return answer
+
+    def ask(self, command: str) -> Any:
+        """Send a command and return its answer from JSON."""
+        return json.loads(self.tell(command))
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate("quit\n", timeout=20)
+
+    def _line(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().strip()
+
+
+@contextmanager
+def emulator(*arguments: str) -> Iterator[EmulatorProcess]:
+    """Run emulated devices for a while."""
+    rig = EmulatorProcess(*arguments)
+    try:
+        yield rig
+    finally:
+        rig.close()

@@ -1,0 +1,35 @@
+"""A time-out that a late reader does not use up: only time in which this process ran counts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+__all__ = ["Patience"]
+
+
+class Patience:
+    """How long an answer may still be in coming.
+
+    A process that is kept from running (a busy host, a stop signal) finds the clock far ahead and the answer
+    perhaps in its buffer: nobody was silent. So each look at the clock uses up no more than ``step_s``, twice
+    what a wait takes at most, and who asks does so before the last read, not after it.
+
+    Args:
+        timeout_s: How long in all.
+        step_s: The most that passes between two looks while the process runs.
+        clock: Monotonic time in s.
+    """
+
+    def __init__(
+        self, timeout_s: float, step_s: float = 0.04, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._left_s, self._step_s, self._clock = timeout_s, step_s, clock
+        self._seen_s = clock()
+
+    def over(self) -> bool:
+        """Tell whether the time is used up; read once more before believing it."""
+        now_s = self._clock()
+        self._left_s -= min(now_s - self._seen_s, self._step_s)
+        self._seen_s = now_s
+        return self._left_s < 0.0

@@ -1,0 +1,102 @@
+"""A stage that lies, or answers nothing at the worst moment, is stopped all the same."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from palp_core.devices import aerotech_link, aerotech_stop
+from palp_core.devices.aerotech_leg import Leg
+from palp_core.devices.aerotech_link import AerotechLink
+from palp_core.devices.aerotech_motion import Motion
+from palp_core.devices.aerotech_stop import AerotechStop
+from palp_core.devices.health import Watch
+from palp_core.devices.host_time import HostTime
+from palp_core.errors import DeviceError, DeviceTimeout
+
+
+class ScriptedPort:
+    """A line on which the controller refuses NONE and answers every question with the same value."""
+
+    def __init__(self, value: bytes) -> None:
+        self.url, self.value, self.answers = "nowhere", value, b""
+
+    def write(self, data: bytes) -> None:
+        self.answers += b"!\n" if data.startswith(b"NONE") else b"%" + self.value + b"\n"
+
+    def read_some(self) -> bytes:
+        answers, self.answers = self.answers, b""
+        return answers
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("value", [b"nan", b"inf", b"-Infinity", b"1e999"])
+def test_a_position_that_is_no_number_is_garbled_and_never_a_place(
+    monkeypatch: pytest.MonkeyPatch, value: bytes
+) -> None:
+    monkeypatch.setattr(aerotech_link, "SerialLink", lambda *_: ScriptedPort(value))
+    link = AerotechLink("nowhere", 115200, 0.1)
+    with pytest.raises(DeviceError, match="no number"):
+        link.number("PFBKPROG(X)")
+    assert link.garbled_count == 1
+
+
+class DeafLink:
+    """A link on which a move is taken, and somebody aborts before its answer, which never comes."""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.motion: Motion | None = None
+
+    def do(self, sent: bytes) -> None:
+        assert self.motion is not None
+        self.motion.abort()
+        self.sent.append(sent)
+        raise DeviceTimeout("aerotech: no answer")
+
+    def shout(self, commands: bytes) -> None:
+        self.sent.append(commands)
+
+
+def test_a_move_whose_answer_is_lost_behind_an_abort_is_aborted_too() -> None:
+    link = DeafLink()
+    motion = Motion(link, ("X", "Y"), HostTime(), Watch(1.0), 50.0)  # type: ignore[arg-type]
+    link.motion = motion
+    with pytest.raises(DeviceTimeout):
+        motion.follow([Leg("X", 0.0, 80.0, 20.0, 0.080)])
+    assert [words.split()[0] for words in link.sent] == [b"ABORT", b"MOVEABS", b"ABORT"]
+
+
+class LyingLink:
+    """The link of its own, whose answers break whoever reads them."""
+
+    def __init__(self) -> None:
+        self.asked = threading.Event()
+
+    def bits(self, question: str) -> int:
+        self.asked.set()
+        raise ZeroDivisionError(question)
+
+    def close(self) -> None:
+        pass
+
+
+def test_whatever_breaks_the_looks_at_the_axes_is_told_and_does_not_end_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    link = LyingLink()
+    monkeypatch.setattr(aerotech_stop, "AerotechLink", lambda *_: link)
+    stop = AerotechStop("nowhere", look_hz=1000.0)
+    try:
+        for _ in range(2):  # the thread goes on
+            link.asked.clear()
+            assert link.asked.wait(30.0)
+            link.asked.clear()
+            assert link.asked.wait(30.0)  # what was asked before has been heard by now
+            with pytest.raises(DeviceError, match="ZeroDivisionError"):
+                stop.reports()
+    finally:
+        stop.close()
