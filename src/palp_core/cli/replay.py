@@ -28,10 +28,17 @@ def replay(
     """Drive nodes again from a bag, in lockstep; status 1 if an output differs from the recorded one."""
     import msgspec
 
+    from palp_core.errors import BagError
     from palp_core.launch.description import find_workspace
     from palp_core.launch.replay import replay as drive
 
-    done = drive(bag, nodes.split(","), find_workspace(launch or Path("launch.yaml")))
+    workspace = find_workspace(launch or Path("launch.yaml"))
+    try:
+        done = drive(bag, nodes.split(","), workspace)
+    except ModuleNotFoundError as error:
+        raise BagError(
+            f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
+        ) from error
     if as_json:
         print_text(msgspec.json.encode(done).decode())
     for node in [] if as_json else done:
