@@ -55,3 +55,10 @@ def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> 
     assert np.min(asked["yielding"]) < 0.4
     bounds = [find("contact", "l2").bound("peak", scene_quantities(gel, 0.004)) for gel in (usual, soft)]
     assert bounds == [0.01, 0.18]
+
+
+def test_a_coarse_table_has_slopes_too() -> None:
+    gel = Gel(rings_m=(0.012, 0.016))
+    coarse, fine = touch(gel, noisy_sweeps=2, coarse=True), touch(gel, noisy_sweeps=2)
+    np.testing.assert_allclose(coarse.ring_slope(), fine.ring_slope(), rtol=0.3)
+    np.testing.assert_allclose(coarse.height_slope(), fine.height_slope(), rtol=0.3)

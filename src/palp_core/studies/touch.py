@@ -127,8 +127,15 @@ class Touch:
         return self._at_zero(0, 1)
 
     def _at_zero(self, dx: int, dy: int) -> Float64Array:
-        values = [float(spline.ev(np.zeros(1), np.zeros(1), dx=dx, dy=dy)[0]) for spline in self.splines]
+        values = [self._value_at_zero(spline, dx, dy) for spline in self.splines]
         return np.reshape(values, (len(self.gel.depths_m), len(self.gel.rings_m)))
+
+    def _value_at_zero(self, spline: RectBivariateSpline, dx: int, dy: int) -> float:
+        if (dx or dy) and 1 in spline.degrees:  # FITPACK has no slope of a bilinear surface: from end to end
+            ends_m = (ERRORS_M if dx else self.gel.heights_m)[[0, -1]]
+            values = spline.ev(*((ends_m, np.zeros(2)) if dx else (np.zeros(2), ends_m)))
+            return float((values[1] - values[0]) / (ends_m[1] - ends_m[0]))
+        return float(spline.ev(np.zeros(1), np.zeros(1), dx=dx, dy=dy)[0])
 
 
 def touch(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Touch:
