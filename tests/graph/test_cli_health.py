@@ -187,7 +187,7 @@ def test_a_graph_in_simulated_time_is_asked_the_same_way(palp: Palp, tmp_path: P
     rate: Any = graph.told("topic", "hz", "/source/sample", "-w", "20")
     assert rate["clock"] == "sim"
     assert rate["hz"] == pytest.approx(50.0)
-    assert rate["wall_hz"] > 0
+    assert rate["wall_hz"] is None or rate["wall_hz"] > 0  # twenty may come in one read: no time has passed
     width: Any = graph.told("topic", "bw", "/source/sample", "-w", "20")
     assert width["bytes_per_clock_s"] == pytest.approx(50.0 * width["mean_bytes"])
     assert graph.told("lifecycle", "get") == {"/source": "active", "/relay": "active", "/sink": "active"}

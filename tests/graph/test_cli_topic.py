@@ -149,7 +149,7 @@ def test_hz_of_a_rare_topic_says_that_it_is_silent(talk: Talk) -> None:
 
 
 def test_bandwidth_is_size_times_rate(talk: Talk) -> None:
-    found: Any = talk.told("topic", "bw", TOPIC, "-w", "30")
+    found: Any = talk.told("topic", "bw", TOPIC, "-w", "100")
     assert found["bytes_per_s"] > 0.0
     assert 32 < found["min_bytes"] <= found["mean_bytes"] <= found["max_bytes"]
     assert "Message size mean:" in talk.said("topic", "bw", TOPIC, "-w", "5", "--once")
