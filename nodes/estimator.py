@@ -16,7 +16,7 @@ from palp_core.methods import find
 from palp_core.perception import bayes
 from palp_core.perception.information import gain_vector
 from palp_core.perception.primitives import Primitives, fit, quantisation_sd
-from palp_core.perception.rig_noise import assumed_noise, read_noise
+from palp_core.perception.rig_noise import noise_of
 from palp_core.perception.stopping import decide, stop_rule
 from palp_core.perception.sweep_cut import SweepCut
 from palp_core.perception.trial_filter import Probe, TrialFilter, require_likelihood
@@ -250,9 +250,7 @@ class Estimator(Node):
                 likelihood=params.likelihood,
                 depth_count=params.depths,
                 feature=params.feature,
-                noise=read_noise(params.noise)
-                if params.noise
-                else assumed_noise(params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
+                noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
                 scene=read_scene(params.scene) if params.scene else None,
             )
             self.filters = (params, made)

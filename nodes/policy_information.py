@@ -11,7 +11,7 @@ from palp_core.mechanics.scene_file import read_scene
 from palp_core.perception import latent, policies
 from palp_core.perception.policies_informed import InformationGainLatent
 from palp_core.perception.primitives import Primitives
-from palp_core.perception.rig_noise import assumed_noise, independent_model, read_noise
+from palp_core.perception.rig_noise import independent_model, noise_of
 from palp_core.studies.height_slope import filter_of
 from palp_core.units import Count, Millimetres
 
@@ -74,9 +74,7 @@ class Information(Policy):
                 params.knows,
                 depth_count=params.depths,
                 feature=params.feature,
-                noise=read_noise(params.noise)
-                if params.noise
-                else assumed_noise(params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
+                noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
                 scene=read_scene(params.scene) if params.scene else None,
             )
             self.made = (params, kept, made.model or independent_model(made.primitives))

@@ -6,9 +6,9 @@ import pytest
 
 from palp_core.studies import why_study
 from palp_core.studies.catalogue import study
+from palp_core.studies.policy_table import FIXED
 from palp_core.studies.touch import Gel, touch
 from palp_core.studies.why_study import (
-    FIXED,
     HYPOTHESES,
     NONE,
     WhyJob,

@@ -150,6 +150,11 @@ class Scene:
         bead = self.phantom.bead or Bead(depth_m=depths_m[0])
         return tuple(replace(self.phantom, bead=replace(bead, depth_m=d)) for d in depths_m)
 
+    def with_bead(self, depth_m: float) -> Scene:
+        """Return the scene with its bead, or the published one, at a depth; at 0 it is bare gel."""
+        bead = replace(self.phantom.bead or Bead(depth_m=depth_m), depth_m=depth_m) if depth_m > 0.0 else None
+        return replace(self, phantom=replace(self.phantom, bead=bead))
+
     def quantities(self) -> dict[str, float | tuple[float, ...]]:
         """Return the quantities by which methods are chosen, SI; several values where there are several."""
         found: dict[str, float | tuple[float, ...]] = dict(self.phantoms[0].scene(self.probe.tip_radius_m))

@@ -31,6 +31,7 @@ __all__ = [
     "assumed_noise",
     "independent_model",
     "latent_model",
+    "noise_of",
     "on_depths",
     "read_noise",
     "write_noise",
@@ -109,6 +110,11 @@ def assumed_noise(ring_sd_m: float, height_sd_m: float) -> RigNoise:
         height_sd_m=Component(height_sd_m),
         basis="assumed",
     )
+
+
+def noise_of(path: str, ring_sd_m: float, height_sd_m: float) -> RigNoise:
+    """Return the noise of a file, or without one (an empty path) what is assumed; errors as of both."""
+    return read_noise(path) if path else assumed_noise(ring_sd_m, height_sd_m)
 
 
 def on_depths(values: Float64Array, depths_m: Float64Array, grid_m: Float64Array) -> Float64Array:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from palp_core.mechanics.phantom import Bead
 from palp_core.mechanics.scene import Scene
 from palp_core.mechanics.scene_choice import choose_rung, rung_model
 from palp_core.mechanics.sweep_table import solve
@@ -77,8 +75,8 @@ def height_slope(
     of = find("feature", feature).target
     slope = np.zeros((len(depths_m), len(rings_m)))
     for row, depth_m in enumerate(depths_m):
-        phantom = _with_bead(scene, depth_m).phantom
-        model = rung_model(choose_rung(_with_bead(scene, depth_m)).rung, phantom, probe.tip_radius_m)
+        over = scene.with_bead(depth_m)
+        model = rung_model(choose_rung(over).rung, over.phantom, probe.tip_radius_m)
         for column, ring_m in enumerate(rings_m):
             ends = []
             for height_m in (-_HEIGHT_STEP_M, _HEIGHT_STEP_M):
@@ -88,10 +86,3 @@ def height_slope(
                 ends.append(of(table.torque_n_m(stage), edge=0).value_n_m)
             slope[row, column] = (ends[1] - ends[0]) / (2.0 * _HEIGHT_STEP_M)
     return slope
-
-
-def _with_bead(scene: Scene, depth_m: float) -> Scene:
-    """Return the scene with its bead at a depth; 0 is bare gel."""
-    radius_m = scene.phantom.bead.radius_m if scene.phantom.bead else Bead(depth_m=0.004).radius_m
-    bead = Bead(depth_m=depth_m, radius_m=radius_m) if depth_m > 0.0 else None
-    return replace(scene, phantom=replace(scene.phantom, bead=bead))

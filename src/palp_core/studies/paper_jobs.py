@@ -12,7 +12,7 @@ from palp_core.perception.latent import OffsetModel
 from palp_core.perception.policies import Uniform
 from palp_core.perception.stopping import FixedNumber, PaperVerbatim, PosteriorThreshold
 from palp_core.studies.batch_trials import Outcomes, run_trials
-from palp_core.studies.policy_table import NAMES, STIFF_M, begin, run
+from palp_core.studies.policy_table import NAMES, STIFF_M, begin, fixed_name, run
 from palp_core.studies.touch import Gel, Touch
 from palp_core.studies.virtual_rig import Conditions, draw, train
 from palp_core.units import Float64Array
@@ -82,7 +82,7 @@ def scene_session(job: SceneJob) -> dict[str, Outcomes]:
         "fixed_best": run("fixed_best", session, stop, filter_name="latent"),
     }
     for ring_m in figure5.RINGS_M[1:]:
-        name = f"fixed_{ring_m * 1e3:g}"
+        name = fixed_name(ring_m)
         for filter_name in ("naive", "latent"):
             whole = run(name, session, FixedNumber(job.most_probes), filter_name=filter_name)
             found[f"{name}/{filter_name}"] = whole

@@ -32,14 +32,12 @@ from palp_core.studies.paper_scenes import judge
 from palp_core.studies.paper_tests import analyses, comparisons
 from palp_core.studies.paper_text import closing, opening
 from palp_core.studies.policy_summary import average_of, summarise
-from palp_core.studies.policy_table import NAMES, begin
+from palp_core.studies.policy_table import FIXED, NAMES, begin
 from palp_core.studies.spread_work import spread
 from palp_core.studies.touch import Gel, touch
 from palp_core.studies.virtual_rig import Conditions
 
 __all__ = ["Size", "results", "run"]
-
-FIXED = [name for name in NAMES if name.startswith("fixed_") and name != "fixed_best"]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from palp_core.mechanics.scene import Scene
 from palp_core.mechanics.scene_choice import choose_rung
 from palp_core.perception.rig_noise import RigNoise
 from palp_core.studies.phantom_cells import Cell
-from palp_core.studies.phantom_problem import NAMES, UNIT, Problem
+from palp_core.studies.phantom_problem import NAMES, UNIT, Problem, costliest
 from palp_core.units import Float64Array
 
 __all__ = ["NAMES", "Fitted", "PhantomFit", "fit_phantom"]
@@ -77,7 +77,7 @@ def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> Phantom
     """
     problem = Problem(cells, start, noise)
     best, cost = _minimised(problem)
-    wanted = _costliest(problem, problem.scene(best))
+    wanted = _wanted(problem, problem.scene(best))
     if wanted not in (None, problem.rung):  # what was found needs another contact model than the start
         problem = Problem(cells, problem.scene(best), noise)
         best, cost = _minimised(problem)
@@ -114,13 +114,12 @@ def _minimised(problem: Problem) -> tuple[Float64Array, float]:
     return problem.minimise()
 
 
-def _costliest(problem: Problem, scene: Scene) -> str | None:
-    """Return the costliest rung that the scene's phantoms get; None where one of them gets none."""
+def _wanted(problem: Problem, scene: Scene) -> str | None:
+    """Return the rung that the scene's phantoms need; None where one of them gets none."""
     try:
-        chosen = [choose_rung(problem.with_bead(scene, depth_m)) for depth_m in problem.depths_m]
+        return costliest(problem.choices(scene))
     except MethodError:
         return None
-    return max(chosen, key=lambda choice: choice.method.cost_s).rung
 
 
 def _ring_sd(cells: Sequence[Cell], problem: Problem, x: Float64Array) -> Fitted | None:
@@ -170,7 +169,7 @@ def _of_model(scene: Scene, problem: Problem) -> list[str]:
     for depth_m in problem.depths_m:
         over = f"over a bead at {depth_m * 1e3:g} mm" if depth_m > 0.0 else "over bare gel"
         try:
-            wanted = choose_rung(problem.with_bead(scene, depth_m)).rung
+            wanted = choose_rung(scene.with_bead(depth_m)).rung
         except MethodError:
             wanted = "none of the rungs"
         if wanted != problem.rung:

@@ -10,15 +10,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palp_core.errors import MechanicsError, PalpError
-from palp_core.mechanics.phantom import Bead
 from palp_core.mechanics.scene import Scene
-from palp_core.mechanics.scene_choice import choose_rung, rung_model
+from palp_core.mechanics.scene_choice import SceneChoice, choose_rung, rung_model
 from palp_core.mechanics.sweep_table import solve
 from palp_core.perception.rig_noise import RigNoise
 from palp_core.studies.phantom_cells import Cell
 from palp_core.units import Float64Array
 
-__all__ = ["NAMES", "UNIT", "Problem"]
+__all__ = ["NAMES", "UNIT", "Problem", "costliest"]
 
 NAMES = ("modulus_pa", "friction", "indentation_m")
 _LOW = np.array([np.log(1e3), 0.0, 5e-4])
@@ -46,19 +45,20 @@ class Problem:
         )
         self.height_sd_m = max(noise.height_sd_m.value, 1e-6)
         self.depths_m = sorted({cell.depth_m for cell in cells})
-        chosen = [choose_rung(self.with_bead(start, depth_m)) for depth_m in self.depths_m]
-        self.rung = max(chosen, key=lambda choice: choice.method.cost_s).rung
+        chosen = self.choices(start)
+        self.rung = costliest(chosen)
         bounds = [choice.bound or start.tolerance.relative for choice in chosen]
         self.model_sd = np.array(bounds) / np.sqrt(3.0)  # a bound, taken for the ends of a flat law
         self.nuisance_count = len(cells) + self.mount_count + len(self.depths_m)
         self.sd_n_m = [float(np.hypot(cell.sd_n_m, _NUMERICS_N_M)) for cell in cells]
 
-    @staticmethod
-    def with_bead(scene: Scene, depth_m: float) -> Scene:
-        """Return the scene with its bead at a depth; 0 is bare gel."""
-        radius_m = scene.phantom.bead.radius_m if scene.phantom.bead else Bead(depth_m=0.004).radius_m
-        bead = Bead(depth_m=depth_m, radius_m=radius_m) if depth_m > 0.0 else None
-        return replace(scene, phantom=replace(scene.phantom, bead=bead))
+    def choices(self, scene: Scene) -> list[SceneChoice]:
+        """Return what is chosen for the scene over each of the depths.
+
+        Raises:
+            MethodError: No contact rung is good enough over one of them.
+        """
+        return [choose_rung(scene.with_bead(depth_m)) for depth_m in self.depths_m]
 
     def start(self) -> Float64Array:
         """Return the start: the scene's own numbers, nothing off."""
@@ -89,7 +89,7 @@ class Problem:
         height = x[3 + count : 3 + count + self.mount_count] * self.height_sd_m
         factor = 1.0 + x[3 + count + self.mount_count :] * self.model_sd
         models = {
-            depth_m: rung_model(self.rung, self.with_bead(scene, depth_m).phantom, scene.probe.tip_radius_m)
+            depth_m: rung_model(self.rung, scene.with_bead(depth_m).phantom, scene.probe.tip_radius_m)
             for depth_m in self.depths_m
         }
         found = []
@@ -203,3 +203,8 @@ class Problem:
                 end = at + (end - at) * np.sqrt(limit / excess)
             ends.append(max(end, bound) if reach < 0.0 else min(end, bound))
         return float(ends[0]), float(ends[1])
+
+
+def costliest(choices: Sequence[SceneChoice]) -> str:
+    """Return the rung that serves all of them: the costliest."""
+    return max(choices, key=lambda choice: choice.method.cost_s).rung

@@ -29,12 +29,32 @@ from palp_core.studies.virtual_rig import (
 )
 from palp_core.units import Float64Array
 
-__all__ = ["NAMES", "STIFF_M", "Session", "begin", "best_ring", "chance", "policy", "run"]
+__all__ = [
+    "FIXED",
+    "NAMES",
+    "STIFF_M",
+    "Session",
+    "begin",
+    "best_ring",
+    "chance",
+    "fixed_name",
+    "policy",
+    "run",
+]
+
+
+def fixed_name(ring_m: float) -> str:
+    """Return the name of the policy that stays at a ring position, as ``fixed_16``."""
+    return f"fixed_{ring_m * 1e3:g}"
+
+
+FIXED = tuple(fixed_name(ring_m) for ring_m in figure5.RINGS_M)
+"""The paper's fixed positions, whose mean is ``fixed_average``."""
 
 NAMES = (
     "chance",
     "best_single_probe",
-    *(f"fixed_{ring_m * 1e3:g}" for ring_m in figure5.RINGS_M),
+    *FIXED,
     "fixed_best",
     "markov",
     "markov_stationary",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.perception.stopping import PaperVerbatim
-from palp_core.studies.policy_table import begin
+from palp_core.studies.policy_table import FIXED, begin, fixed_name
 from palp_core.studies.policy_table import run as run_policy
 from palp_core.studies.power_model import Law, beta_sessions, holm_rows, paired_p, pooled_p, unpaired_p
 from palp_core.studies.touch import Touch
@@ -27,7 +27,6 @@ __all__ = [
     "published_power",
 ]
 
-FIXED = tuple(f"fixed_{mm}" for mm in (0, 4, 8, 12, 16))
 POLICIES = ("fixed_average", "fixed_best", "markov", "uniform", "information_gain_latent")
 COMPARISONS = (
     ("markov", "fixed_average"),
@@ -55,7 +54,7 @@ def pool_session(job: PoolJob) -> dict[str, Float64Array]:
     shares: dict[str, Float64Array] = {}
     for name in (*FIXED, *POLICIES[1:]):
         if name == "fixed_best":
-            shares[name] = shares[f"fixed_{1e3 * session.best_ring_m:g}"]
+            shares[name] = shares[fixed_name(session.best_ring_m)]
             continue
         found = run_policy(name, session, PaperVerbatim())
         shares[name] = found.correct.reshape(len(job.touch.gel.depths_m), -1).mean(axis=1)

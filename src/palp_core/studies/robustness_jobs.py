@@ -16,7 +16,7 @@ from palp_core.perception.resampling import cluster_bootstrap
 from palp_core.perception.stopping import PaperVerbatim, PosteriorThreshold, StopRule
 from palp_core.studies.batch_trials import Outcomes, run_trials
 from palp_core.studies.policy_summary import accuracies, joined, summarise
-from palp_core.studies.policy_table import Session, begin
+from palp_core.studies.policy_table import FIXED, Session, begin, fixed_name
 from palp_core.studies.policy_table import run as run_policy
 from palp_core.studies.robustness_cells import Cell
 from palp_core.studies.touch import Gel, Touch, touch
@@ -33,7 +33,6 @@ __all__ = [
     "sessions_of",
 ]
 
-FIXED = tuple(f"fixed_{mm}" for mm in (0, 4, 8, 12, 16))
 POLICIES = (
     *FIXED,
     "fixed_average",
@@ -151,7 +150,7 @@ def _run(
     name: str, cell: Cell, session: Session, design: Design, done: Mapping[str, Sequence[Outcomes]]
 ) -> Outcomes:
     if name == "fixed_best":  # it met the same luck as the position it is
-        return done[f"fixed_{session.best_ring_m * 1e3:g}"][-1]
+        return done[fixed_name(session.best_ring_m)][-1]
     if name == "markov":
         return chain_outcomes(cell.markov(), session, design)
     asked = "information_gain_latent" if name == "information_gain" and design.promise else name

@@ -23,7 +23,7 @@ from palp_core.studies.charts import GREY, INK, Chart, tidy
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
 from palp_core.studies.paper_jobs import seeds
 from palp_core.studies.policy_summary import average_of, summarise
-from palp_core.studies.policy_table import begin
+from palp_core.studies.policy_table import FIXED, begin
 from palp_core.studies.policy_table import run as run_policy
 from palp_core.studies.spread_work import spread
 from palp_core.studies.touch import Gel, Touch, touch
@@ -52,7 +52,6 @@ HYPOTHESES: dict[str, tuple[str, dict[str, Any]]] = {
 """What each is, and the conditions it sets; the drift of 0.5 N mm is assumed. H3 is which positions are
 averaged, H4 the stop rule."""
 
-FIXED = tuple(f"fixed_{mm}" for mm in (0, 4, 8, 12, 16))
 PROBES = 8
 
 
