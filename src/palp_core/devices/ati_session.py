@@ -26,8 +26,9 @@ RawSample = tuple[int, int, bool, bytes, bytes]
 """Host time, number, gap, and the data of both frames."""
 
 _SET_UP_S = 0.5
-_LOST_AFTER = 50
-_MOST_FRAMES = 16  # of other devices on the bus, while waiting for two
+_QUIET_S = 0.008  # after a reply that did not come in time
+_SILENT_S = 0.25  # after the second in a row; longer than any bus holds a frame back
+_LOOK_S = 0.002
 _BAD = int(wire.CRITICAL | wire.Status.ANY_ERROR)
 _LOW, _HIGH = wire.SATURATED
 _FIRST, _SECOND = struct.Struct(">H3h").unpack, struct.Struct(">3h").unpack
@@ -50,9 +51,11 @@ class AtiSession:
     """Poll the sensor at a rate, or as fast as it answers.
 
     The sensor streams nothing and numbers nothing: a sample is one request and two replies, stamped in the
-    middle between the two times. Replies count only if both arrive before the next request; what comes late
-    is thrown away before every request, since a late reply looks like a prompt one, and each that is taken
-    for one makes the next late too: all samples from then on would be as old as the first delay.
+    middle between the two times, and a late reply looks like a prompt one. So only one request is under way:
+    a reply that is late is waited for and thrown away before the next request. Once the bus has been quiet
+    for 8 ms the reply is taken for lost; after a second one for 0.25 s, and then the link is. Hence a steady
+    delay never yields a sample that passes for fresh, unless it is shorter than those 8 ms and two waits for
+    a prompt reply, 12 ms in all at 1 kHz.
 
     Args:
         bus_options: For :class:`can.Bus`.
@@ -85,10 +88,10 @@ class AtiSession:
         self._samples, self._watch, self._host, self._now_ns = samples, watch, host, host.now_ns
         self._period_ns = round(1e9 / rate_hz) if rate_hz else 0
         self._gap_ns, self._rate_hz = round(gap_s * 1e9), rate_hz
-        self._timeout_s = max(1.0 / rate_hz, 0.002) if rate_hz else 0.1
+        self._prompt_s = max(1.0 / rate_hz, 0.002) if rate_hz else 0.005
         self.next, self._gap = first, gap
         self._due_ns = self.last_ns = 0
-        self._missed = 0
+        self._owed = self._missed = 0
         self._request = can.Message(arbitration_id=self._id, is_extended_id=False, data=b"")
         self._bus = _open_bus(bus_options)
         try:
@@ -112,31 +115,57 @@ class AtiSession:
             self._due_ns += self._period_ns
             self._drop_late()
         asked_ns = self._now_ns()
-        first, second = self._exchange()
-        now_ns = self._now_ns()
-        if first is None or second is None:
+        pair = self._exchange()
+        if pair is None:
             self._missed += 1
-            if self._missed >= _LOST_AFTER:
-                raise DeviceTimeout(
-                    f"ati: no answer to {self._missed} requests; check power, bit rate and identifier"
-                )
-            if not self._period_ns:
-                self._drop_late()
+            self._settle(stop)
             return
-        self._missed = 0
-        self._keep((asked_ns + now_ns) // 2, first, second)
-        self._judge(first, second, now_ns)
+        if self._missed and not self._period_ns:  # nothing else would notice that one was late, not lost
+            self._pair(Patience(_QUIET_S, 2.0 * _LOOK_S))
+        self._owed = self._missed = 0
+        now_ns = self._now_ns()
+        self._keep((asked_ns + now_ns) // 2, *pair)
+        self._judge(*pair, now_ns)
 
-    def _exchange(self) -> tuple[bytes | None, bytes | None]:
-        """Ask, and return the data of both replies; None for what did not come in time."""
-        first: bytes | None = None
-        receive, timeout_s, identifier = self._bus.recv, self._timeout_s, self._id
+    def _exchange(self) -> tuple[bytes, bytes] | None:
+        """Ask, and return the data of both replies if they come in time."""
         try:
             self._bus.send(self._request)
-            for _ in range(_MOST_FRAMES):
-                message = receive(timeout_s)
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        self._owed += 1
+        return self._pair(Patience(self._prompt_s, 2.0 * _LOOK_S))
+
+    def _settle(self, stop: threading.Event) -> None:
+        """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet.
+
+        Raises:
+            DeviceTimeout: It has been quiet for so long that the link is lost.
+        """
+        heard = False
+        while self._owed and not stop.is_set():
+            quiet_s = _QUIET_S if self._missed == 1 else _SILENT_S
+            if self._pair(Patience(quiet_s, 2.0 * _LOOK_S), stop) is not None:
+                self._owed, heard = self._owed - 1, True
+            elif self._missed == 1:
+                return
+            elif heard:
+                self._owed = 0
+            elif not stop.is_set():
+                raise DeviceTimeout(
+                    f"ati: no answer within {_SILENT_S:g} s; check power, bit rate and identifier"
+                )
+
+    def _pair(self, patience: Patience, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
+        """Return the data of the next two replies that belong together, if they come in time."""
+        first: bytes | None = None
+        receive, identifier, over = self._bus.recv, self._id, False
+        try:
+            while not over and not (stop and stop.is_set()):
+                over = patience.over()
+                message = receive(0.0 if over else _LOOK_S)
                 if message is None:
-                    break
+                    continue
                 data = message.data
                 if message.arbitration_id == identifier and len(data) == 8:  # our own request has 0
                     first = bytes(data)
@@ -144,7 +173,7 @@ class AtiSession:
                     return first, bytes(data)
         except (can.CanError, OSError) as error:
             raise DeviceError(f"ati: the bus is lost: {error}") from error
-        return first, None
+        return None
 
     def _keep(self, stamp_ns: int, first: bytes, second: bytes) -> None:
         late, gap = stamp_ns - self.last_ns > self._gap_ns, self._gap
