@@ -7,12 +7,13 @@ from typing import Literal
 import msgspec
 
 from msgs.actuator import RingCommand, RingState, RingTruth
+from nodes.named_files import file_mistakes
 from palp_core import Alarm, Node, Params, Pub, State, Sub, on
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.ring import RingState as DeviceState
 from palp_core.devices.sim.ring import SimRing
 from palp_core.perception.rig_noise import read_noise
-from palp_core.units import Millimetres
+from palp_core.units import MillimetresNonNegative
 
 
 class ActuatorParams(Params):
@@ -26,8 +27,8 @@ class ActuatorParams(Params):
 
     device: str = "sim"
     ring_error: Literal["uniform", "normal"] = "uniform"
-    repeatability_mm: Millimetres = 0.3
-    backlash_mm: Millimetres = 0.0
+    repeatability_mm: MillimetresNonNegative = 0.3
+    backlash_mm: MillimetresNonNegative = 0.0
     noise: str = ""
 
 
@@ -47,6 +48,7 @@ class Actuator(Node):
 
     moves = True
     simulates = True
+    examine = staticmethod(file_mistakes)
     params: ActuatorParams
     state: ActuatorState
     command = Sub(RingCommand)

@@ -12,7 +12,7 @@ from palp_core.perception.emg import EmgChain, find_offset
 from palp_core.perception.emg_bursts import BurstFinder, BurstState
 from palp_core.perception.emg_stream import EmgStream, StreamState
 from palp_core.perception.levels import to_levels
-from palp_core.units import Ratio, Seconds
+from palp_core.units import RatioNonNegative, Seconds, SecondsPositive
 
 UNSCALED = 1.0
 
@@ -24,8 +24,8 @@ class CoContractionParams(Params):
     then counts as bursts.
     """
 
-    window_s: Seconds = 0.15
-    prominence: Ratio = 0.05
+    window_s: SecondsPositive = 0.15
+    prominence: RatioNonNegative = 0.05
     distance_s: Seconds = 0.4
 
 

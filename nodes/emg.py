@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,11 +12,11 @@ from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.devices.emg_source import EmgSourceState
 from palp_core.devices.protocols import EmgBlock as Samples
-from palp_core.devices.registry import open_device
+from palp_core.devices.registry import device_mistakes, open_device
 from palp_core.devices.sim.emg import EmgState as DeviceState
 from palp_core.devices.sim.emg import SimEmg
 from palp_core.perception import figure5
-from palp_core.units import HertzPositive, Seconds
+from palp_core.units import CountPositive, HertzPositive, Seconds
 
 
 class EmgParams(Params):
@@ -33,13 +33,18 @@ class EmgParams(Params):
     rest_s: Seconds = 2.0
     mvc_s: Seconds = 5.0
     rate_hz: HertzPositive = 1500.0
-    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 75
+    block_samples: CountPositive = 75
     palpation_s: Seconds = 60.0
 
     @property
     def block_hz(self) -> float:
         """Rate of blocks."""
         return self.rate_hz / self.block_samples
+
+    def driver_options(self) -> dict[str, Any]:
+        """Return the options of the source; a simulated one has the average of the human matrices."""
+        simulated = {"matrix": figure5.matrices().mean(axis=0)}
+        return {"rate_hz": self.rate_hz, **(simulated if self.device == "sim" else self.options)}
 
 
 class EmgNodeState(State):
@@ -61,11 +66,12 @@ class Emg(Node):
     tick = Timer(hz="block_hz", running=True)
     end = Alarm()
 
+    @staticmethod
+    def examine(params: EmgParams) -> dict[str, str]:
+        return device_mistakes("emg", params.device, params.driver_options())
+
     def on_configure(self) -> None:
-        params = self.params
-        simulated = params.device == "sim"
-        options = {"matrix": figure5.matrices().mean(axis=0)} if simulated else params.options
-        self.device = open_device("emg", params.device, rate_hz=params.rate_hz, **options)
+        self.device = open_device("emg", self.params.device, **self.params.driver_options())
 
     @property
     def memory(self) -> Any:

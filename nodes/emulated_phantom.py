@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 import sys
-from typing import Literal
+from typing import Annotated, Literal
+
+import msgspec
 
 from msgs.experiment import Mount, PhantomTruth
-from palp_core import Node, Params, Pub, ReadOnly, State, Sub, on
+from msgs.torque import ContactGuard
+from nodes.named_files import file_mistakes
+from palp_core import Node, Params, Pub, ReadOnly, State, Sub, every, on
 from palp_core.devices.emulator import EmulatedRig, RigSettings
 from palp_core.devices.emulator.axis import AxisSettings
-from palp_core.devices.emulator.world import WorldSettings
+from palp_core.devices.emulator.world import GuardMet, World, WorldSettings
 from palp_core.devices.sim.mount import MountVariation
-from palp_core.mechanics.phantom_file import file_mistakes
 from palp_core.perception.rig_noise import read_noise
-from palp_core.units import Metres, Millimetres, Ratio
+from palp_core.units import (
+    Count,
+    CountPositive,
+    HertzPositive,
+    Metres,
+    MillimetresNonNegative,
+    MillimetresPositive,
+    NewtonMillimetresNonNegative,
+)
 
 MARGIN_M = 0.002
+Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
 class EmulatedPhantomParams(Params):
@@ -24,32 +36,35 @@ class EmulatedPhantomParams(Params):
     ``host``, the ports and ``folder`` (of the ring's terminal) are where the drivers find the devices;
     ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
     file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
+    ``guard_hz`` is how often it looks whether the contact has met a region in which its rung fails.
     """
 
     host: ReadOnly[str] = "127.0.0.1"
-    stage_port: ReadOnly[int] = 8000
-    stop_port: ReadOnly[int] = 8001
-    can_port: ReadOnly[int] = 29536
-    emg_port: ReadOnly[int] = 9220
+    stage_port: ReadOnly[Port] = 8000
+    stop_port: ReadOnly[Port] = 8001
+    can_port: ReadOnly[Port] = 29536
+    emg_port: ReadOnly[Port] = 9220
     folder: ReadOnly[str] = ""
-    can_bitrate: ReadOnly[int] = 500_000
+    can_bitrate: ReadOnly[CountPositive] = 500_000
     phantoms: ReadOnly[str] = ""
     scene: ReadOnly[str] = ""
     ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
-    repeatability_mm: ReadOnly[Ratio] = 0.3
-    noise_sd_n_mm: ReadOnly[Ratio] = 1.0 / 64.0
-    seed: ReadOnly[int] = 1
-    height_sd_mm: ReadOnly[Millimetres] = 0.1
+    repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
+    noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = 1.0 / 64.0
+    seed: ReadOnly[Count] = 1
+    height_sd_mm: ReadOnly[MillimetresNonNegative] = 0.1
     noise: ReadOnly[str] = ""
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
-    lift_mm: ReadOnly[Millimetres] = 20.0
+    lift_mm: ReadOnly[MillimetresPositive] = 20.0
+    guard_hz: ReadOnly[HertzPositive] = 5.0
 
 
 class EmulatedPhantomState(State):
     """What a replacement inherits."""
 
     code: str = ""
+    remount: int = 0
 
 
 class EmulatedPhantom(Node):
@@ -61,6 +76,7 @@ class EmulatedPhantom(Node):
     state: EmulatedPhantomState
     mount = Sub(Mount)
     truth = Pub(PhantomTruth)
+    guard = Pub(ContactGuard)
 
     def on_configure(self) -> None:
         p = self.params
@@ -90,14 +106,18 @@ class EmulatedPhantom(Node):
         sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
         self.rig = EmulatedRig(settings, ("aerotech", "maestro", "ati", "noraxon")).start()
 
+    def on_deactivate(self) -> None:
+        self.tell_guards()
+
     def on_shutdown(self) -> None:
         self.rig.stop()
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
+        self.tell_guards()  # they are of the phantom that is taken off
         height_m = MountVariation(height_sd_m=self.height_sd_m).draw(self.rng).height_m
         self.rig.on_world(lambda world, _: world.mount(mount.code, height_m))
-        touched, self.state.code = self.rig.world.rig, mount.code
+        touched, self.state.code, self.state.remount = self.rig.world.rig, mount.code, mount.remount
         bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]
         self.truth.publish(
             PhantomTruth(
@@ -110,3 +130,21 @@ class EmulatedPhantom(Node):
                 bound=choice.bound or 0.0,
             )
         )
+
+    @every("guard_hz")
+    def tell_guards(self) -> None:
+        """Say what the contacts felt since the last look have met: once per mounting and ring."""
+        for met in self.rig.on_world(_taken):
+            self.guard.publish(
+                ContactGuard(
+                    stamp_ns=self.now_ns(),
+                    code=met.code,
+                    remount=self.state.remount,
+                    ring_m=met.ring_m,
+                    words=list(met.words),
+                )
+            )
+
+
+def _taken(world: World, _: int) -> list[GuardMet]:
+    return [world.guards.popleft() for _ in range(len(world.guards))]

@@ -9,8 +9,8 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.mechanics.phantom_file import file_mistakes
+from nodes.estimator_methods import EstimatorParams, checks, mistakes
+from palp_core import Node, Pub, State, Sub, on
 from palp_core.mechanics.scene_file import read_scene
 from palp_core.methods import find
 from palp_core.perception import bayes
@@ -19,39 +19,10 @@ from palp_core.perception.primitives import Primitives, fit, quantisation_sd
 from palp_core.perception.rig_noise import noise_of
 from palp_core.perception.stopping import decide, stop_rule
 from palp_core.perception.sweep_cut import SweepCut
-from palp_core.perception.trial_filter import Probe, TrialFilter, require_likelihood
+from palp_core.perception.trial_filter import Probe, TrialFilter
 from palp_core.perception.wavelet import denoise, edge_cone
 from palp_core.studies.height_slope import filter_of
-from palp_core.units import Count, Float64Array, HertzPositive, Millimetres, Ratio, Seconds
-
-
-class EstimatorParams(Params):
-    """Set in the launch file; the names are those of the methods register.
-
-    ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
-    grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
-    what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
-    ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics it knows how
-    a reading answers to the height.
-    """
-
-    wavelet: str = "db10"
-    level: int = 5
-    denoise: str = "soft_universal"
-    feature: str = "peak"
-    likelihood: str = "normal"
-    filter: str = "naive"
-    depths: Count = 0
-    noise: str = ""
-    ring_sd_mm: Millimetres = 0.17
-    height_sd_mm: Millimetres = 0.1
-    scene: str = ""
-    stop: str = "paper_guarded"
-    stop_value: Ratio = 0.0
-    max_probes: int = 15
-    resolution_n_mm: Ratio = 1.0 / 64.0
-    rate_hz: HertzPositive = 1000.0
-    largest_gap_s: Seconds = 0.003
+from palp_core.units import Float64Array
 
 
 class EstimatorState(State):
@@ -81,7 +52,7 @@ class EstimatorState(State):
 class Estimator(Node):
     """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
 
-    examine = staticmethod(file_mistakes)
+    examine = staticmethod(mistakes)
     params: EstimatorParams
     state: EstimatorState
     trial = Sub(Trial)
@@ -93,10 +64,8 @@ class Estimator(Node):
     primitives = Pub(PrimitivesLearnt)
 
     def on_configure(self) -> None:
-        find("denoise", self.params.denoise)
-        find("feature", self.params.feature)
-        require_likelihood(self.params.filter, self.params.likelihood)
-        stop_rule(self.params.stop, self.params.stop_value, max_probes=self.params.max_probes)
+        for check in checks(self.params).values():
+            check()
         self.learnt: Primitives | None = None
         self.filters: tuple[EstimatorParams, TrialFilter] | None = None
 

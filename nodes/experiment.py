@@ -8,13 +8,13 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
-from nodes.experiment_plan import believed, design_of, is_right, plan_of
+from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_of
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
 from nodes.experiment_swaps import name_of, planned
 from palp_core import Alarm, Node, Params, Progress, Pub, State, Sub, Swap, on
 from palp_core.perception import plan
 from palp_core.studies.record import Record
-from palp_core.units import Count, Metres, Seconds
+from palp_core.units import Count, CountPositive, Metres, Seconds
 
 
 class ExperimentParams(Params):
@@ -23,9 +23,8 @@ class ExperimentParams(Params):
     ``training`` palpations per phantom and ring position, ``trials`` of estimation per phantom. Order,
     re-homing and remounting were not published: ``training_order`` mixes the ring positions of a mounting
     (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's actuator is
-    driven to its stop and back. ``swaps`` names policies that take over in a trial, as in
-    ``30=nodes.policy_markov:Markov``. ``plan`` is the paper's experiment, or how well the rig repeats itself.
-    ``depths`` and ``stop`` are the estimator's: a rule that cannot decide among them is refused at once.
+    driven to its stop and back. ``swaps`` names policies that take over: ``30=nodes.policy_markov:Markov``.
+    ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     """
 
     out: str = "results"
@@ -34,13 +33,13 @@ class ExperimentParams(Params):
     phantoms: str = ""
     policy: str = ""
     swaps: str = ""
-    seed: int = 0
-    trials: int = 100
-    training: int = 25
+    seed: Count = 0
+    trials: Count = 100
+    training: Count = 25
     training_order: Literal["randomised", "blocked"] = "randomised"
     rehome: Literal["palpation", "trial", "condition"] = "trial"
-    training_mounts: int = 1
-    estimation_mounts: int = 1
+    training_mounts: CountPositive = 1
+    estimation_mounts: CountPositive = 1
     depths: Count = 0
     stop: str = ""
     from_m: Metres = -0.03
@@ -89,6 +88,7 @@ class Experiment(Node):
     """Ask the plan for the next step, do it, and tell the plan what came of it."""
 
     records = True
+    examine = staticmethod(mistakes)
     params: ExperimentParams
     state: ExperimentState
     belief = Sub(Belief)

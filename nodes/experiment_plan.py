@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.errors import PerceptionError
+from nodes.experiment_swaps import planned
+from nodes.named_files import file_mistakes
+from palp_core.errors import MethodError, PerceptionError
 from palp_core.mechanics.phantom_file import load_phantoms
 from palp_core.perception import plan
 from palp_core.perception.figure5 import RINGS_M
@@ -17,7 +20,7 @@ from palp_core.perception.trial_filter import classes_of as grid_of
 if TYPE_CHECKING:
     from nodes.experiment import ExperimentParams
 
-__all__ = ["believed", "classes_of", "design_of", "is_right", "plan_of"]
+__all__ = ["believed", "classes_of", "design_of", "is_right", "mistakes", "plan_of"]
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
@@ -62,6 +65,24 @@ def design_of(params: ExperimentParams) -> plan.Design | RepeatDesign:
         training_mounts=params.training_mounts,
         estimation_mounts=params.estimation_mounts,
     )
+
+
+def mistakes(params: ExperimentParams) -> dict[str, str]:
+    """Return what is wrong with the experiment asked for, by parameter; "" for what concerns several."""
+    if found := file_mistakes(params):
+        return found
+    checks: tuple[tuple[str, Callable[[], object]], ...] = (
+        ("", lambda: design_of(params)),
+        ("swaps", lambda: planned(params.swaps)),
+    )
+    for name, check in checks:
+        try:
+            check()
+        except (MethodError, PerceptionError, ValueError) as error:
+            found[name] = str(error)
+    if params.from_m == params.to_m:
+        found["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
+    return found
 
 
 def plan_of(design: plan.Design | RepeatDesign, seed: int) -> plan.Plan:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
+from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
 from palp_core.mechanics.phantom_file import load_phantoms
-from palp_core.units import Millimetres
+from palp_core.units import MillimetresNonNegative
 
 
 class OperatorParams(Params):
@@ -18,7 +19,7 @@ class OperatorParams(Params):
     phantoms: str = ""
     scene: str = ""
     ring_error: str = ""
-    height_sd_mm: Millimetres = 0.0
+    height_sd_mm: MillimetresNonNegative = 0.0
     noise: str = ""
 
 
@@ -34,6 +35,7 @@ class Operator(Node):
     """Wait for ``palp service call /phantom/mounted`` after each request for a phantom."""
 
     simulates = True  # its port `truth` says what the phantom was made as
+    examine = staticmethod(file_mistakes)
     params: OperatorParams
     state: OperatorState
     mount = Sub(Mount)

@@ -6,14 +6,21 @@ from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
+from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.sim.mount import MountVariation
 from palp_core.mechanics.contact.model import ContactModel
-from palp_core.mechanics.phantom_file import file_mistakes
 from palp_core.mechanics.scene_rig import rig
 from palp_core.mechanics.sweep_table import SweepTable, solve
 from palp_core.perception.rig_noise import read_noise
-from palp_core.units import Metres, Millimetres, Probability, Ratio
+from palp_core.units import (
+    Kilograms,
+    Metres,
+    Millimetres,
+    MillimetresNonNegative,
+    Probability,
+    RatioNonNegative,
+)
 
 MARGIN_M = 0.002
 
@@ -36,10 +43,10 @@ class PhantomParams(Params):
     from_m: Metres = -0.03
     to_m: Metres = 0.05
     indentation_mm: Millimetres = 4.0
-    height_sd_mm: Millimetres = 0.1
+    height_sd_mm: MillimetresNonNegative = 0.1
     noise: str = ""
-    friction: Ratio = 0.3
-    tip_mass_kg: Ratio = 0.008
+    friction: RatioNonNegative = 0.3
+    tip_mass_kg: Kilograms = 0.008
 
 
 class PhantomState(State):

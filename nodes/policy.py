@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
+import msgspec
 import numpy as np
 
 from msgs.actuator import RingCommand
@@ -13,6 +14,9 @@ from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.perception import figure5, policies
+
+RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=49.0, extra_json_schema={"x-unit": "mm"})]
+"""A ring position: what an L12-50 with its zero 1 mm off the stop can reach."""
 
 
 class PolicyState(State):

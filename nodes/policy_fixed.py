@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from nodes.policy import Policy
+from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
 from palp_core.perception import policies
-from palp_core.units import Millimetres
 
 
 class FixedParams(Params):
     """Set in the launch file."""
 
-    ring_mm: Millimetres = 16.0
+    ring_mm: RingMillimetres = 16.0
 
 
 class Fixed(Policy):

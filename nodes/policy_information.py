@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from nodes.policy import Policy
+from nodes.named_files import file_mistakes
+from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
-from palp_core.mechanics.phantom_file import file_mistakes
 from palp_core.mechanics.scene_file import read_scene
 from palp_core.perception import latent, policies
 from palp_core.perception.policies_informed import InformationGainLatent
 from palp_core.perception.primitives import Primitives
 from palp_core.perception.rig_noise import independent_model, noise_of
 from palp_core.studies.height_slope import filter_of
-from palp_core.units import Count, Millimetres
+from palp_core.units import Count, MillimetresNonNegative
 
 
 class InformationParams(Params):
@@ -28,13 +28,13 @@ class InformationParams(Params):
 
     knows: str = "latent"
     noise: str = ""
-    ring_sd_mm: Millimetres = 0.17
-    height_sd_mm: Millimetres = 0.1
+    ring_sd_mm: MillimetresNonNegative = 0.17
+    height_sd_mm: MillimetresNonNegative = 0.1
     scene: str = ""
     feature: str = "peak"
     depths: Count = 0
     per_second: bool = False
-    start_mm: Millimetres = 16.0
+    start_mm: RingMillimetres = 16.0
 
 
 class Information(Policy):

@@ -6,8 +6,9 @@ from typing import Literal
 
 from nodes.policy import Policy
 from palp_core import Params
+from palp_core.errors import PerceptionError
 from palp_core.perception import chain_file, figure5, policies
-from palp_core.units import Probability
+from palp_core.units import MillimetresPositive, Probability
 
 
 class MarkovParams(Params):
@@ -24,7 +25,7 @@ class MarkovParams(Params):
     mixture: Literal["average", "posterior"] = "average"
     mean_level: Probability = figure5.MEAN_LEVEL
     chain: str = ""
-    depths_mm: tuple[float, ...] = (2.0, 4.0, 8.0)
+    depths_mm: tuple[MillimetresPositive, ...] = (2.0, 4.0, 8.0)
 
 
 class Markov(Policy):
@@ -32,16 +33,29 @@ class Markov(Policy):
 
     params: MarkovParams
 
+    @staticmethod
+    def examine(params: MarkovParams) -> dict[str, str]:
+        try:
+            if params.chain:
+                _learnt(params)
+        except PerceptionError as error:
+            return {"chain": str(error)}
+        return {}
+
     def choose(self) -> policies.Policy:
         params = self.params
         if params.chain:
-            depths_m = [round(depth_mm * 1e-3, 9) for depth_mm in params.depths_mm]
-            return chain_file.markov_policy(
-                params.chain, reading=params.reading, mixture=params.mixture, depths_m=depths_m
-            )
+            return _learnt(params)
         return policies.Markov(
             matrices=figure5.matrices(params.matrices),
             reading=params.reading,
             mixture=params.mixture,
             mean_level=params.mean_level,
         )
+
+
+def _learnt(params: MarkovParams) -> policies.Policy:
+    depths_m = [round(depth_mm * 1e-3, 9) for depth_mm in params.depths_mm]
+    return chain_file.markov_policy(
+        params.chain, reading=params.reading, mixture=params.mixture, depths_m=depths_m
+    )

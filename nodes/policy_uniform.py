@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nodes.policy import Policy
+from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
 from palp_core.perception import figure5, policies
 
@@ -10,7 +10,7 @@ from palp_core.perception import figure5, policies
 class UniformParams(Params):
     """Set in the launch file; positions in mm."""
 
-    rings_mm: tuple[float, ...] = tuple(round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M)
+    rings_mm: tuple[RingMillimetres, ...] = tuple(round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M)
 
 
 class Uniform(Policy):

@@ -8,14 +8,15 @@ import msgspec
 
 from msgs.actuator import RingCommand, RingState
 from msgs.safety import RingReport, SafetyBeat
+from nodes.safety_limits import DeadlineMilliseconds
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.devices.health import Condition
 from palp_core.devices.leash import Leash
 from palp_core.devices.maestro import MaestroState
 from palp_core.devices.protocols import RingReading
-from palp_core.devices.registry import open_device
+from palp_core.devices.registry import device_mistakes, open_device
 from palp_core.errors import DeviceError
-from palp_core.units import HertzPositive, Ratio
+from palp_core.units import HertzPositive
 
 
 class RigActuatorParams(Params):
@@ -24,7 +25,7 @@ class RigActuatorParams(Params):
     device: ReadOnly[str] = "maestro"
     options: ReadOnly[dict[str, Any]] = {}
     watch_hz: HertzPositive = 50.0
-    beat_ms: ReadOnly[Ratio] = 50.0
+    beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
 
 
 class RigActuatorState(State):
@@ -48,6 +49,10 @@ class RigActuator(Node):
     ring_state = Pub(RingState)
     report = Pub(RingReport)
     watch = Timer(hz="watch_hz", running=True)
+
+    @staticmethod
+    def examine(params: RigActuatorParams) -> dict[str, str]:
+        return device_mistakes("ring", params.device, params.options)
 
     def on_configure(self) -> None:
         self.device = open_device("ring", self.params.device, **self.params.options)

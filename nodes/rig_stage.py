@@ -9,41 +9,19 @@ import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.stage import Stage, StageParams, StageState
-from palp_core import Pub, ReadOnly, Sub, Timer, on
+from nodes.rig_stage_window import RigStageParams, driver_options, mistakes, require_clearance
+from nodes.stage import Stage, StageState
+from palp_core import Pub, Sub, Timer, on
 from palp_core.devices.aerotech import AerotechState
 from palp_core.devices.crossing import crossing_ns
 from palp_core.devices.health import Condition
 from palp_core.devices.leash import Leash
-from palp_core.devices.limits import TravelLimits
 from palp_core.devices.registry import open_device
 from palp_core.errors import DeviceError
-from palp_core.units import HertzPositive, Metres, MetresPerSecond, Millimetres, Ratio
 
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
 ACTIVE = ("returning", "sweeping", "swept", "resting", "retreating")
-
-
-class RigStageParams(StageParams):
-    """Set in the launch file.
-
-    The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
-    stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
-    as nobody knows how the probe lies.
-    """
-
-    device: ReadOnly[str] = "aerotech"
-    options: ReadOnly[dict[str, Any]] = {}
-    from_m: ReadOnly[Metres] = -0.03
-    to_m: ReadOnly[Metres] = 0.05
-    margin_mm: ReadOnly[Millimetres] = 4.0
-    lift_mm: ReadOnly[Millimetres] = 20.0
-    speed_m_s: ReadOnly[MetresPerSecond] = 0.050
-    lift_speed_m_s: ReadOnly[MetresPerSecond] = 0.020
-    retreat_speed_m_s: ReadOnly[MetresPerSecond] = 0.002
-    watch_hz: HertzPositive = 100.0
-    beat_ms: ReadOnly[Ratio] = 50.0
 
 
 class RigStageState(StageState):
@@ -57,6 +35,7 @@ class RigStage(Stage):
     """Move only while the safety node permits it; a sweep that was stopped is cancelled, not resumed."""
 
     LAG_NS: ClassVar[int] = LAG_NS
+    examine = staticmethod(mistakes)
     params: RigStageParams
     state: RigStageState
     safety = Sub(SafetyBeat)
@@ -65,14 +44,8 @@ class RigStage(Stage):
 
     def on_configure(self) -> None:
         p = self.params
-        limits = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
-        options = {
-            "limits": limits,
-            "lift_m": p.lift_mm * 1e-3,
-            "lift_speed_m_per_s": p.lift_speed_m_s,
-            **p.options,
-        }
-        self.device = open_device("stage", p.device, sweep_speed_m_per_s=p.sweep_speed_m_s, **options)
+        require_clearance(p)
+        self.device = open_device("stage", p.device, **driver_options(p))
         self.leash = Leash(p.beat_ms * 1e-3)
         self.waiting: list[SweepGoal] = []
         self.trouble = ""

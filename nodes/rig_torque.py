@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -11,10 +11,16 @@ from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.devices.protocols import TorqueBlock as Samples
-from palp_core.devices.registry import open_device
+from palp_core.devices.registry import device_mistakes, open_device
 from palp_core.devices.wrench_state import WrenchState
 from palp_core.errors import DeviceError
-from palp_core.units import Float64Array, HertzPositive, Ratio
+from palp_core.units import (
+    CountPositive,
+    Float64Array,
+    HertzPositive,
+    MillisecondsPositive,
+    NewtonMillimetresPositive,
+)
 
 LARGEST_N_M, LARGEST_N = 1e3, 1e4  # what a message can say
 
@@ -25,17 +31,23 @@ class RigTorqueParams(Params):
     ``load_hz`` is how often the sensor is asked for what came, ``block_samples`` how many samples make a
     block. ``tare`` takes the mean of the first ``tare_samples`` for zero: the probe must hang free then;
     ``never`` keeps the zero that the state brings. ``largest_gap_ms`` is the longest time between two samples
-    of one block.
+    of one block. ``range_n_mm`` is the largest torque that the sensor can tell (the maker's figure for
+    SI-12-0.12), as of the safety node.
     """
+
+    def driver_options(self) -> dict[str, Any]:
+        """Return the options of the driver, those of ``options`` last."""
+        return {"rate_hz": self.rate_hz, "range_n_m": self.range_n_mm * 1e-3, **self.options}
 
     device: ReadOnly[str] = "ati"
     options: ReadOnly[dict[str, Any]] = {}
     rate_hz: ReadOnly[HertzPositive] = 1000.0
+    range_n_mm: ReadOnly[NewtonMillimetresPositive] = 120.0
     load_hz: HertzPositive = 1000.0
-    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 20
+    block_samples: CountPositive = 20
     tare: Literal["start", "never"] = "start"
-    tare_samples: Annotated[int, msgspec.Meta(ge=1)] = 500
-    largest_gap_ms: Ratio = 3.0
+    tare_samples: CountPositive = 500
+    largest_gap_ms: MillisecondsPositive = 3.0
 
 
 class RigTorqueState(State):
@@ -54,9 +66,17 @@ class RigTorque(Node):
     load = Pub(LoadReport)
     tick = Timer(hz="load_hz", running=True)
 
+    @staticmethod
+    def examine(params: RigTorqueParams) -> dict[str, str]:
+        if "range_n_m" in params.options:
+            return {
+                "options": "the range of the sensor is told as range_n_mm, as the safety node needs it, too"
+            }
+        return device_mistakes("torque", params.device, params.driver_options())
+
     def on_configure(self) -> None:
         p = self.params
-        self.device = open_device("torque", p.device, rate_hz=p.rate_hz, **p.options)
+        self.device = open_device("torque", p.device, **p.driver_options())
         self.first: list[Samples] = []
         self.times_ns: list[int] = []
         self.torque_n_m: list[float] = []

@@ -14,48 +14,19 @@ from msgs.safety import (
     StopRequest,
     Trip,
 )
+from nodes.safety_limits import ONE_LINK, SafetyParams, limits_of, mistakes
 from nodes.safety_record import LastSecond
-from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
+from palp_core import Node, Pub, Qos, Srv, State, Sub, every, on, serve
 from palp_core.devices.aerotech_stop import AerotechStop
 from palp_core.devices.host_time import HostTime
-from palp_core.devices.limits import TravelLimits, WrenchLimits
+from palp_core.devices.reconnection import Reconnection
 from palp_core.devices.safety_table import Action, Cause, Event, SafetyMachine
 from palp_core.devices.safety_table import SafetyState as Standing
 from palp_core.devices.siblings import Siblings
-from palp_core.devices.watchdog import Finding, Load, Stage, Watchdog, WatchLimits
+from palp_core.devices.watchdog import Finding, Load, Stage, Watchdog
 from palp_core.errors import DeviceError
-from palp_core.units import HertzPositive, Metres, MetresPerSecond, Millimetres, Newtons, Ratio
 
 SEARCH_NS = 1_000_000_000
-
-
-class SafetyParams(Params):
-    """Set in the launch file. The limits are assumed, below the sensor's range of 120 N mm and 12 N.
-
-    ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
-    ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of a sweep.
-    ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
-    """
-
-    stop_url: ReadOnly[str] = ""
-    axes: ReadOnly[tuple[str, str]] = ("X", "Y")
-    baud: ReadOnly[int] = 115200
-    tick_hz: ReadOnly[HertzPositive] = 100.0
-    look_hz: ReadOnly[HertzPositive] = 20.0
-    link_ms: ReadOnly[Ratio] = 100.0
-    warn_n_mm: ReadOnly[Ratio] = 80.0
-    stop_n_mm: ReadOnly[Ratio] = 100.0
-    warn_n: ReadOnly[Newtons] = 8.0
-    stop_n: ReadOnly[Newtons] = 10.0
-    from_m: ReadOnly[Metres] = -0.03
-    to_m: ReadOnly[Metres] = 0.05
-    margin_mm: ReadOnly[Millimetres] = 4.0
-    lift_mm: ReadOnly[Millimetres] = 20.0
-    speed_m_s: ReadOnly[MetresPerSecond] = 0.050
-    following_mm: ReadOnly[Millimetres] = 0.5
-    stale_ms: ReadOnly[Ratio] = 25.0
-    beat_ms: ReadOnly[Ratio] = 50.0
-    watch_processes: ReadOnly[bool] = True
 
 
 class SafetyNodeState(State):
@@ -71,6 +42,7 @@ class Safety(Node):
     """Trip at the first limit that is passed: ABORT, then DISABLE, hold the ring, latch, and say why."""
 
     moves = True
+    examine = staticmethod(mistakes)
     params: SafetyParams
     state: SafetyNodeState
     load = Sub(LoadReport)
@@ -83,28 +55,27 @@ class Safety(Node):
     status = Srv(StatusRequest, StatusReply)
 
     def on_configure(self) -> None:
-        p = self.params
-        travel = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
-        wrench = WrenchLimits(p.warn_n_mm * 1e-3, p.stop_n_mm * 1e-3, p.warn_n, p.stop_n)
-        longest = {"stale_s": p.stale_ms * 1e-3, "beat_s": p.beat_ms * 1e-3}
-        limits = WatchLimits(wrench=wrench, travel=travel, following_m=p.following_mm * 1e-3, **longest)
-        self.watchdog, state = Watchdog(limits), self.state
+        self.watchdog, state = Watchdog(limits_of(self.params)), self.state
         cause = Cause(state.cause) if state.cause else None
         self.machine = SafetyMachine(Standing(state.standing), cause, state.text)
         self.machine.acknowledged_count = state.acknowledged_count
         self.host, self.siblings = HostTime(), Siblings()
         self.link: AerotechStop | None = None
+        self.again, self.complaint = Reconnection(self._new_link), ""
         self.memory, self.overloads = LastSecond(), list[Finding]()
         self.stopped_ns = self.permitted_ns = self.search_ns = 0
         self.moving = False
 
     def on_activate(self) -> None:
         self.host.hear(self.now_ns())
-        self._connect()
+        self.link = self._new_link() if self.params.stop_url else None
+        if self.link is None:
+            self.log.warning("%s", ONE_LINK)
 
     on_resume = on_activate
 
     def on_deactivate(self) -> None:
+        self.again.close()
         if self.link is None:
             return
         try:
@@ -220,32 +191,28 @@ class Safety(Node):
         """ABORT first, then tell stage and ring, then DISABLE; return when both were written."""
         written_ns = disabled_ns = 0
         self.host.hear(self.now_ns())
+        self.link = self.again.take() or self.link
         try:
             if self.link is not None:
                 written_ns = self.link.abort()
             self._say()
             if self.link is not None:
                 disabled_ns = self.link.rest(written_ns).disabled_ns
+            self.complaint = ""
         except DeviceError as error:
             self._say()
-            self.log.warning("the stage cannot be stopped on the own link: %s", error)
-            self._reconnect()
+            if str(error) != self.complaint:  # it is tried a hundred times a second
+                self.log.warning("the stage cannot be stopped on the own link: %s", error)
+            self.complaint = str(error)
+            if self.link is not None and self.again.begin():
+                self.link.close()
         self.stopped_ns = max(self.now_ns(), disabled_ns)
         return written_ns, disabled_ns
 
-    def _connect(self) -> None:
+    def _new_link(self) -> AerotechStop:
         p = self.params
-        if p.stop_url:
-            timing = {"timeout_s": p.link_ms * 1e-3, "look_hz": p.look_hz}
-            self.link = AerotechStop(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
-
-    def _reconnect(self) -> None:
-        if self.link is not None:
-            self.link.close()
-        try:
-            self._connect()
-        except DeviceError as error:
-            self.log.warning("%s", error)
+        timing = {"timeout_s": p.link_ms * 1e-3, "look_hz": p.look_hz}
+        return AerotechStop(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
 
     @serve(stop)
     def obey(self, request: StopRequest) -> StatusReply:
@@ -262,7 +229,7 @@ class Safety(Node):
             permits=self.machine.permits,
             cause=self.state.cause,
             text=self.state.text,
-            warning=self.watchdog.warning,
+            warning=self._warning,
             acknowledged_count=self.state.acknowledged_count,
         )
 
@@ -283,6 +250,10 @@ class Safety(Node):
         text = persisting[0].text if persisting else "" if done else "the stop is not confirmed yet"
         return AcknowledgeReply(done=done, state=self.machine.state.value, text=text)
 
+    @property
+    def _warning(self) -> str:
+        return self.watchdog.warning or ("" if self.params.stop_url else ONE_LINK)
+
     def _say(self) -> None:
         machine = self.machine
         self.beat.publish(
@@ -293,6 +264,6 @@ class Safety(Node):
                 acknowledged_count=machine.acknowledged_count,
                 cause=machine.cause or "",
                 text=machine.text,
-                warning=self.watchdog.warning,
+                warning=self._warning,
             )
         )

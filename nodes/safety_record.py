@@ -12,35 +12,46 @@ from palp_core.units import Float64Array
 __all__ = ["LastSecond"]
 
 KEEP_NS = 1_000_000_000
-Rows = deque[tuple[float, ...]]
+
+
+class Rows(deque[tuple[int, tuple[float, ...]]]):
+    """What was said within a second, by when it was said: a sample may be stamped with any nonsense."""
+
+    def keep(self, said_ns: int, *row: float) -> None:
+        """Remember a row and forget what is too old."""
+        self.append((said_ns, row))
+        while self[0][0] < said_ns - KEEP_NS:
+            self.popleft()
+
+    def table(self, width: int) -> Float64Array:
+        """Return the rows, shape (n, width)."""
+        return np.array([row for _, row in self], dtype=np.float64).reshape(-1, width)
 
 
 class LastSecond:
     """Remember loads, places and ring positions for a second."""
 
     def __init__(self) -> None:
-        self._loads: Rows = deque()
-        self._places: Rows = deque()
-        self._rings: Rows = deque()
+        self._loads, self._places, self._rings = Rows(), Rows(), Rows()
 
     def load(self, report: LoadReport) -> None:
         """Remember a load, if there is a sample behind it."""
         if report.sample_count:
-            _keep(self._loads, (report.sample_ns, report.torque_n_m, report.force_n))
+            self._loads.keep(report.stamp_ns, report.sample_ns, report.torque_n_m, report.force_n)
 
     def stage(self, report: StageReport) -> None:
         """Remember a place."""
-        _keep(self._places, (report.stamp_ns, report.y_m, report.z_m))
+        self._places.keep(report.stamp_ns, report.stamp_ns, report.y_m, report.z_m)
 
     def ring(self, report: RingReport) -> None:
         """Remember a ring position."""
-        _keep(self._rings, (report.stamp_ns, report.ring_m))
+        self._rings.keep(report.stamp_ns, report.stamp_ns, report.ring_m)
 
     def trip(
         self, now_ns: int, cause: str, text: str, *, cause_ns: int, written_ns: int, disabled_ns: int
     ) -> Trip:
         """Return the record of a trip."""
-        loads, places, rings = _table(self._loads, 3), _table(self._places, 3), _table(self._rings, 2)
+        loads, places, rings = self._loads.table(3), self._places.table(3), self._rings.table(2)
         return Trip(
             stamp_ns=now_ns,
             cause=cause,
@@ -57,13 +68,3 @@ class LastSecond:
             ring_time_s=(rings[:, 0] - now_ns) * 1e-9,
             ring_m=rings[:, 1],
         )
-
-
-def _keep(rows: Rows, row: tuple[float, ...]) -> None:
-    rows.append(row)
-    while rows[0][0] < row[0] - KEEP_NS:
-        rows.popleft()
-
-
-def _table(rows: Rows, width: int) -> Float64Array:
-    return np.array(rows, dtype=np.float64).reshape(-1, width)

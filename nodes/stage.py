@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.stage import StageState as DeviceState
-from palp_core.units import HertzPositive, MetresPerSecond
+from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
 
 
 class StageParams(Params):
@@ -20,8 +20,8 @@ class StageParams(Params):
 
     device: str = "sim"
     rate_hz: HertzPositive = 1000.0
-    block_samples: Annotated[int, msgspec.Meta(ge=1)] = 50
-    sweep_speed_m_s: MetresPerSecond = 0.020
+    block_samples: CountPositive = 50
+    sweep_speed_m_s: MetresPerSecondPositive = 0.020
 
     @property
     def block_hz(self) -> float:

@@ -6,12 +6,13 @@ import msgspec
 import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
+from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.devices.registry import open_device
 from palp_core.devices.sim.torque import SimTorque
 from palp_core.devices.sim.torque import TorqueState as DeviceState
 from palp_core.perception.rig_noise import read_noise
-from palp_core.units import Ratio
+from palp_core.units import NewtonMillimetresNonNegative, RatioNonNegative
 
 
 class TorqueParams(Params):
@@ -23,10 +24,10 @@ class TorqueParams(Params):
     """
 
     device: str = "sim"
-    noise_sd_n_mm: Ratio = 1.0 / 64.0
-    resolution_n_mm: Ratio = 1.0 / 64.0
-    bias_drift_n_mm_per_sqrt_s: Ratio = 0.0
-    gain_drift_per_sqrt_s: Ratio = 0.0
+    noise_sd_n_mm: NewtonMillimetresNonNegative = 1.0 / 64.0
+    resolution_n_mm: NewtonMillimetresNonNegative = 1.0 / 64.0
+    bias_drift_n_mm_per_sqrt_s: NewtonMillimetresNonNegative = 0.0
+    gain_drift_per_sqrt_s: RatioNonNegative = 0.0
     noise: str = ""
 
 
@@ -40,6 +41,7 @@ class Torque(Node):
     """Publish a block of measured torque for each block of contact; silent while nothing is swept."""
 
     simulates = True
+    examine = staticmethod(file_mistakes)
     params: TorqueParams
     state: TorqueNodeState
     contact = Sub(Contact)

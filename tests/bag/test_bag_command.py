@@ -74,3 +74,22 @@ def test_mistakes_are_palps_own_errors(bag: Path, tmp_path: Path) -> None:
         palp_bag("recover", bag, "-o", bag)
     with pytest.raises(BagError, match="not a regular expression"):
         palp_bag("filter", bag, "-o", tmp_path / "x", "-e", "(")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("echo", "{bag}"),
+        ("filter", "{bag}", "-o", "{out}", "-t"),
+        ("diff", "{bag}", "{bag}", "-t"),
+        ("play", "{bag}", "-t"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_topic_that_the_bag_lacks_is_a_mistake_with_the_nearest_name(
+    bag: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    given = [word.format(bag=bag, out=tmp_path / "out") for word in words]
+    with pytest.raises(BagError, match="no topic '/torque/blok'; did you mean '/torque/block'"):
+        palp_bag(*given, "/torque/blok")
+    assert not (tmp_path / "out").exists()

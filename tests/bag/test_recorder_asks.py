@@ -52,14 +52,14 @@ def test_a_topic_can_be_told_where_it_begins(tmp_path: Path, kit: Any) -> None:
 
 
 def test_what_a_publisher_says_of_its_new_place_is_handed_on(tmp_path: Path, kit: Any) -> None:
-    from palp_core.runtime.wire import pack
+    from palp_core.runtime.wire import Frame, pack
 
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS)
-    moved: list[tuple[str, bytes]] = []
-    recorder.moved = lambda *place: moved.append(place)
+    moved: list[Frame] = []
+    recorder.moved = moved.append
     recorder(0, mode(kit, 1))
     recorder(0, pack(TOPIC.encode(), Kind.MOVED, 0, 3, 10, 0, b"there"))
-    assert moved == [(TOPIC, b"there")]
+    assert [(frame.topic, bytes(frame.payload)) for frame in moved] == [(TOPIC, b"there")]
     assert recorder.close().topics[TOPIC].lost == 2
 
 

@@ -121,6 +121,19 @@ def test_a_device_that_cannot_be_reached_is_one_clear_line_and_a_status(
     assert len(done.output.splitlines()) == 1
 
 
+@pytest.mark.parametrize("seconds", ["nan", "-1", "inf"])
+def test_a_length_of_time_that_is_none_is_refused_before_anything_is_opened(seconds: str) -> None:
+    arguments = ["monitor", "netft", "host:=127.0.0.1", "http_port:=1", "--for", seconds]
+    done = runner.invoke(app, arguments)
+    assert isinstance(done.exception, DeviceError)
+    assert "seconds" in str(done.exception)
+
+
+def test_what_a_driver_says_of_a_missing_device_is_said_once() -> None:
+    done = runner.invoke(app, ["probe", "netft", "host:=127.0.0.1", "http_port:=1"])
+    assert done.output.count("netft:") == 1
+
+
 def test_a_port_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise serial.SerialException(13, "could not open port /dev/ttyACM0: Permission denied")
@@ -199,6 +212,7 @@ def test_monitor_says_what_a_sensor_delivers(rig: EmulatedRig) -> None:
     assert done.exit_code == 0, done.output
     rows = [json.loads(line) for line in done.output.splitlines()]
     assert rows[-1]["state"] == "ok"
+    assert rows[-1]["nominal_hz"] == 100.0
     assert {"rate_hz", "gaps", "tx_n_m", "tx_n_m_sd", "drift_ppm"} <= set(rows[-1])
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import typer
 
+from palp_core import __version__
 from palp_core.cli.lazy import LazyGroup, Verb, load
 from palp_core.cli.main import app
 
@@ -84,3 +87,31 @@ def test_a_misspelt_verb_of_a_group_is_status_2_with_the_nearest_name() -> None:
 
 def test_ros_2_users_find_wtf() -> None:
     assert palp("wtf", "--help").returncode == 0
+
+
+def test_the_version_is_told() -> None:
+    done = palp("--version")
+    assert (done.returncode, done.stdout) == (0, f"palp {__version__}\n")
+
+
+def test_ctrl_c_before_the_first_verb_is_read_ends_without_a_traceback() -> None:
+    program = (
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'palp_core.cli.main': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "from palp_core.__main__ import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_is_said_without_a_traceback(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").touch()
+    command = [sys.executable, "-m", "palp_core", "bag", "list", str(tmp_path)]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "the output cannot be written: No space left on device\n")

@@ -12,8 +12,16 @@ from hypothesis import strategies as st
 
 from palp_core.devices.aerotech import AerotechStage, AerotechState
 from palp_core.devices.aerotech_stop import AerotechStop
-from palp_core.devices.limits import DutyCycle, Level, TravelLimits, WrenchLimits
+from palp_core.devices.limits import (
+    CLEARANCE_M,
+    DutyCycle,
+    Level,
+    TravelLimits,
+    WrenchLimits,
+    check_lift,
+)
 from palp_core.devices.maestro import MaestroRing, MaestroState
+from palp_core.devices.registry import open_device
 from palp_core.devices.unverified import UnverifiedWarning
 from palp_core.errors import DeviceError
 
@@ -45,6 +53,38 @@ def test_a_load_over_a_limit_or_no_number_stops(torque: list[float], force: list
 def test_a_load_between_the_limits_warns() -> None:
     assert WrenchLimits().level(np.array([0.09]), np.zeros(0)) is Level.WARN
     assert WrenchLimits().level(np.array([-0.02]), np.array([1.0])) is Level.FINE
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [{"stop_torque_n_m": 0.121}, {"stop_force_n": 12.1}, {"stop_torque_n_m": 0.09, "range_torque_n_m": 0.08}],
+)
+def test_a_stop_that_the_sensor_cannot_reach_is_refused(limits: dict[str, float]) -> None:
+    with pytest.raises(DeviceError, match=r"above the sensor.s range of .* and can never trip"):
+        WrenchLimits(**limits)
+    assert WrenchLimits(stop_torque_n_m=0.120, stop_force_n=12.0)  # its very end can be told
+
+
+@settings(deadline=None)
+@given(lift_m=st.floats(0.0, 0.05), indentation_m=st.floats(-0.01, 0.02))
+def test_a_raised_probe_clears_the_gel(lift_m: float, indentation_m: float) -> None:
+    try:
+        check_lift(lift_m, indentation_m)
+    except DeviceError:
+        assert lift_m - max(indentation_m, 0.0) < CLEARANCE_M
+    else:
+        assert lift_m - max(indentation_m, 0.0) > CLEARANCE_M - 2e-9
+
+
+def test_a_lift_that_is_no_number_is_refused() -> None:
+    with pytest.raises(DeviceError, match="lift_m = nan"):
+        check_lift(float("nan"), 0.004)
+
+
+@pytest.mark.parametrize("name", ["stale_s", "timeout_s", "home_timeout_s"])
+def test_a_wait_of_no_time_is_refused(name: str) -> None:
+    with pytest.raises(DeviceError, match=f"{name} = 0 must lie in"):
+        open_device("stage", "aerotech", url="socket://127.0.0.1:1", **{name: 0.0})
 
 
 @settings(deadline=None, max_examples=60)

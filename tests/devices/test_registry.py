@@ -27,6 +27,7 @@ from palp_core.devices.lsl import LslEmg
 from palp_core.devices.maestro import MaestroRing, MaestroState
 from palp_core.devices.netft import NetFtTorque
 from palp_core.devices.noraxon import NoraxonEmg
+from palp_core.devices.registry import device_mistakes
 from palp_core.devices.sim.emg import EmgState, SimEmg
 from palp_core.devices.sim.ring import RingState, SimRing
 from palp_core.devices.sim.stage import SimStage, StageState
@@ -86,6 +87,15 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 ) -> None:
     with pytest.raises(DeviceError, match=says):
         open_device(kind, name, **options)
+
+
+def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
+    assert device_mistakes("torque", "nano71", {}) == {
+        "device": "no torque device 'nano71'; known: ati, netft, sim, or give package.module:Class"
+    }
+    assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
+    assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}
+    assert device_mistakes("emg", "lsl", {"stream": "arm", "rate_hz": 1500.0}) == {}
 
 
 def test_options_are_what_a_yaml_file_can_say() -> None:

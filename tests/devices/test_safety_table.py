@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from palp_core.devices.safety_table import TABLE, Action, Cause, Event, SafetyMachine, SafetyState
 
@@ -37,6 +37,30 @@ def test_a_trip_stops_and_records_from_every_state_that_is_not_tripped() -> None
         assert TABLE[state][Event.TRIP] == (SafetyState.STOPPING, (Action.STOP, Action.RECORD))
 
 
+def ruled(state: SafetyState, event: Event) -> tuple[SafetyState, tuple[Action, ...]]:
+    """Return what six rules say; what none of them names changes nothing and asks for nothing."""
+    steps = {
+        (SafetyState.STARTING, Event.COMPLETE): SafetyState.READY,  # the only way to a permission
+        (SafetyState.READY, Event.MOVES): SafetyState.MOVING,
+        (SafetyState.MOVING, Event.RESTS): SafetyState.READY,
+        (SafetyState.STOPPING, Event.STOPPED): SafetyState.LATCHED,  # the only way to the latch
+    }
+    unpermitted = event is Event.MOVES and state not in PERMITTED
+    if state in TRIPPED and unpermitted:
+        return SafetyState.STOPPING, (Action.STOP,)
+    if state not in TRIPPED and (unpermitted or event is Event.TRIP):
+        return SafetyState.STOPPING, (Action.STOP, Action.RECORD)
+    if (state, event) == (SafetyState.LATCHED, Event.ACKNOWLEDGE):
+        return SafetyState.STARTING, (Action.RELEASE,)
+    return steps.get((state, event), state), ()
+
+
+def test_the_table_says_what_the_rules_say_and_nothing_else() -> None:
+    for state in SafetyState:
+        for event in Event:
+            assert TABLE[state][event] == ruled(state, event), f"{state}: {event}"
+
+
 def test_every_cause_latches() -> None:
     for cause in Cause:
         machine = SafetyMachine(SafetyState.MOVING)
@@ -66,6 +90,11 @@ class SafetyWalk(RuleBasedStateMachine):
         if Action.RELEASE in actions:
             self.enabled = True
             self.acknowledged += 1
+
+    @initialize(state=st.sampled_from([SafetyState.STARTING, SafetyState.READY, SafetyState.MOVING]))
+    def it_begins_in_the_middle(self, state: SafetyState) -> None:
+        """Else nearly every walk is tripped before anything is permitted."""
+        self.machine, self.moving = SafetyMachine(state), state is SafetyState.MOVING
 
     @rule()
     def somebody_asks_for_motion(self) -> None:

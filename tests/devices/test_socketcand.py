@@ -49,3 +49,39 @@ def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(
 def test_an_option_that_is_missing_is_named() -> None:
     with pytest.raises(DeviceError, match="no option 'host'"):
         _open_bus({"interface": "socketcand", "channel": "can0"})
+
+
+def test_answers_that_come_in_pieces_and_frames_of_others_right_behind_them_are_no_refusal() -> None:
+    frame, over = b"< frame 321 1.5 0102 >", threading.Event()
+    cut = [b"< ", b"hi >", b"< o", b"k >"]
+
+    def talk(connection: socket.socket, ends: bytes) -> None:
+        for k, piece in enumerate(cut):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.sendall(piece)
+            if k == 1:
+                connection.recv(256)
+        connection.sendall(ends)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve_all() -> None:
+            first, _ = server.accept()
+            with first:
+                talk(first, b"")
+                second, _ = server.accept()
+                with second:
+                    talk(second, b"< ok >" + frame)
+                    over.wait(60.0)
+
+        thread = threading.Thread(target=serve_all, daemon=True)
+        thread.start()
+        options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
+        bus = _open_bus({**options, "port": server.getsockname()[1]})
+        try:
+            message = bus.recv(60.0)
+            assert message.arbitration_id == 0x321
+        finally:
+            bus.shutdown()
+            over.set()
+            thread.join()

@@ -128,7 +128,7 @@ PATIENT: dict[str, dict[str, float]] = {
 }
 WHILE = 10
 NODES = {
-    "stage": ("nodes.rig_stage:RigStage", "OfStage", "report", f"lift_mm: 2.0, {LENIENT}"),
+    "stage": ("nodes.rig_stage:RigStage", "OfStage", "report", f"lift_mm: 5.0, {LENIENT}"),
     "ring": ("nodes.rig_actuator:RigActuator", "OfRing", "report", LENIENT),
     "torque": ("nodes.rig_torque:RigTorque", "OfLoad", "load", "tare: never, load_hz: 200.0"),
     "emg": ("nodes.emg:Emg", "OfEmg", "report", ""),

@@ -79,6 +79,12 @@ def test_tools_of_the_graphs_host_use_a_joined_node_as_any_other(home: Host, awa
     assert info["name"] == "guest"
     assert info["inputs"]["/ticker/tick"]["lost"] == 0
     assert graph.ask("guest", op="no_such")["error"]
+    active = "len(m.nodes) == 3 and m.nodes[2].lifecycle == 'active'"
+    echoed = home.run("topic", "echo", "/graph/health", "--json", "--once", "--filter", active)
+    (does,) = [node for node in json.loads(echoed.stdout)["nodes"] if node["node"] == "guest"]
+    assert (does["pid"], does["lifecycle"]) == (0, "active")
+    assert does["memory_bytes"] > 0
+    assert [edge["topic"] for edge in does["edges"]] == ["/ticker/tick"]
     history = graph.ask("graph", op="history", topic="/graph/events", first=1, last=100)
     events = [decode(GraphEvent, parse(frame).payload) for frame in history["frames"]]
     (joined,) = [event for event in events if event.kind == "joined"]
@@ -231,6 +237,9 @@ def test_a_node_runs_alone_and_takes_messages_from_outside(home: Host) -> None:
     graph.host = home
     assert graph.ask("keeper", op="publish", port="tick", message={"index": 7})["sequence"] == 1
     assert book.until("tick")[1] == "7"
+    (entry,) = graph.record()["nodes"]
+    assert psutil.pid_exists(entry["pid"])
+    assert "/keeper/tick" in home.run("topic", "list").stdout
     alone.send_signal(signal.SIGINT)
     assert finished(alone)[0] == 130
     book.until("safe")

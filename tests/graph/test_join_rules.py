@@ -17,17 +17,24 @@ from palp_core.launch.conversation import (
     WINDOW_BYTES,
     Beat,
     GraphView,
+    Health,
     Input,
+    Join,
     JoinRequest,
     NodeView,
     decode_word,
     encode_word,
 )
+from palp_core.launch.gateway_lines import Begin, GuestDoes, GuestIn
+from palp_core.launch.guests import Guests
 from palp_core.launch.listening import host_and_port, plan
 from palp_core.launch.peer import Peer
-from palp_core.runtime.curve import Sent
+from palp_core.runtime.builtin import NodeHealth
+from palp_core.runtime.curve import Received, Sent
 from palp_core.runtime.keys import KeyFolder
+from palp_core.runtime.message import decode, encode
 from palp_core.runtime.qos import Qos
+from palp_core.runtime.reactor import Reactor
 
 NS = st.integers(0, 10**9)
 
@@ -148,6 +155,44 @@ def test_no_more_than_a_window_is_under_way_to_a_slow_host() -> None:
     for _ in range(100):
         peer.forward(frame)
     assert sum(sent[before + 1 :]) <= WINDOW_BYTES + 2 * sum(map(len, frame))
+
+
+def health(node: str) -> bytes:
+    does = NodeHealth(
+        node=node, pid=77, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=1, overrun_count=0,
+        missed_deadline_count=0, rejected_count=0, unread_count=0, gc_pause_count=0, gc_pause_max_s=0.0,
+        edges=[],
+    )  # fmt: skip
+    return encode(does)
+
+
+def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
+    told: list[object] = []
+    reactor = Reactor()
+    guests = Guests(
+        reactor,
+        Begin(str(tmp_path), "tcp://127.0.0.1:0", False, {}),
+        KeyFolder(tmp_path / "keys"),
+        told.append,
+        lambda *_: None,
+    )
+    guests.open(VIEW)
+    words = [
+        Health(health=health("torque")),  # of nobody who has joined
+        Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
+        Health(health=b"no health"),
+        Health(health=bytes(1 << 20)),
+        *[Health(health=health("torque")) for _ in range(1000)],
+    ]
+    for word in words:
+        guests._on_message(Received(b"connection", "", "127.0.0.1", encode_word(word)))
+    assert isinstance(told.pop(0), GuestIn)
+    said = told[0]
+    assert isinstance(said, GuestDoes)
+    does = decode(NodeHealth, said.health)
+    assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
+    assert len(told) < 1000
+    reactor.close()
 
 
 @pytest.mark.parametrize(

@@ -304,7 +304,7 @@ def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: 
         (("-m", "/source/sample"), "is no remapping; write /node/port:=/other/port"),
         (("-m", "/no/such:=/a/b"), "/no/such is not among the topics that are played: /relay/amplified"),
         (("-m", "/source/sample:=/relay/amplified"), "two topics would be called /relay/amplified"),
-        (("-t", "/sauce/sample"), "none of its topics is chosen; it has: /relay/amplified"),
+        (("-t", "/sauce/sample"), "no topic '/sauce/sample'; did you mean '/source/sample'?"),
         (("-p",), "--start-paused needs a keyboard"),
         (("--start-offset", "100"), "no message of the chosen topics and time; the bag has 0.0"),
         (("--graph", "none"), "no graph named 'none' is running"),

@@ -29,7 +29,8 @@ def test_a_bad_scene_file_is_a_mistake_at_the_parameter_that_names_it(name: str,
 def test_files_of_scene_and_phantoms_are_each_checked_and_good_ones_pass(tmp_path: Path) -> None:
     scene, phantoms = tmp_path / "scene.yaml", tmp_path / "phantoms.yaml"
     scene.write_text("ring_m: [0.008]\n", encoding="utf-8")
-    phantoms.write_text("X: {bead: {depth_m: 0.003}}\n", encoding="utf-8")
+    beads = "".join(f"{code}: {{bead: {{depth_m: 0.00{code[1]}}}}}\n" for code in ("X3", "X5", "X7"))
+    phantoms.write_text(beads, encoding="utf-8")
     files = [f"scene:={scene}", f"phantoms:={phantoms}"]
     assert load(LAUNCH / "sim.yaml", files, describe).nodes
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")

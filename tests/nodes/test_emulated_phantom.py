@@ -49,6 +49,35 @@ def test_the_probe_starts_raised(bench: Bench[EmulatedPhantom]) -> None:
     assert truth["torque_n_m"] == 0.0
 
 
+def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_was_touched(
+    tmp_path: Path,
+) -> None:
+    exact = {"repeatability_mm": 0.0, "height_sd_mm": 0.0}
+    bench = Bench(EmulatedPhantom, {**PORTS, **exact, "folder": str(tmp_path)}, seed=3)
+
+    def touch(world: World, now_ns: int) -> None:
+        world.extend(0.017, 6e-3, 0)
+        world.true_wrench(now_ns)  # raised: nothing is felt
+        assert not world.guards
+        world.axes["z"].move(0.0, 0.05, 0)
+        world.true_wrench(60_000_000_000)
+        world.true_wrench(60_000_000_000)
+        world.axes["z"].move(0.02, 0.05, 60_000_000_000)
+
+    def touched(code: str, remount: int) -> list[tuple[str, int, float]]:
+        bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+        bench.node.rig.on_world(touch)
+        bench.advance(0.3)
+        told = bench.sent(EmulatedPhantom.guard)
+        return [(guard.code, guard.remount, round(guard.ring_m, 9)) for guard in told]
+
+    assert touched("C", 0) == []
+    assert touched("A", 1) == [("A", 1, 0.016)]
+    assert "small strain" in bench.sent(EmulatedPhantom.guard)[0].words[0]
+    assert touched("A", 2) == [("A", 1, 0.016), ("A", 2, 0.016)]
+    bench.executor.transition(Transition.SHUTDOWN)
+
+
 def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) -> None:
     noise = RigNoise(
         sample_sd_n_m=Component(3e-5),

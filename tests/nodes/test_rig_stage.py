@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from msgs.safety import SafetyBeat
 from msgs.stage import SweepGoal
 from nodes import rig_stage
 from nodes.rig_stage import RigStage
+from nodes.rig_stage_window import RigStageParams
 from palp_core import Bench
 from palp_core.devices.health import HEALTHY, Condition, Health
 from palp_core.devices.sim.stage import SimStage
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, NodeError
 from palp_core.runtime.lifecycle import Transition
 
 FROM_M, TO_M = -0.015, 0.020
@@ -248,3 +250,12 @@ def test_a_lost_link_at_the_end_is_no_failure(leashed: Leashed) -> None:
     leashed.device.broken = True
     leashed.bench.executor.transition(Transition.DEACTIVATE)
     assert leashed.device.calls[-2:] == ["stop", "close"]
+
+
+def test_a_lift_that_leaves_the_probe_in_the_gel_is_refused_at_the_start(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("path: {indentation_m: 0.006}\n", encoding="utf-8")
+    for params in ({"lift_mm": 4.0}, {"lift_mm": 6.4, "scene": str(scene)}, {"options": {"lift_m": 0.004}}):
+        with pytest.raises(NodeError, match="dragged through the gel"):
+            Bench(RigStage, params)
+    assert RigStage.examine(RigStageParams(lift_mm=6.5, scene=str(scene), options={"url": "COM1"})) == {}

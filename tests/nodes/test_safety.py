@@ -10,11 +10,12 @@ import pytest
 
 from msgs.safety import AcknowledgeRequest, LoadReport, RingReport, StageReport, StatusRequest, StopRequest
 from nodes import safety
-from nodes.safety import Safety, SafetyParams
+from nodes.safety import Safety
+from nodes.safety_limits import SafetyParams
 from palp_core import Bench
 from palp_core.devices.aerotech_stop import AxisReport, StopTimes
 from palp_core.devices.wire.aerotech import Fault
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, NodeError
 from palp_core.runtime.lifecycle import Transition
 from palp_core.runtime.param_description import describe_params
 
@@ -409,6 +410,36 @@ def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: py
     watched.run(0.05)
     assert watched.status.state == "latched"
     assert watched.link.calls == []
+
+
+def test_with_one_link_only_it_says_what_no_software_stops(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for url, said in (("socket://nowhere:8001", False), ("", True)):
+        caplog.clear()
+        watched = Watched(monkeypatch, stop_url=url)
+        watched.run(0.1)
+        for words in (caplog.text, watched.status.warning, watched.bench.sent(Safety.beat)[-1].warning):
+            assert ("homing is stopped by nothing but the emergency stop" in words) == said
+
+
+@pytest.mark.parametrize(
+    ("limits", "guilty"),
+    [
+        ({"stop_n_mm": 121.0}, "stop_n_mm"),
+        ({"stop_n": 12.5}, "stop_n"),
+        ({"range_n_mm": 60.0}, "stop_n_mm"),
+        ({"warn_n_mm": 101.0}, "warn_n_mm"),
+        ({"warn_n": 11.0}, "warn_n"),
+    ],
+)
+def test_a_limit_that_never_trips_or_warns_is_refused_before_the_start_and_at_it(
+    limits: dict[str, Any], guilty: str
+) -> None:
+    assert list(Safety.examine(SafetyParams(**limits))) == [guilty]
+    with pytest.raises(NodeError, match=r"can never trip|must lie in"):
+        Bench(Safety, {"watch_processes": False, **limits})
+    assert Safety.examine(SafetyParams()) == {}
 
 
 def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,7 @@ def model(stays_sd: float, noise_sd: float = 1.0, *, renewed: bool = False) -> O
 
 
 def test_without_shared_errors_it_comes_near_dynamic_programming() -> None:
-    free = shared_optimum(model(0.0), COSTS, np.random.default_rng(1), trial_count=3000)
+    free = shared_optimum(model(0.0), COSTS, np.random.default_rng(1), most=4, trial_count=3000)
     best = optimum(MEAN, np.ones((3, 2)), COSTS, most=4)
     for cost, one, other in zip(COSTS, free, best, strict=True):
         worth = other.accuracy - cost * other.probes

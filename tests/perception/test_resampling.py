@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.perception.resampling import cluster_bootstrap, compare, holm, sign_flip
+from palp_core.perception.resampling import cluster_bootstrap, compare, holm, share_interval, sign_flip
 
 shares = st.lists(st.floats(0, 1), min_size=1, max_size=12)
 
@@ -15,9 +15,10 @@ def rng() -> np.random.Generator:
 
 @given(shares)
 @settings(max_examples=30, deadline=None)
-def test_an_interval_holds_its_mean_and_stays_within_the_sessions(values: list[float]) -> None:
-    found = cluster_bootstrap(values, rng(), resamples=400)
-    assert min(values) - 1e-12 <= found.low <= found.high <= max(values) + 1e-12
+def test_an_interval_holds_its_mean_and_stays_where_the_value_can_lie(values: list[float]) -> None:
+    found = cluster_bootstrap(values, rng(), resamples=400, within=(0.0, 1.0))
+    assert 0.0 <= found.low <= found.value + 1e-12
+    assert found.value - 1e-12 <= found.high <= 1.0
     assert found.value == pytest.approx(np.mean(values))
 
 
@@ -34,6 +35,26 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says() -> None:
         found = cluster_bootstrap(draws.beta(8, 2, 24), draws, resamples=400)
         hits += found.low <= 0.8 <= found.high
     assert 0.89 <= hits / 200 <= 0.98
+
+
+@pytest.mark.parametrize("count", [2, 4, 8, 20])
+def test_the_interval_of_few_sessions_covers_as_often_as_it_says(count: int) -> None:
+    hits = 0
+    for seed in range(300):
+        draws = np.random.default_rng(seed)
+        found = cluster_bootstrap(draws.normal(0.8, 0.1, count), draws, resamples=400)
+        hits += found.low <= 0.8 <= found.high
+    assert 0.915 <= hits / 300 <= 0.985
+
+
+def test_two_sessions_without_a_mistake_are_not_certainty() -> None:
+    found = share_interval([[True] * 9, [True] * 9], rng())
+    assert (found.value, found.high) == (1.0, 1.0)
+    assert found.low == pytest.approx(0.8241, abs=1e-4)  # Wilson, 18 of 18
+    mixed = share_interval([[True, False], [True, True], [False, False]], rng())
+    assert 0.0 <= mixed.low < mixed.value == 0.5 < mixed.high <= 1.0
+    with pytest.raises(PerceptionError, match="a trial in every session"):
+        share_interval([[True], []], rng())
 
 
 def test_trials_of_one_session_are_not_taken_for_many() -> None:

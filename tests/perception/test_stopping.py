@@ -170,3 +170,11 @@ def test_a_rule_that_never_gets_its_probes_is_refused(name: str, value: float, m
     with pytest.raises(PerceptionError, match=f"max_probes is {max_probes}"):
         stop_rule(name, value, max_probes=max_probes)
     assert stop_rule("fixed_number", 15, max_probes=15) == FixedNumber(15)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
+@pytest.mark.parametrize("name", ["paper_verbatim", "paper_guarded", "posterior_threshold", "fixed_number"])
+def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> None:
+    """NaN made a rule that never stops, infinity one that always does."""
+    with pytest.raises(PerceptionError, match="cannot have"):
+        stop_rule(name, value)

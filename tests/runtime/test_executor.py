@@ -430,6 +430,8 @@ def test_what_a_node_class_forgets_is_said_at_its_definition() -> None:
         type("Deaf", (Node,), {"word": Sub(Word)})
     with pytest.raises(GraphError, match="no parameter 'speed_hz' for its rate; declared: none"):
         type("Typo", (Node,), {"tick": every("speed_hz")(lambda self: None)})
+    with pytest.raises(GraphError, match=r"no parameter '20\.0' for its rate"):
+        type("Rate", (Node,), {"tick": every(20.0)(lambda self: None)})  # type: ignore[arg-type]
     with pytest.raises(GraphError, match="'params' must be annotated"):
         type("Odd", (Node,), {"__annotations__": {"params": int}})
     port = Sub(Word)

@@ -82,6 +82,11 @@ def test_folder_and_bag_of_a_run_hold_the_same_sweeps(rig: tuple[Path, Path]) ->
         assert np.array_equal(a.torque_n_m, b.torque_n_m)
 
 
+def test_a_run_s_folder_and_its_bag_are_one_session(rig: tuple[Path, Path]) -> None:
+    with pytest.raises(PalpError, match="a session counts once"):
+        run(*rig)
+
+
 def test_sessions_are_pooled_and_combinations_are_rows(
     session: Path, record: Callable[..., Path], tmp_path: Path
 ) -> None:

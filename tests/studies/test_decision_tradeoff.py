@@ -6,11 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.perception.stopping import PaperVerbatim
+from palp_core.perception.optimal_shared import shared_optimum
+from palp_core.perception.stopping import PaperVerbatim, PosteriorThreshold
 from palp_core.studies import decision_tradeoff
 from palp_core.studies.catalogue import study
-from palp_core.studies.decision_limits import least_seconds, limits
-from palp_core.studies.decision_tradeoff import FILTERS, pareto
+from palp_core.studies.decision_limits import least_seconds, limits, what_stays
+from palp_core.studies.decision_tradeoff import FILTERS, TradeoffJob, mark_front, pareto, tradeoff_session
+from palp_core.studies.paper_jobs import seeds
+from palp_core.studies.policy_table import FIXED, begin, run
 from palp_core.studies.touch import Gel, touch
 from palp_core.studies.virtual_rig import Conditions
 
@@ -27,6 +30,23 @@ def test_the_front_is_what_no_other_beats(found: list[tuple[float, float]]) -> N
         assert not (beaten and on)
 
 
+def test_a_guess_without_a_probe_is_not_on_the_front() -> None:
+    rows = [
+        {"probes": p, "seconds": 9.0 * p, "accuracy": a} for p, a in ((0.0, 0.33), (1.0, 0.9), (2.0, 0.8))
+    ]
+    mark_front(rows, "seconds")
+    assert [row["front_seconds"] for row in rows] == [False, True, False]
+
+
+def test_the_average_of_the_fixed_positions_is_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decision_tradeoff, "POLICIES", FIXED)
+    monkeypatch.setattr(decision_tradeoff, "FILTERS", ("naive",))
+    found = tradeoff_session(TradeoffJob(touch(Gel()), Conditions(trials=4), (20, 1, 0)))
+    for stop in decision_tradeoff.STOPS:
+        each = [found[policy, stop, "naive"].correct.mean() for policy in FIXED]
+        assert found["fixed_average", stop, "naive"].correct.mean() == pytest.approx(np.mean(each))
+
+
 def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
     found = limits(touch(Gel()), Conditions())
     for best in (found.independent, found.shared):
@@ -39,6 +59,24 @@ def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
         assert all(np.diff([probes for probes, _ in limit]) > 0.0)
         assert all(np.diff([share for _, share in limit]) >= 0.0)
     assert found.wald_for == (4.0, 8.0, 16.0)
+
+
+def test_information_gain_does_not_pass_the_optimum_of_its_own_model() -> None:
+    """It once did, by two points: the optimum's settings were chosen beforehand, four of them at most."""
+    felt = touch(Gel())
+    conditions = Conditions(height_sd_m=0.1e-3, remount=True, trials=60, distribution="normal")
+    (best,) = shared_optimum(what_stays(felt, conditions), [0.005], np.random.default_rng(1), trial_count=600)
+    ended = [
+        run(
+            "information_gain_latent",
+            begin(felt, conditions, seed),
+            PosteriorThreshold(),
+            filter_name="latent",
+        )
+        for seed in seeds(20, 1, 6)
+    ]
+    right, probes = (np.mean([getattr(one, key) for one in ended]) for key in ("correct", "probes"))
+    assert right - 0.005 * probes <= best.accuracy - 0.005 * best.probes + 0.01
 
 
 def test_seconds_grow_with_probes_and_hold_a_sweep_each() -> None:

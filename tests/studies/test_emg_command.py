@@ -260,3 +260,80 @@ def test_a_column_number_that_is_the_time_in_the_mvc_is_refused(
 def test_rails_that_are_not_in_order_are_refused(recording: tuple[Path, Path]) -> None:
     with pytest.raises(PalpError, match="the lower one comes first"):
         run("analyse", recording[0], "--fs", RATE_HZ, "--mvc", recording[1], "--rails", 1, 1)
+
+
+def in_unit(path: Path, both: np.ndarray, factor: float, unit: str) -> Path:
+    heading = ",".join(f"{name} ({unit})" if unit else name for name in ("fds", "edc"))
+    np.savetxt(path, factor * both.T, fmt="%.9g", delimiter=",", header=heading, comments="")
+    return path
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e6, "mV"), (1e9, "uV"), (1.0, "uV"), (1e6, "V")])
+def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
+    tmp_path: Path, factor: float, unit: str
+) -> None:
+    mvc, trial = subject(0)
+    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    true = {1.0: "V", 1e3: "mV", 1e6: "uV", 1e9: "nV"}[factor]
+    asked = ("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json")
+    with pytest.raises(PalpError, match=rf"t\.csv: says {unit}, but .* --unit"):
+        run(*asked)
+    with pytest.raises(PalpError, match=r"t\.csv: says .* --unit"):
+        run("import", files[0], "--fs", 1500, "--dry-run")
+    found = json.loads(run(*asked, "--unit", true).stdout)
+    expected = analyse(trial, mvc, EmgSettings(rate_hz=1500.0))
+    assert found["maxima"]["fds"] == pytest.approx(expected.maxima[0], rel=1e-6)
+    assert found["notes"][-1] == f"--unit says {true}, the file {unit}"
+    assert found["basis"]["unit"] == "--unit"
+    assert "uV" in run("import", files[0], "--fs", 1500, "--dry-run", "--unit", "uV").stdout
+    with pytest.raises(PalpError, match="no unit of EMG"):
+        run(*asked, "--unit", "kg")
+
+
+@pytest.mark.parametrize("unit", ["V", "mV", "uV", ""])
+def test_an_amplifiers_output_in_volts_and_true_units_pass(tmp_path: Path, unit: str) -> None:
+    mvc, trial = subject(0)
+    factor = {"V": 1000.0, "mV": 1e3, "uV": 1e6, "": 1e6}[unit]
+    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    found = json.loads(run("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json").stdout)
+    assert found["flags"] == []
+
+
+@pytest.mark.parametrize(("of_trial", "of_mvc"), [(1e3, 1e6), (1e6, 1e3)])
+def test_an_mvc_in_another_unit_than_the_trial_is_refused(
+    tmp_path: Path, of_trial: float, of_mvc: float
+) -> None:
+    mvc, trial = subject(0)
+    trial_file = in_unit(tmp_path / "t.csv", trial, of_trial, "")
+    mvc_file = in_unit(tmp_path / "m.csv", mvc, of_mvc, "")
+    asked = ("analyse", trial_file, "--fs", 1500, "--mvc", mvc_file, "--json")
+    with pytest.raises(PalpError, match=r"m\.csv: this MVC is .* times as strong as .*t\.csv.* --unit"):
+        run(*asked)
+    flags = json.loads(run(*asked, "--unit", "uV").stdout)["flags"]
+    assert ("above_mvc" in flags) == (of_trial > of_mvc)
+
+
+def test_a_weak_trial_and_one_bad_electrode_are_flagged_and_not_refused(tmp_path: Path) -> None:
+    mvc, trial = subject(0)
+    mvc_file = in_unit(tmp_path / "m.csv", mvc, 1e3, "mV")
+    weak = in_unit(tmp_path / "weak.csv", 5.0 * trial, 1e3, "mV")
+    found = json.loads(run("analyse", weak, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
+    assert "above_mvc" in found["flags"]
+    hum = trial + np.array([[0.0], [0.1]]) * np.sin(2 * np.pi * 500.0 * np.arange(trial.shape[1]) / 1500.0)
+    loose = in_unit(tmp_path / "loose.csv", hum, 1e3, "mV")
+    found = json.loads(run("analyse", loose, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
+    assert "above_mvc" in found["flags"]
+
+
+def test_rates_that_rounded_times_tell_need_not_be_the_same(tmp_path: Path) -> None:
+    mvc, trial = subject(0)
+    files = []
+    for name, both in (("t.csv", trial), ("m.csv", mvc)):
+        times_s = np.arange(both.shape[1]) / RATE_HZ
+        table = np.column_stack([times_s.round(4), 1e6 * both.T])
+        np.savetxt(
+            tmp_path / name, table, fmt="%.6g", delimiter=",", header="t,fds (uV),edc (uV)", comments=""
+        )
+        files.append(tmp_path / name)
+    found = json.loads(run("analyse", files[0], "--mvc", files[1], "--json").stdout)
+    assert found["rate_hz"] == pytest.approx(RATE_HZ, rel=1e-3)

@@ -19,25 +19,26 @@ def edf_bytes(
     rate: int,
     *,
     wide: bool = False,
-    unit: str = "uV",
+    labels: dict[str, str] | None = None,
     starts_s: list[float] | None = None,
 ) -> bytes:
     """Return an EDF or BDF file of signals in the unit, records of one second."""
     most = 2**23 - 1 if wide else 2**15 - 1
     span = float(np.ceil(np.abs(signals).max()))
-    labels = ["EMG FDS", "EMG EDC"]
-    count, records = len(labels) + (starts_s is not None), signals.shape[1] // rate
+    units = labels or {"EMG FDS": "uV", "EMG EDC": "uV"}
+    own, records = len(units), signals.shape[1] // rate
+    count = own + (starts_s is not None)
     fields = {
-        "label": (16, [*labels, "EDF Annotations"]),
-        "transducer": (80, [""] * 3),
-        "unit": (8, [unit, unit, ""]),
-        "pmin": (8, [f"{-span:g}"] * 2 + ["-1"]),
-        "pmax": (8, [f"{span:g}"] * 2 + ["1"]),
-        "dmin": (8, [str(-most)] * 3),
-        "dmax": (8, [str(most)] * 3),
-        "filter": (80, [""] * 3),
-        "samples": (8, [str(rate), str(rate), "15"]),
-        "reserved": (32, [""] * 3),
+        "label": (16, [*units, "EDF Annotations"]),
+        "transducer": (80, [""] * (own + 1)),
+        "unit": (8, [*units.values(), ""]),
+        "pmin": (8, [f"{-span:g}"] * own + ["-1"]),
+        "pmax": (8, [f"{span:g}"] * own + ["1"]),
+        "dmin": (8, [str(-most)] * (own + 1)),
+        "dmax": (8, [str(most)] * (own + 1)),
+        "filter": (80, [""] * (own + 1)),
+        "samples": (8, [str(rate)] * own + ["15"]),
+        "reserved": (32, [""] * (own + 1)),
     }
     kind = "EDF+D" if starts_s is not None else ""
     main = (b"\xffBIOSEMI" if wide else b"0       ") + b" " * 160 + b"01.01.2601.01.26"
@@ -152,6 +153,30 @@ def test_gaps_of_a_discontinuous_edf_are_lost_samples(tmp_path: Path) -> None:
     assert both.shape == (2, 450)
     assert np.flatnonzero(np.isnan(both[0])).tolist() == list(range(200, 250))
     assert np.abs(both[:, 250:] - EMG[:, 200:]).max() < 2e-8
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_what_fills_up_the_last_record_is_no_signal(tmp_path: Path, wide: bool) -> None:
+    path = tmp_path / ("a.bdf" if wide else "a.edf")
+    filled = np.concatenate([1e6 * EMG[:, :330], np.zeros((2, 70))], axis=1)
+    path.write_bytes(edf_bytes(filled, 100, wide=wide))
+    file = read_emg(path)
+    assert [one.samples.size for one in file.columns] == [330, 330]
+    assert "the last record is padded; its last 0.7 s are left out" in file.notes
+    path.write_bytes(edf_bytes(1e6 * EMG, 100, wide=wide))
+    assert read_emg(path).notes == ()
+
+
+def test_an_edf_with_other_signals_needs_no_names_where_two_are_voltages(tmp_path: Path) -> None:
+    path = tmp_path / "a.bdf"
+    others = np.concatenate([EMG, EMG[:1], EMG[:1]])
+    labels = {"EMG1+": "uV", "EMG2+": "uV", "ACC X": "g", "Status": "Boolean"}
+    path.write_bytes(edf_bytes(1e6 * others, 100, wide=True, labels=labels))
+    found, both = read(path, None)
+    assert (found.fds, found.edc) == ("EMG1+", "EMG2+")
+    assert found.columns_why == "FDS by order, of the voltages, EDC by order, of the voltages"
+    assert np.abs(both - EMG).max() < 1e-10
+    assert [one.name for one in read_emg(path).columns] == ["EMG1+", "EMG2+", "ACC X"]
 
 
 def test_a_cut_edf_keeps_its_whole_records_and_says_so(tmp_path: Path) -> None:

@@ -111,6 +111,20 @@ def test_one_reading_used_again_makes_no_progress(felt: Touch) -> None:
     assert (found.right[:, 0] == found.right[:, -1]).mean() > 0.98
 
 
+def test_only_a_ring_that_never_moves_keeps_its_landing_from_trial_to_trial(felt: Touch) -> None:
+    """Without re-homing all first probes of a policy that moves once had one landing too."""
+    homed, kept = (
+        begin(felt, Conditions(height_sd_m=0.0, trials=40, rehome=rehome), (9, 0)) for rehome in (True, False)
+    )
+    moving = [run("uniform_stiff", one, PaperVerbatim()) for one in (homed, kept)]
+    assert np.array_equal(moving[0].confidence, moving[1].confidence)
+    all_or_none = []
+    for one in (homed, kept):
+        share = run("fixed_4", one, FixedNumber(1)).correct.reshape(3, 40).mean(axis=1)
+        all_or_none.append(np.maximum(share, 1.0 - share).min())
+    assert all_or_none[0] < 0.9 < all_or_none[1]
+
+
 def test_ten_thousand_trials_are_one_batch(felt: Touch) -> None:
     many = begin(felt, replace(Conditions(), trials=3334), (8, 0))
     found = run("fixed_16", many, FixedNumber(5))

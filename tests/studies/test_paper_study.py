@@ -3,11 +3,14 @@ import sys
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from palp_core.errors import PalpError
 from palp_core.studies import paper_study
 from palp_core.studies.catalogue import study
+from palp_core.studies.paper_charts_human import figure_5
 from palp_core.studies.paper_jobs import PaperJob, paper_session
 from palp_core.studies.paper_numbers import statements
 from palp_core.studies.paper_study import Size, results
@@ -29,7 +32,11 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_study, "QUICK", Size(2, scene_sessions=2, grid_sessions=0, trials=6))
-        patch.setattr(paper_study, "_grid", lambda *_: {"a": [1.0, 0.5]})
+        patch.setattr(
+            paper_study,
+            "_grid",
+            lambda *_: {"a": paper_study._root_mean(np.array([[1e-6, 4e-6], [4e-6, 9e-6]]))},
+        )
         page = study("paper").run(folder, quick=True)
     assert page == folder / "index.html"
     return folder
@@ -70,18 +77,43 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
     assert all(f"{stem}.png" in page for stem in pictures)
 
 
+def test_every_analysis_stands_beside_what_the_paper_says_of_it(out: Path) -> None:
+    """The one over three experiments has the human's published trials, and all five fixed positions."""
+    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))["analyses_of_variance"]
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert len(report) == 3
+    for name, one in report.items():
+        assert one["paper"].split(";")[0].replace("<", "&lt;") in page
+        assert name in page
+    three = next(one for name, one in report.items() if name.startswith("human, fixed"))
+    groups = {t[side] for t in three["bonferroni"]["experiment"] for side in ("first", "second")}
+    assert groups == {"human", "fixed", "human strategy"}
+    assert "With 2 sessions no p among 11 comparisons can be below 1" in page
+    trials = 90 + 6 * 18  # the human's, and six for each of three depths and six policies
+    assert three["as_in_the_paper"]["residual_df"] == trials - 9
+
+
 def test_the_scenes_are_judged_at_equal_seconds(out: Path) -> None:
     scenes = json.loads((out / "paper.json").read_text(encoding="utf-8"))["scenes"]
-    assert set(scenes) == {"easy", "noisy", "unknown_height"}
+    assert set(scenes) == {"easy", "noisy", "unknown_height", "noisy_re_homed"}
     for one in scenes.values():
         enough_s = one["information_gain_latent"]["seconds"]
         assert one["best_fixed"]["seconds"] >= min(enough_s, 100.0) - 1e-6
         low, high = one["difference_ci"]
         assert low <= one["difference"] <= high
+        low, high = one["best_fixed"]["ci"]
+        assert low <= one["best_fixed"]["accuracy"] <= high
+
+
+def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None:
+    found = json.loads((out / "paper.json").read_text(encoding="utf-8"))["grid_31_depths_rmse_mm"]["a"]
+    assert found["value"] == pytest.approx([2.5**0.5, 6.5**0.5])
+    for low, value, high in zip(found["low"], found["value"], found["high"], strict=True):
+        assert low < value < high
 
 
 def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
-    here, there = (spread(paper_session, jobs, workers=count) for count in (1, 2))
+    here, there = (spread(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
 
@@ -89,8 +121,8 @@ def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
 def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        there = spread(paper_session, jobs, dask=cluster.scheduler_address)
-    here = spread(paper_session, jobs)
+        there = spread(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)
+    here = spread(paper_session, jobs, label="sessions")
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     texts = [msgspec.json.encode(results(found, Gel().depths_m)) for found in by_name]
     assert texts[0] == texts[1]
@@ -99,12 +131,12 @@ def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(PalpError, match=r"pip install 'palp\[dask\]'"):
-        spread(len, ["job"], dask="tcp://127.0.0.1:1")
+        spread(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
 
 
 def test_no_worker_is_too_few() -> None:
     with pytest.raises(PalpError, match="at least one process"):
-        spread(len, ["job"], workers=0)
+        spread(len, ["job"], label="jobs", workers=0)
 
 
 def test_a_study_that_cannot_use_workers_says_so(tmp_path: Path) -> None:
@@ -123,3 +155,10 @@ def test_the_papers_counts_carry_its_statements_or_not() -> None:
     assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
     assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
     assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds
+
+
+def test_the_matrices_have_a_scale_of_colours() -> None:
+    drawn = Figure()
+    figure_5().draw(drawn)
+    (bar,) = (axes for axes in drawn.axes if axes.get_ylabel() == "probability")
+    assert bar.get_ylim() == (0.0, 0.6)

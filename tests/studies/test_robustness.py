@@ -196,6 +196,29 @@ def test_the_workers_do_not_change_the_results(out: Path) -> None:
     assert one == two
 
 
+def test_a_run_that_was_stopped_goes_on_with_what_it_has(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = [named("centre", 6), named("training order: not re-homed", 6)]
+    monkeypatch.setattr(robustness_study, "cells", lambda **_: few)
+    monkeypatch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
+    lines = (out / "one" / "cells.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
+    whole = (out / "one" / "robustness.json").read_bytes()
+    monkeypatch.setattr(robustness_study, "_family", lambda *_: json.loads(whole)["family"])
+    monkeypatch.setattr(robustness_study, "figure", lambda *_, **__: "")
+    ran: list[str] = []
+
+    def run_again(job: CellJob) -> Any:
+        ran.append(job.cell.name)
+        return run_cell(job)
+
+    monkeypatch.setattr(robustness_study, "run_cell", run_again)
+    study("robustness").run(tmp_path, quick=True)
+    assert ran == ["centre"]
+    assert (tmp_path / "robustness.json").read_bytes() == whole
+
+
 def test_the_study_writes_every_cell_its_charts_and_its_answer(out: Path) -> None:
     report = json.loads((out / "one" / "robustness.json").read_text(encoding="utf-8"))
     assert [cell["name"] for cell in report["cells"]] == ["centre", "training order: not re-homed"]
@@ -210,4 +233,6 @@ def test_the_study_writes_every_cell_its_charts_and_its_answer(out: Path) -> Non
         "robustness_differences",
         "robustness_family",
     }
-    assert "Where information gain is worse" in (out / "one" / "index.html").read_text(encoding="utf-8")
+    page = (out / "one" / "index.html").read_text(encoding="utf-8")
+    assert "Where information gain is worse" in page
+    assert "no cell can be significant" in page  # three sessions: signs give 1 in 4 at the least

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from palp_core.perception.policies import Markov
 from palp_core.perception.primitives import Primitives, fit
 from palp_core.perception.stopping import PaperGuarded, PaperVerbatim, StopState
 from palp_core.perception.wavelet import denoise
+from palp_core.perception.wavelet_stream import WaveletStream
 from palp_core.studies import decision_traps_belief as belief
 from palp_core.studies import decision_traps_signal as signal
 from palp_core.studies.decision_stability import TRAPS
@@ -49,7 +51,7 @@ def rms_of_the_counts(self: EmgChain, state: Any, counts: Float64Array) -> tuple
 
 FIT = fit
 
-MUTATIONS: dict[str, tuple[Any, str, Callable[..., Any]]] = {
+MUTATIONS: dict[str, tuple[Any, str, Any]] = {
     "T1": (PaperVerbatim, "converged", loop_of_algorithm_1),
     "T1b": (belief, "gain_vector", belief.naive_gain),
     "T1c": (PaperVerbatim, "converged", loop_of_algorithm_1),
@@ -61,13 +63,19 @@ MUTATIONS: dict[str, tuple[Any, str, Callable[..., Any]]] = {
     "T7": (markov, "stationary", lambda matrix: np.real(np.linalg.eig(matrix)[1][:, 0])),
     "T7b": (markov, "relaxation_time", lambda matrix: 1.0),
     "T8": (signal, "denoise", lambda values, **_: np.asarray(values)),
+    "T8b": (signal, "peak", lambda *_, **__: SimpleNamespace(index=signal._naive_peak())),
     "T8c": (signal, "denoise", lambda values, **_: denoise(values, rule="approximation")),
+    "T8d": (WaveletStream, "lag_samples", 0),
     "T9": (signal, "Markov", lambda **_: Markov(reading="mean")),
     "T9c": (Markov, "level_law", lambda self, mean: signal._printed_law()),
     "T10": (EmgChain, "step", rms_of_the_counts),
     "T10b": (signal, "to_levels", lambda high: signal._naive_levels()),
     "T11": (signal, "two_way", lambda *_, **__: 0.0005),
 }
+
+
+def test_every_trap_has_its_naive_formula_here() -> None:
+    assert set(MUTATIONS) == {trap.name for trap in TRAPS}
 
 
 @pytest.mark.parametrize("name", MUTATIONS)

@@ -28,6 +28,15 @@ def test_every_hypothesis_is_run_alone_and_left_out() -> None:
     assert conditions_of((), 40) == replace(NONE, trials=40)
 
 
+def test_what_is_left_out_is_gone() -> None:
+    """H2 has the ring's error of H1 in it: all but H1 was the same run as all."""
+    whole = conditions_of(cells()["all"], 40)
+    for name, (_, sets) in HYPOTHESES.items():
+        if sets:
+            assert conditions_of(cells()[f"all but {name}"], 40) != whole
+    assert conditions_of(cells()["all but H1"], 40).repeatability_m == 0.0
+
+
 def test_every_switch_is_crossed_with_every_other() -> None:
     found = grid(4)
     assert len(found) == 2**5
@@ -51,4 +60,7 @@ def test_the_study_writes_its_page_table_and_numbers(tmp_path: Path, monkeypatch
     assert [row["cell"] for row in report["cells"]] == list(few)
     assert len(report["grid"]) == 2
     assert report["cells"][0]["accuracy"] > report["cells"][2]["accuracy"]
+    assert list(report["control"]) == list(FIXED[1:])
+    for first, last in report["control"].values():
+        assert last >= max(first, 0.99)
     assert "Which hypotheses suffice?" in page.read_text(encoding="utf-8")

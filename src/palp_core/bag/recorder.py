@@ -15,7 +15,7 @@ from palp_core.bag.writer import BagWriter
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.runtime.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
 from palp_core.runtime.schema import json_schema, schema_of
-from palp_core.runtime.wire import HEADER_BYTES, Kind, parse
+from palp_core.runtime.wire import HEADER_BYTES, Frame, Kind, parse
 
 __all__ = ["SUMMARY_NAME", "BagRecorder", "RecordingSummary", "TopicRecording"]
 
@@ -112,7 +112,7 @@ class BagRecorder(Closing):
     Attributes:
         missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
             messages to :meth:`fill`.
-        moved: Is told what a publisher that is replaced says of the new place: topic and payload.
+        moved: Is told what a publisher that is replaced says of the new place.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class BagRecorder(Closing):
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.moved: Callable[[str, bytes], None] = lambda *_: None
+        self.moved: Callable[[Frame], None] = lambda *_: None
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
 
@@ -250,7 +250,7 @@ class BagRecorder(Closing):
         if parsed.kind != Kind.DATA:
             epoch.expect(parsed.sequence)
             if parsed.kind == Kind.MOVED:
-                self.moved(parsed.topic, bytes(parsed.payload))
+                self.moved(parsed)
             return
         type_hash = f"{parsed.type_hash:016x}"
         topic = self._topics.get(parsed.topic)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.bag_topics import check_topics
 from palp_core.cli.output import print_text
 from palp_core.cli.play import play
 from palp_core.cli.record import CompressionName, record, snapshot
@@ -109,6 +110,7 @@ def filter_(
     from palp_core.bag.selection import topic_selection
 
     select = topic_selection(topics or (), regex, exclude_regex)
+    check_topics(topics or (), bag)
     count = filter_bag(
         bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression.value
     )
@@ -189,6 +191,7 @@ def echo(
     from palp_core.bag.reader import read
     from palp_core.bag.values import plain
 
+    check_topics(topics or (), bag)
     messages = read(bag, topics or None, _ns(start), _ns(end))
     for message in itertools.islice(messages, times or None):
         entry = {
@@ -222,6 +225,7 @@ def diff(
 
     from palp_core.bag.diff import diff_bags
 
+    check_topics(topics or (), a, b)
     found = diff_bags(a, b, topics or None, tolerance=tolerance, relative=relative, ignore=ignore or ())
     if as_json:
         print_text(msgspec.json.encode(found).decode())

@@ -23,6 +23,13 @@ FdsOption = Annotated[
 EdcOption = Annotated[
     str | None, typer.Option("--edc", metavar="COL", help="Extensor's column: name, or number from 0.")
 ]
+UnitOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNIT",
+        help="V, mV, uV, nV or counts, of every file; default: what each states, else a guess.",
+    ),
+]
 
 
 @app.command("analyse")
@@ -34,6 +41,7 @@ def analyse(
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
+    unit: UnitOption = None,
     mvc: Annotated[
         Path | None, typer.Option(help="Recording of the MVC; a bag or a folder may hold its own.")
     ] = None,
@@ -68,7 +76,7 @@ def analyse(
         distance_s=distance_s,
         rails=rails,
     )
-    choices = Choices(fs, fds, edc)
+    choices = Choices(fs, fds, edc, unit)
     if out is not None:
         _make(out)
     if file.is_dir() and not is_recording(file):
@@ -129,6 +137,7 @@ def import_file(
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
+    unit: UnitOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say which columns, rate and unit a recording has, and why; with --out, write it as plain CSV."""
@@ -136,7 +145,7 @@ def import_file(
     from palp_core.studies.emg_import import write_plain
     from palp_core.studies.emg_trial import Choices, import_report
 
-    choices = Choices(fs, fds, edc)
+    choices = Choices(fs, fds, edc, unit)
     report = import_report(file, choices)
     if as_json:
         print_json(report)

@@ -5,14 +5,23 @@ A group lists its verbs as text: where each lives, and the line that the help sh
 
 from __future__ import annotations
 
+import errno
 import importlib
+import os
+import sys
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import typer
 import typer.core
 import typer.main
 
+from palp_core.errors import PalpError
+
 __all__ = ["LazyGroup", "Verb", "lazy_app", "load"]
+
+
+HUNG_UP = 141
 
 
 class Verb(NamedTuple):
@@ -45,6 +54,31 @@ class LazyGroup(typer.core.TyperGroup):
         name, command, rest = super().resolve_command(ctx, args)
         return name, command if name is None else load(name, self.verbs[name]), rest
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the verb; a reader of its output that has gone, as in ``... | head``, ends it as SIGPIPE does.
+
+        Typer would end it with status 1, which says here that something is wrong.
+        """
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            _say_no_more()
+            raise typer.Exit(HUNG_UP) from None
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            _say_no_more()
+            raise PalpError(
+                f"{error.filename or 'the output'} cannot be written: {error.strerror}"
+            ) from error
+        return result
+
+
+def _say_no_more() -> None:
+    """Let what is still buffered go nowhere, so that the end of the process does not try it again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ else 1)
+
 
 def load(name: str, verb: Verb) -> Any:
     """Return the command of a verb."""
@@ -58,19 +92,25 @@ def load(name: str, verb: Verb) -> Any:
     return typer.main.get_command(app)
 
 
-def lazy_app(text: str, verbs: dict[str, Verb], *, add_completion: bool = False) -> typer.Typer:
+def _nothing() -> None:
+    """A group without its verb does nothing."""
+
+
+def lazy_app(
+    text: str,
+    verbs: dict[str, Verb],
+    *,
+    add_completion: bool = False,
+    callback: Callable[..., None] = _nothing,
+) -> typer.Typer:
     """Return an application of verbs that are imported on use; its help is plain text, which is quick."""
     return typer.Typer(
         cls=type("Verbs", (LazyGroup,), {"verbs": verbs}),
         help=text,
-        callback=_nothing,
+        callback=callback,
         no_args_is_help=True,
         add_completion=add_completion,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-
-
-def _nothing() -> None:
-    """A group without its verb does nothing."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palp_core.cli.options import GraphOption, OptionalNodeArgument, until_ctrl_c
-from palp_core.cli.output import print_text
+from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError
 
 __all__ = ["logs"]
@@ -31,10 +30,13 @@ def logs(
     from palp_core.launch.run_directory import locked
 
     folder, log = _find(node, graph)
-    for line in tail(log, lines):
+    said = tail(log, lines)
+    for line in said:
         print_text(line)
+    if not (said or follow or lines == 0):
+        note(f"nothing was printed yet ({log})")
     if follow:
-        with until_ctrl_c(), contextlib.suppress(BrokenPipeError):
+        with until_ctrl_c():
             for line in following(log, lambda: locked(folder)):
                 print_text(line)
 

@@ -4,13 +4,33 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Annotated
 
+import typer
+
+from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.errors import PalpError
 
 __all__ = ["app", "main"]
 
 _CLI = "palp_core.cli"
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"palp {__version__}\n")
+        raise typer.Exit
+
+
+def _root(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Tell the version.")
+    ] = False,
+) -> None:
+    """What belongs to no verb."""
+
 
 app = lazy_app(
     "Robotic palpation as a graph of processes.",
@@ -52,6 +72,7 @@ app = lazy_app(
         "keys": Verb(f"{_CLI}.keys:app", "Keys for graphs that reach beyond this host."),
     },
     add_completion=True,
+    callback=_root,
 )
 
 
@@ -66,9 +87,6 @@ def main() -> None:
     except PalpError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
-    except BrokenPipeError:  # the reader of our output has gone, as in `palp topic echo ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        sys.exit(0)
 
 
 def _open_standard_streams() -> None:

@@ -35,6 +35,9 @@ def fit(
     fs: Annotated[float | None, typer.Option("--fs", metavar="HZ", min=1.0, help="Sampling rate.")] = None,
     fds: Annotated[str | None, typer.Option("--fds", metavar="COL", help="Flexor's column.")] = None,
     edc: Annotated[str | None, typer.Option("--edc", metavar="COL", help="Extensor's column.")] = None,
+    unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="V, mV, uV, nV or counts; default: as palp emg.")
+    ] = None,
     window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 150.0,
     prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
     distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.4,
@@ -66,7 +69,7 @@ def fit(
     found = markov_fit.fit(
         [markov_fit.source_of(word) for word in files],
         mvc,
-        Choices(fs, fds, edc),
+        Choices(fs, fds, edc, unit),
         settings,
         np.random.default_rng(seed),
         prior_count=prior,

@@ -159,9 +159,9 @@ def _say_silent(listener: Listener, windows: dict[str, Window], now_ns: int) -> 
             note(f"{name}: no new message for {silent_s:.0f} s ({known})")
 
 
-def readers(graph: RunningGraph, topics: Iterable[TopicEntry]) -> dict[str, list[Edge]]:
-    """Ask the nodes for the accounts of who reads each topic."""
-    answers = graph.ask_all("info", timeout_s=ASK_S)
+def readers(graph: RunningGraph, topics: Iterable[TopicEntry], window: int = 0) -> dict[str, list[Edge]]:
+    """Ask the nodes for the accounts of who reads each topic, and the latencies of the last messages."""
+    answers = graph.ask_all("info", timeout_s=ASK_S, window=window)
     return {topic.name: graph.edges(answers, topic.name) for topic in topics}
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.bag_topics import check_topics
 from palp_core.cli.keyboard import Keyboard
 from palp_core.cli.options import INTERRUPTED, GraphOption
 from palp_core.cli.output import note, print_json, print_text
@@ -86,6 +87,7 @@ def play(
         raise BagError(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )
+    check_topics(topics or (), bag)
     with Bag(bag) as opened:
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
         described = {new: _renamed(opened, old, new) for old, new in names.items()}

@@ -100,7 +100,7 @@ def call(
     service: ServiceArgument,
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TYPE] ['{YAML}'", help="Type (optional) and request.", show_default=False),
+        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and request.", show_default=False),
     ] = None,
     *,
     timeout: TimeoutOption = 5.0,

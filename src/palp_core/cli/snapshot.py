@@ -148,6 +148,7 @@ def rows(before: Snapshot | None, after: Snapshot) -> tuple[list[NodeRow], list[
     for node in after.nodes:
         old = earlier.get(node.node)
         same = old is not None and old.pid == node.pid and span_s > 0
+        same = same and old is not None and old.cpu_s <= node.cpu_s  # another host's processes have no number
         old_edges = {edge.topic: edge for edge in old.edges} if same and old is not None else {}
         for edge in node.edges:
             known = old_edges.get(edge.topic)

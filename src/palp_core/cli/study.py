@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palp_core.cli.options import INTERRUPTED
 from palp_core.cli.output import note, print_json, print_table, print_text
 
 __all__ = ["app"]
@@ -36,7 +37,7 @@ def run(
     workers: Annotated[int, typer.Option(help="Local processes, where the study can use them.")] = 1,
     dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
 ) -> None:
-    """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them."""
+    """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
     from palp_core.errors import PalpError
     from palp_core.studies.catalogue import study
 
@@ -46,4 +47,9 @@ def run(
     except OSError as error:
         raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
     note(f"{chosen.name}: {chosen.question}")
-    print_text(str(chosen.run(out, quick=quick, workers=workers, dask=dask)))
+    try:
+        page = chosen.run(out, quick=quick, workers=workers, dask=dask)
+    except KeyboardInterrupt:
+        note(chosen.stopped(out))
+        raise typer.Exit(INTERRUPTED) from None
+    print_text(str(page))

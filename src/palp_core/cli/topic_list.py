@@ -46,11 +46,12 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Tell who publishes and who reads a topic."""
-    from palp_core.launch.remote import RunningGraph
+    from palp_core.launch.remote import LAUNCHER, RunningGraph
 
     running = RunningGraph.find(graph)
     entry = running.topic(topic)
-    answers = running.ask_all("info", timeout_s=timeout)
+    asked = [*running.node_names, *([LAUNCHER] if entry.node == LAUNCHER else [])]
+    answers = running.ask_all("info", asked, timeout_s=timeout)
     output = answers.replies.get(entry.node, {}).get("outputs", {}).get(entry.name, {})
     readers = [
         {"node": f"/{edge.node}", **{k: v for k, v in edge.account.items() if k != "topic"}}

@@ -34,7 +34,7 @@ def pub(
     ],
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="TYPE] ['{YAML}'", help="Type (optional) and message.", show_default=False),
+        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and message.", show_default=False),
     ] = None,
     *,
     stdin: Annotated[

@@ -99,11 +99,11 @@ class AerotechStage:
         check_range("stage", "lift_m", self.lift_m, *self.limits.z_m)
         for name, high in (("lead_m", 1.0), ("segment_m", 1.0), ("settle_s", 10.0)):
             check_range("stage", name, getattr(self, name), 0.0, high)
+        for name in ("stale_s", "timeout_s", "home_timeout_s"):  # 0 s of silence would be any silence
+            check_range("stage", name, getattr(self, name), 1e-3, 600.0)
         check_range("stage", "poll_hz", self.poll_hz, 1.0, 500.0)
         if len(self.axes) != 2 or self.axes[0] == self.axes[1] or any(s not in (1, -1) for s in self.sign):
-            raise DeviceError(
-                f"stage: axes {self.axes}, sign {self.sign}; give two names, and +1 or -1 for each"
-            )
+            raise DeviceError(f"stage: axes {self.axes}, sign {self.sign}; two names, and +1 or -1 for each")
         self._host = HostTime()
         self._watch = Watch(self.stale_s)
         self._motion: Motion | None = None

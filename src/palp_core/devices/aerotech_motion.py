@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from contextlib import suppress
 
+from palp_core.devices.aerotech_home import home
 from palp_core.devices.aerotech_leg import Leg, condition_of
 from palp_core.devices.aerotech_link import AerotechLink, Refused
 from palp_core.devices.health import Condition, Watch
@@ -21,6 +22,7 @@ __all__ = ["Motion"]
 
 _TRIES = 3
 _REST_S = 2.0
+_THERE_MM = 0.1  # how far off a leg may end (assumed; a controller in position is much closer)
 _RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
 
 
@@ -94,19 +96,7 @@ class Motion:
         Raises:
             DeviceError: It takes too long, or somebody stops it.
         """
-        for axis in reversed(self._axes):
-            self._link.do(wire.command(f"HOMEASYNC {axis}"))
-            until_ns = self._host.now_ns() + round(timeout_s * 1e9)
-            while True:
-                status = self._link.bits(f"AXISSTATUS({axis})")
-                if status & wire.Status.HOMED and not status & (wire.Status.HOMING | wire.Status.MOVING):
-                    break
-                if not status & wire.Status.ENABLED:
-                    raise DeviceError(f"stage: axis {axis} was disabled while it homed")
-                if self._host.now_ns() > until_ns:
-                    self._link.do(wire.command(f"ABORT {axis}"))
-                    raise DeviceTimeout(f"stage: axis {axis} did not home within {timeout_s:g} s")
-                self._stop.wait(self._period_s)
+        home(self._link, self._axes[::-1], self._host, timeout_s, self._period_s)
 
     def start(self) -> None:
         """Stop what may still move from before, wait for rest, and begin to poll.
@@ -165,9 +155,12 @@ class Motion:
         self._link.shout(self._abort)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end of all legs; tell whether it came, in health."""
+        """Wait for the end of all legs; abort them if it does not come; tell whether it came, in health."""
         with self._change:
             done = self._change.wait_for(lambda: not self.busy, timeout_s)
+        if not done:
+            with suppress(DeviceError):
+                self.abort()
         return done and self._watch.read(self._host.now_ns()).ok
 
     def measured(self) -> tuple[float, float, float]:
@@ -229,20 +222,25 @@ class Motion:
                 self._change.notify_all()
 
     def _next(self, done: Leg) -> None:
-        """Start the next leg once the plane agrees that the last has ended."""
+        """Start the next leg once the plane agrees that the last has ended, and only from its end."""
         if self._link.bits("PLANESTATUS(0)") & wire.Plane.MOVING:
             return
+        self._poll_positions()
+        off_mm = abs(self.here()[self._axes.index(done.axis)] - done.target_mm)
         with self._change:
             if self._active is not done:  # aborted meanwhile
                 return
-            self._active = None
-            following, aborts = self._legs.popleft() if self._legs else None, self._aborts
-            self._starting = following is not None
-            self._change.notify_all()
+            if there := off_mm <= _THERE_MM:
+                self._active = None
+                following, aborts = self._legs.popleft() if self._legs else None, self._aborts
+                self._starting = following is not None
+                self._change.notify_all()
+        if not there:  # from here the way is another one
+            words = f"axis {done.axis} rests {off_mm:.2f} mm from where it was sent"
+            self._trouble(Condition.DISABLED, f"{words}: stopped, and not by this driver")
+            return
         try:
-            if following is None:
-                self._poll_positions()
-            else:
+            if following is not None:
                 self._send(following, aborts)
         finally:
             self._starting = False
@@ -282,8 +280,8 @@ class Motion:
     def _trouble(self, condition: Condition, cause: str) -> None:
         """Enter a condition, send no further leg, and stop what is still under way."""
         was_busy = self.busy and not self._aborting
+        self._watch.report(condition, self._host.now_ns(), cause)  # first: who sees it at rest sees why
         self._forget()
-        self._watch.report(condition, self._host.now_ns(), cause)
         if condition is Condition.LINK_LOST:
             self._aborting = False
         elif was_busy:

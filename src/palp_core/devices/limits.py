@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
@@ -10,9 +11,32 @@ from typing import Self
 import numpy as np
 
 from palp_core.devices.checks import check_range
+from palp_core.errors import DeviceError
 from palp_core.units import Float64Array
 
-__all__ = ["DutyCycle", "Level", "TravelLimits", "WrenchLimits"]
+__all__ = ["CLEARANCE_M", "DutyCycle", "Level", "TravelLimits", "WrenchLimits", "check_lift"]
+
+CLEARANCE_M = 0.5e-3
+"""Least gap between raised probe and gel; assumed: five standard deviations of a mounting's height."""
+
+
+def check_lift(lift_m: float, indentation_m: float) -> None:
+    """Refuse a height of the way back at which the probe would still touch the gel.
+
+    Args:
+        lift_m: Height of the way back above the scanning height.
+        indentation_m: How deep the probe is in the gel at the scanning height.
+
+    Raises:
+        DeviceError: It would be dragged through the gel while it counts as raised, or is no number.
+    """
+    check_range("stage", "lift_m", lift_m, 0.0, 1.0)
+    needed_m = max(indentation_m, 0.0) + CLEARANCE_M
+    if lift_m < needed_m - 1e-9:
+        raise DeviceError(
+            f"stage: raised by {lift_m * 1e3:g} mm the probe is dragged through the gel, which it enters by "
+            f"{indentation_m * 1e3:g} mm where it scans; raise it by at least {needed_m * 1e3:g} mm"
+        )
 
 
 @dataclass(frozen=True)
@@ -80,21 +104,35 @@ class WrenchLimits:
 
     Attributes:
         warn_torque_n_m: Assumed.
-        stop_torque_n_m: Assumed, below the sensor's range of 120 N mm.
+        stop_torque_n_m: Assumed.
         warn_force_n: Assumed.
-        stop_force_n: Assumed, below the sensor's range of 12 N.
+        stop_force_n: Assumed.
+        range_torque_n_m: Largest torque that the sensor can tell (the maker's figure for SI-12-0.12).
+        range_force_n: Largest force, likewise.
+
+    Raises:
+        DeviceError: A limit is not finite, a warning is above its stop, or a stop is above the sensor's
+            range: it could never trip.
     """
 
     warn_torque_n_m: float = 0.080
     stop_torque_n_m: float = 0.100
     warn_force_n: float = 8.0
     stop_force_n: float = 10.0
+    range_torque_n_m: float = 0.120
+    range_force_n: float = 12.0
 
     def __post_init__(self) -> None:
-        check_range("limits", "stop_torque_n_m", self.stop_torque_n_m, 0.0, 10.0)
-        check_range("limits", "warn_torque_n_m", self.warn_torque_n_m, 0.0, self.stop_torque_n_m)
-        check_range("limits", "stop_force_n", self.stop_force_n, 0.0, 1e3)
-        check_range("limits", "warn_force_n", self.warn_force_n, 0.0, self.stop_force_n)
+        for load, ceiling in (("torque_n_m", 10.0), ("force_n", 1e3)):
+            most, stop = getattr(self, f"range_{load}"), getattr(self, f"stop_{load}")
+            check_range("limits", f"range_{load}", most, 0.0, ceiling)
+            if stop > most * (1.0 + 1e-9):
+                raise DeviceError(
+                    f"limits: stop_{load} = {stop:g} is above the sensor's range of {most:g} and can never "
+                    "trip; lower it, or state the range of the sensor that is mounted"
+                )
+            check_range("limits", f"stop_{load}", stop, 0.0, ceiling)
+            check_range("limits", f"warn_{load}", getattr(self, f"warn_{load}"), 0.0, stop)
 
     def level(self, torque_n_m: Float64Array, force_n: Float64Array) -> Level:
         """Return how serious the worst of some loads is, arrays of any shape; NaN is the worst."""
@@ -138,6 +176,15 @@ class DutyCycle:
             t for t in sorted(starts) if t >= now_ns and self._used_ns(t + run_ns) + run_ns <= self._budget_ns
         ]
         return self._refined(now_ns, fitting[0], run_ns)
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        """Begin and end of the runs noted, for whoever takes over: the motor is as warm for him."""
+        return list(self._runs)
+
+    def recall(self, runs: Iterable[tuple[int, int]]) -> None:
+        """Note what ran before, and nothing else."""
+        self._runs = deque(runs)
 
     def ran(self, start_ns: int, end_ns: int) -> None:
         """Note a run."""

@@ -77,7 +77,6 @@ class _Session:
     def __init__(self, source: LslEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
         try:
             lsl: Any = import_module("pylsl")
-            self._lost: Any = import_module("pylsl.util").LostError
         except (ImportError, RuntimeError) as error:
             raise DeviceError(f"lsl: pylsl cannot be used: {error}; pip install 'palp[lsl]'") from error
         self._source, self._line, self._watch, self._host = source, line, watch, host
@@ -91,17 +90,20 @@ class _Session:
                 f"lsl: '{source.stream}': {found[0].channel_count()} channels, {found[0].nominal_srate()} Hz;"
                 f" asked for channels {source.channels} at {source.rate_hz:g} Hz"
             )
-        self._inlet = lsl.StreamInlet(found[0], max_buflen=60, recover=False)
-        self._volt = self._units()
-        self._inlet.open_stream(timeout=source.find_s)
+        try:
+            self._inlet = lsl.StreamInlet(found[0], max_buflen=60, recover=False)
+            self._volt = self._units()
+            self._inlet.open_stream(timeout=source.find_s)
+        except RuntimeError as error:  # all that pylsl raises
+            raise DeviceError(f"lsl: '{source.stream}' was found but does not open: {error}") from error
         self._next_s: float | None = None
-        self._index = line.received_count + line.lost_count
+        self._index = 0
 
     def step(self, stop: threading.Event) -> None:
         try:
             samples, stamps = self._inlet.pull_chunk(timeout=_PULL_S, max_samples=256)
-        except self._lost as error:
-            raise DeviceError(f"lsl: stream '{self._source.stream}' ended") from error
+        except RuntimeError as error:
+            raise DeviceError(f"lsl: stream '{self._source.stream}' ended: {error}") from error
         if not len(stamps):
             return
         now_ns = self._host.now_ns()
@@ -111,6 +113,8 @@ class _Session:
             self._watch.report(Condition.GARBLED, now_ns, "samples that are not finite")
             return
         period_s = 1.0 / self._source.rate_hz
+        if self._next_s is None:
+            self._index = self._line.rejoin(len(stamps), now_ns)
         for begin, end, missing in _runs(np.asarray(stamps), self._next_s, period_s, self._source.gap_s):
             self._index += missing
             self._line.push(values[begin:end], now_ns, self._index)

@@ -17,6 +17,8 @@ __all__ = ["RodMotion"]
 
 _TRIES = 3
 _PROGRESS_M = 0.15e-3  # two counts of the feedback
+_BEYOND_M = 3e-3  # how far past its ends a calibrated rod may seem to be (assumed)
+_FASTEST_M_PER_S, _JITTER_M = 10e-3, 1e-3  # no L12 is faster (data sheet: 6.5 mm/s); noise (assumed)
 
 
 class Rod(Protocol):
@@ -28,6 +30,8 @@ class Rod(Protocol):
     arrived_count: int
     stall_s: float
     poll_hz: float
+    stroke_m: float
+    zero_m: float
 
     def quarter_us(self, ring_m: float) -> int: ...
     def ring_m(self, counts: int) -> float: ...
@@ -50,6 +54,8 @@ class RodMotion:
         self._start_ns = 0
         self._near_count = self._failures = self._turn = 0
         self._progress_m, self._progress_ns = 0.0, 0
+        self._seen_ns = 0
+        self._held_m: float | None = None
         self._change = threading.Condition()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="palp-maestro", daemon=True)
@@ -59,7 +65,7 @@ class RodMotion:
 
     def start(self) -> None:
         """Read a first position and begin to poll."""
-        self.measured_m = self._rod.ring_m(self._link.position(self._rod.feedback))
+        self._see()
         self._watch.fresh(self._host.now_ns())
         self._thread.start()
 
@@ -74,7 +80,7 @@ class RodMotion:
         """Go to each target in turn, not before a time."""
         with self._change:
             self._targets = deque(targets_m)
-            self._active_m, self._start_ns = None, start_ns
+            self._active_m, self._start_ns, self._held_m = None, start_ns, None
             self.arrived = self.holding = False
 
     def resume(self, target_m: float) -> None:
@@ -83,7 +89,7 @@ class RodMotion:
         self.holding = not self.arrived
 
     def hold(self) -> None:
-        """Make the place where the rod is its target.
+        """Make the place where the rod is its target; said again it means the same place.
 
         Raises:
             DeviceError: The link is lost.
@@ -94,7 +100,8 @@ class RodMotion:
             self._active_m = None
             self.holding |= moving
             if moving:
-                self._link.command(wire.set_target(self._rod.servo, self._rod.quarter_us(self.measured_m)))
+                self._held_m = self.measured_m if self._held_m is None else self._held_m
+                self._link.command(wire.set_target(self._rod.servo, self._rod.quarter_us(self._held_m)))
             self._change.notify_all()
 
     def wait(self, timeout_s: float) -> bool:
@@ -127,17 +134,13 @@ class RodMotion:
             self._stop.wait(max(0.0, 1.0 / self._rod.poll_hz - (self._host.now_ns() - began_ns) * 1e-9))
 
     def _poll(self) -> None:
-        counts = self._link.position(self._rod.feedback)
+        self._see()
         now_ns = self._host.now_ns()
-        if counts > wire.LARGEST_INPUT:
-            self._link.distrust()
-            raise DeviceError(f"maestro: feedback of {counts}, beyond {wire.LARGEST_INPUT}; check the line")
         self._turn += 1
         error = self._link.errors() if self._turn % 5 == 0 else wire.Error(0)
         if error:
             self._halt(Condition.DEVICE_FAULT, f"the Maestro reports: {error.words}")
             return
-        self.measured_m = self._rod.ring_m(counts)
         if self._watch.read(now_ns).condition in (
             Condition.OK,
             Condition.STALE,
@@ -149,6 +152,27 @@ class RodMotion:
             self._watch.touch(now_ns)
         with self._change:
             self._advance(now_ns)
+
+    def _see(self) -> None:
+        """Read where the rod is; what no rod does is not believed: holding there would drive it.
+
+        Raises:
+            DeviceError: No answer, or one that cannot be.
+        """
+        counts, now_ns, rod = self._link.position(self._rod.feedback), self._host.now_ns(), self._rod
+        place_m = rod.ring_m(counts)
+        way_m = abs(place_m - self.measured_m) if self._seen_ns else 0.0
+        why = ""
+        if counts > wire.LARGEST_INPUT:
+            why = f"beyond {wire.LARGEST_INPUT}; check the line"
+        elif not -_BEYOND_M <= place_m + rod.zero_m <= rod.stroke_m + _BEYOND_M:
+            why = f"{(place_m + rod.zero_m) * 1e3:.1f} mm of its stroke; check its lead and the calibration"
+        elif way_m > _JITTER_M + _FASTEST_M_PER_S * (now_ns - self._seen_ns) * 1e-9:
+            why = f"{way_m * 1e3:.1f} mm from where the rod was just now; check its lead"
+        if why:
+            self._link.distrust()
+            raise DeviceError(f"maestro: feedback of {counts}, {why}")
+        self.measured_m, self._seen_ns = place_m, now_ns
 
     def _advance(self, now_ns: int) -> None:
         """Start what is due; see whether the rod is there, or stuck."""

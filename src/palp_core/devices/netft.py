@@ -42,6 +42,7 @@ _TORQUE_N_M = {
     "kNm": 1e3,
 }
 _SEQUENCES = 1 << 32
+_MOST_MISSING = 1 << 24  # 40 min at 7000 Hz; a record from further on is none
 
 
 @dataclass
@@ -145,10 +146,8 @@ class _Stream:
         except BaseException:
             self._socket.close()
             raise
-        self._base = line.received_count + line.lost_count  # our number of the record before the first
-        self._wraps, self._last = 0, 0
+        self._base = self._number = 0  # our number of the sensor's record 0; the record that is due next
         self._silent = 0
-        line.broken()
         self._take(first)
 
     def step(self, stop: threading.Event) -> None:
@@ -180,18 +179,16 @@ class _Stream:
         if not len(records):
             return
         sequence = int(records["rdt"][0])
-        if sequence < self._last and self._last - sequence > _SEQUENCES // 2:
-            self._wraps += 1
-        if not 0 <= self._wraps * _SEQUENCES + sequence - self._number <= 1 << 24:
-            self._watch.report(Condition.GARBLED, now_ns, f"record {sequence} after {self._last}")
+        missing = (sequence - self._number) % _SEQUENCES
+        if missing > _MOST_MISSING:
+            self._watch.report(Condition.GARBLED, now_ns, f"record {sequence}, where {self._number} is due")
             return
-        self._last = sequence
-        self._number = self._wraps * _SEQUENCES + sequence + len(records)
+        if not self._number:
+            self._base = self._line.rejoin(len(records), now_ns) - sequence
+        first, self._number = self._number + missing, self._number + missing + len(records)
         values = np.column_stack([records["status"], records["counts"]]).astype(np.float64)
-        self._line.push(values, now_ns, self._base + self._number - len(records) - 1)
+        self._line.push(values, now_ns, self._base + first)
         self._judge(int(np.bitwise_or.reduce(records["status"])), now_ns)
-
-    _number = 0
 
     def _judge(self, status: int, now_ns: int) -> None:
         self._watch.touch(now_ns)

@@ -12,6 +12,7 @@ import numpy as np
 
 from palp_core.devices.aerotech_link import AerotechLink, Refused
 from palp_core.devices.ati import AtiTorque
+from palp_core.devices.checks import check_range
 from palp_core.devices.description import kind_of
 from palp_core.devices.emg_source import EmgSourceState
 from palp_core.devices.health import Condition
@@ -77,11 +78,13 @@ def watch(
         every_s: Length of a stretch.
 
     Raises:
-        DeviceError: It is no sensor, or does not answer.
+        DeviceError: It is no sensor, does not answer, or a time is no length of time.
     """
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")
+    check_range(device, "seconds", seconds, 0.0, 1e9)
+    check_range(device, "every_s", every_s, 1e-3, 1e6)
     sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
     state: Any = WrenchState() if kind == "torque" else EmgSourceState()
     rng, pause = np.random.default_rng(0), Event()
@@ -95,7 +98,7 @@ def watch(
             pause.wait(every_s)
             now_ns = time.monotonic_ns()
             block = sensor.drain(now_ns, state, rng)
-            row = _row(block, str(sensor.health(now_ns).condition), every_s)
+            row = _row(block, str(sensor.health(now_ns).condition), every_s, sensor.rate_hz)
             yield {**row, **_identity(sensor)}
     finally:
         sensor.close()
@@ -112,12 +115,13 @@ def _await_first(device: str, sensor: Any, pause: Event) -> None:
         pause.wait(0.01)
 
 
-def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float) -> dict[str, Any]:
+def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float, nominal_hz: float) -> dict[str, Any]:
     count = len(block.times_ns)
     row: dict[str, Any] = {
         "state": condition,
         "samples": count,
         "rate_hz": count / every_s,
+        "nominal_hz": nominal_hz,
         "gaps": int(np.count_nonzero(block.gap)),
         "drift_ppm": block.clock.drift * 1e6,
         "jitter_us": block.clock.residual_s * 1e6,

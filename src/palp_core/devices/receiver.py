@@ -70,6 +70,8 @@ class Receiver:
         self.refuse_if_running()
         try:
             session = self._connect()
+        except DeviceError:  # it says what to do, and may be a time-out of the system's kind as well
+            raise
         except (OSError, ValueError) as error:
             raise DeviceError(f"{self._name}: cannot connect: {error}; check address and cable") from error
         self._watch.fresh(self._host.now_ns())
@@ -102,17 +104,18 @@ class Receiver:
                 if session is None:
                     session = self._connect()
                 session.step(self._stop)
-            except (DeviceError, OSError, ValueError) as error:
+            except Exception as error:  # noqa: BLE001 - or the thread would end, and nobody would know why
                 if session is not None:
                     self.lost_count += 1
                     _close(session)
                     session = None
-                self._watch.report(Condition.LINK_LOST, self._host.now_ns(), str(error))
+                told = str(error) if isinstance(error, DeviceError) else f"{self._name}: {error!r}"
+                self._watch.report(Condition.LINK_LOST, self._host.now_ns(), told)
                 self._stop.wait(self._retry_s)
         if session is not None:
             _close(session)
 
 
 def _close(session: Session) -> None:
-    with suppress(OSError, DeviceError, ValueError):
+    with suppress(Exception):
         session.close()

@@ -12,7 +12,7 @@ import msgspec
 from palp_core.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
 from palp_core.errors import DeviceError
 
-__all__ = ["back_end", "known_devices", "open_device"]
+__all__ = ["back_end", "device_mistakes", "known_devices", "open_device"]
 
 _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
     "stage": {
@@ -86,6 +86,27 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
             for option, value in options.items()
         }
     )
+
+
+def device_mistakes(
+    kind: Literal["stage", "ring", "torque", "emg"], name: str, options: Mapping[str, Any]
+) -> dict[str, str]:
+    """Return what is wrong with the device of a node, by the node's parameter; no link is opened.
+
+    Args:
+        kind: As for :func:`open_device`.
+        name: The node's parameter ``device``.
+        options: Its parameter ``options``, with what the node itself gives the device.
+    """
+    try:
+        back_end(kind, name)
+    except DeviceError as error:
+        return {"device": str(error)}
+    try:
+        open_device(kind, name, **options)
+    except DeviceError as error:
+        return {"options": str(error)}
+    return {}
 
 
 def back_end(kind: str, name: str) -> Any:

@@ -33,7 +33,8 @@ class SampleLine:
     A device with a sequence number gives the number of its first sample with each chunk. One without has
     only its rate: the line compares how many samples came with how many the time allows. A chunk may be late
     without loss, so samples count as lost only when even the earliest arrival over ``patience_s`` is later
-    than the model by ``gap_s``; reported loss (:meth:`broken`) counts at once.
+    than the model by ``gap_s``; reported loss (:meth:`broken`) counts at once. Nothing that is that late
+    teaches the clock model, or one silence would spoil a minute of stamps.
 
     Args:
         rate_hz: Nominal rate.
@@ -74,7 +75,26 @@ class SampleLine:
             self._chunks.append((first_index, values, gap))
             self._next = first_index + count
             self.received_count += count
-            self._clock.observe((self._next - 1) / self._rate_hz, host_ns)
+            if self._earliest_ns is None:
+                self._clock.observe((self._next - 1) / self._rate_hz, host_ns)
+
+    def rejoin(self, count: int, host_ns: int) -> int:
+        """Return the number of the next sample, of a device that numbers its samples anew from here.
+
+        What the time would have given since the last one is lost; the clock is learnt again.
+
+        Args:
+            count: How many samples came.
+            host_ns: When the last of them was received.
+        """
+        with self._lock:
+            if self.received_count:
+                skipped = max(0, round(self._late_ns(count, host_ns) * self._rate_hz / _NS))
+                self._next += skipped
+                self.lost_count += skipped
+                self._broken, self._earliest_ns = True, None
+                self._clock.restart()
+            return self._next
 
     def broken(self) -> None:
         """Mark that something was lost before the next sample."""
@@ -103,9 +123,7 @@ class SampleLine:
         """Jump over samples that did not come in time; tell whether there were any."""
         if not self.received_count:
             return False
-        fit = self._clock.fit
-        due_ns = fit.offset_ns + round((self._next + count - 1) / self._rate_hz * (1.0 + fit.drift) * _NS)
-        late_ns = host_ns - due_ns
+        late_ns = self._late_ns(count, host_ns)
         if late_ns < self._gap_ns:
             self._earliest_ns = None
             return False
@@ -120,3 +138,10 @@ class SampleLine:
         self.lost_count += skipped
         self._earliest_ns = None
         return skipped > 0
+
+    def _late_ns(self, count: int, host_ns: int) -> int:
+        """Return how much later than the model the last of the next samples came."""
+        fit = self._clock.fit
+        return host_ns - (
+            fit.offset_ns + round((self._next + count - 1) / self._rate_hz * (1.0 + fit.drift) * _NS)
+        )

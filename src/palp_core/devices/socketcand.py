@@ -11,16 +11,21 @@ from can.interfaces.socketcand import SocketCanDaemonBus
 __all__ = ["PatientBus", "open_socketcand"]
 
 _GREETING_S = 1.0
+_LONGEST = 64
 
 
 class PatientBus(SocketCanDaemonBus):
-    """python-can's bus, which would wait for ever for a server that says nothing or takes nothing."""
+    """python-can's bus, which would wait for ever for a server that says nothing or takes nothing.
+
+    It would also take one read for one answer, and refuse a bus on which others speak: their frames follow
+    the last answer at once.
+    """
 
     def _expect_msg(self, msg: str) -> None:
         connection: socket.socket = getattr(self, "_SocketCanDaemonBus__socket")  # noqa: B009 - private there
         connection.settimeout(_GREETING_S)
         try:
-            super()._expect_msg(msg)  # type: ignore[no-untyped-call]
+            _expect(connection, msg.encode("ascii"))
         except BaseException:
             connection.close()
             raise
@@ -48,5 +53,20 @@ def _greet(host: str, port: int, channel: str) -> None:
     with socket.create_connection((host, port), timeout=_GREETING_S) as connection:
         for sent, expected in (("", b"< hi >"), (f"< open {channel} >", b"< ok >")):
             connection.sendall(sent.encode("ascii"))
-            if (answer := connection.recv(256)) != expected:
-                raise ValueError(f"the server said {answer[:20]!r}, not {expected!r}")
+            _expect(connection, expected)
+
+
+def _expect(connection: socket.socket, expected: bytes) -> None:
+    """Read one answer, however it is cut, and nothing that follows it.
+
+    Raises:
+        OSError: Nothing is said.
+        ValueError: Something else is.
+    """
+    answer = b""
+    while not answer.endswith(b">") and len(answer) < _LONGEST:
+        if not (byte := connection.recv(1)):
+            break
+        answer += byte
+    if answer != expected:
+        raise ValueError(f"the server said {answer[:20]!r}, not {expected!r}")

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from palp_core.launch.checked import CheckedGraph
+from palp_core.launch.checked import CheckedGraph, TopicInfo
 from palp_core.launch.graph_bus import NAME, GraphBus
 from palp_core.launch.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
 from palp_core.runtime.birth import endpoints
+from palp_core.runtime.spec import NodeSpec
 
 if TYPE_CHECKING:
     from palp_core.launch.door import Door
     from palp_core.launch.no_door import NoDoor
 
-__all__ = ["announcement"]
+__all__ = ["announcement", "announcement_of_one"]
 
 
 def announcement(
@@ -58,3 +59,25 @@ def announcement(
     serve = endpoints(str(folder), NAME)[1]
     record = record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
     return msgspec.structs.replace(record, listen=door.endpoint)
+
+
+def announcement_of_one(
+    spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder: Path, pid: int
+) -> RunRecord:
+    """Return the record of a node that this host runs alone, or as part of a graph elsewhere.
+
+    Args:
+        spec: The node.
+        outputs: What it publishes, by topic.
+        folder: The run directory.
+        pid: Of its process; 0 before it has one.
+    """
+    ends = endpoints(str(folder), spec.name)
+    topics = [
+        TopicEntry(topic, info.type, info.type_hash, spec.name, ends[0], info.json_schema)
+        for topic, info in outputs.items()
+    ]
+    topics += GraphBus.topics(str(folder))
+    serve = endpoints(str(folder), NAME)[1]
+    nodes = [NodeEntry(spec.name, spec.run, pid, *ends)]
+    return record_for(spec.name, spec.run, "wall", serve, nodes, topics)

@@ -20,6 +20,7 @@ from palp_core.launch.bridge_lines import (
     Admitted,
     Apply,
     Call,
+    Doing,
     Goodbye,
     Lost,
     Reached,
@@ -36,6 +37,7 @@ from palp_core.launch.conversation import (
     Clock,
     GraphView,
     GraphWord,
+    Health,
     Hello,
     Join,
     Joined,
@@ -167,6 +169,8 @@ class Bridge:
                 self._request, self._own_name = message.request, message.request.name
                 self._stand_in()
                 self._gateway.say(Join(request=message.request))
+            elif isinstance(message, Doing):
+                self._gateway.say(Health(health=message.health))
             elif isinstance(message, Goodbye):
                 self._gateway.say(Leave(text=message.text, exit_code=message.exit_code))
                 self._ended = True

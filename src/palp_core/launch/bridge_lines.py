@@ -8,8 +8,8 @@ from palp_core.launch.conversation import GraphView, JoinRequest
 from palp_core.runtime.link import Line
 
 __all__ = [
-    "Admitted", "Apply", "Call", "FromBridge", "Goodbye", "Lost", "Reached", "Runs", "ToBridge",
-    "bridge_decoder", "joiner_decoder",
+    "Admitted", "Apply", "Call", "Doing", "FromBridge", "Goodbye", "Lost", "Reached", "Runs",
+    "ToBridge", "bridge_decoder", "joiner_decoder",
 ]  # fmt: skip
 
 
@@ -25,6 +25,12 @@ class Apply(Line, frozen=True):
     """Ask to be let into the graph."""
 
     request: JoinRequest
+
+
+class Doing(Line, frozen=True):
+    """How the node does: an encoded :class:`NodeHealth`."""
+
+    health: bytes
 
 
 class Goodbye(Line, frozen=True):
@@ -60,7 +66,7 @@ class Lost(Line, frozen=True):
     finished: bool
 
 
-ToBridge = Call | Apply | Goodbye
+ToBridge = Call | Apply | Doing | Goodbye
 FromBridge = Reached | Admitted | Runs | Lost
 
 

@@ -19,6 +19,7 @@ __all__ = [
     "Clock",
     "GraphView",
     "GraphWord",
+    "Health",
     "Hello",
     "Input",
     "Join",
@@ -182,6 +183,12 @@ class Beat(Word, frozen=True, kw_only=True):
     received_bytes: int
 
 
+class Health(Word, frozen=True, kw_only=True):
+    """How the joined node does: an encoded :class:`NodeHealth`."""
+
+    health: bytes
+
+
 class Leave(Word, frozen=True, kw_only=True):
     """The node leaves; ``exit_code`` is -1 if its work was not done."""
 
@@ -191,7 +198,7 @@ class Leave(Word, frozen=True, kw_only=True):
 
 _Any = (
     Hello | GraphWord | Clock | Join | Joined | Refused | Active | Subscribe | Unsubscribe
-    | Request | Reply | Beat | Leave
+    | Request | Reply | Beat | Health | Leave
 )  # fmt: skip
 _ENCODER = msgspec.msgpack.Encoder()
 _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)

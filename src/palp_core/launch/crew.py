@@ -64,6 +64,7 @@ class ProcessCrew:
         answers: What nodes have last said in a swap.
         listening: Which nodes listen to which topic at which second place.
         renewed: Called when a node has a new process.
+        pulsed: Takes each encoded :class:`NodeHealth`.
         watch, forget: As of the switchboard.
     """
 
@@ -82,6 +83,7 @@ class ProcessCrew:
         self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
         self.exit_code: int | None = None
         self.renewed: Callable[[], None] = lambda: None
+        self.pulsed: Callable[[bytes], None] = lambda _: None
         self.between: Callable[[], None] = lambda: None
         self._place = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
         self._server = server
@@ -162,6 +164,7 @@ class ProcessCrew:
             member.done = self._patience.ending
         elif isinstance(message, Pulse):
             self._keeper.pulse(index, message.health)
+            self.pulsed(message.health)
         elif isinstance(message, Relay):
             if message.frame:
                 self._observe(monotonic_ns() - self.start_ns, message.frame)
@@ -174,7 +177,7 @@ class ProcessCrew:
         elif isinstance(message, Configured):
             member.configured = True
         elif isinstance(message, Matched):
-            member.matched = True
+            member.matched, member.missing = True, message.missing
         elif isinstance(message, Knock):
             self._knocks.add(index)
         elif isinstance(message, Raised) and not self._patience.ending:

@@ -18,6 +18,7 @@ from palp_core.launch.gateway_lines import (
     CannotListen,
     Ending,
     FromGateway,
+    GuestDoes,
     GuestIn,
     GuestOut,
     Listening,
@@ -26,8 +27,10 @@ from palp_core.launch.gateway_lines import (
     launcher_decoder,
 )
 from palp_core.launch.listening import Plan, plan
+from palp_core.runtime.builtin import NodeHealth
 from palp_core.runtime.keys import KeyFolder
 from palp_core.runtime.link import LinkClosed
+from palp_core.runtime.message import decode
 
 __all__ = ["Door", "open_door", "view_of"]
 
@@ -115,6 +118,7 @@ class Door:
         endpoint: Where other hosts call, with the port that was chosen.
         warnings: What the user should know.
         guests: Who has joined, by name.
+        health: How they do, by their own word.
 
     Raises:
         SecurityError: Others could reach the address and there are no keys, or they are exposed.
@@ -127,6 +131,7 @@ class Door:
         self.guests: dict[str, JoinRequest] = {}
         self.changed: Callable[[], None] = lambda: None
         self._plan, self._folder, self._tell = planned, folder, tell
+        self.health: dict[str, NodeHealth] = {}
         self._epochs: dict[str, int] = {}
         self._view: GraphView | None = None
         self._start_ns: int | None = None
@@ -220,18 +225,22 @@ class Door:
             self.changed()
         elif isinstance(said, GuestOut):
             self.guests.pop(said.name, None)
+            self.health.pop(said.name, None)
             self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
             self.changed()
             expected = self._view.expected.get(said.name) if self._view is not None else None
             ends = expected is not None and expected.shutdown_on_exit and said.exit_code >= 0
             if ends and self._loop is not None:
                 self._loop.exit_code = said.exit_code
+        elif isinstance(said, GuestDoes):
+            self.health[said.name] = decode(NodeHealth, said.health)
         elif isinstance(said, TurnedAway):
             self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
 
     def _mourn(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
         self._report("failed", "gateway", text, status=status)
+        self.health.clear()
         for name in list(self.guests):
             del self.guests[name]
             self._report("left", name, f"/{name} has left: the gateway has died", exit_code=-1)

@@ -8,8 +8,8 @@ from palp_core.launch.conversation import GraphView, JoinRequest
 from palp_core.runtime.link import Line
 
 __all__ = [
-    "Activated", "Begin", "CannotListen", "Ending", "FromGateway", "GuestIn", "GuestOut", "Listening",
-    "Opened", "ToGateway", "TurnedAway", "gateway_decoder", "launcher_decoder",
+    "Activated", "Begin", "CannotListen", "Ending", "FromGateway", "GuestDoes", "GuestIn", "GuestOut",
+    "Listening", "Opened", "ToGateway", "TurnedAway", "gateway_decoder", "launcher_decoder",
 ]  # fmt: skip
 
 
@@ -69,6 +69,13 @@ class GuestOut(Line, frozen=True):
     exit_code: int
 
 
+class GuestDoes(Line, frozen=True):
+    """How a joined node does, by its own word: an encoded :class:`NodeHealth`."""
+
+    name: str
+    health: bytes
+
+
 class TurnedAway(Line, frozen=True):
     """Somebody was refused; not more often than the log says it."""
 
@@ -79,7 +86,7 @@ class TurnedAway(Line, frozen=True):
 
 
 ToGateway = Begin | Opened | Activated | Ending
-FromGateway = Listening | CannotListen | GuestIn | GuestOut | TurnedAway
+FromGateway = Listening | CannotListen | GuestIn | GuestOut | GuestDoes | TurnedAway
 
 
 def gateway_decoder() -> msgspec.msgpack.Decoder[ToGateway]:

@@ -129,6 +129,7 @@ class Graph:
             stack.callback(self.recordings.close)
             self.bus = GraphBus(str(self.directory.path), self._now_ns)
             stack.callback(self.bus.close)
+            self.bus.guests = lambda: self.door.health.values()
             self.bus.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
             self.bus.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
             self.bus.answer("launch", lambda _: launch_facts(self.checked))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -44,6 +45,7 @@ class GraphBus:
     Attributes:
         record: What the operation ``graph`` answers.
         record_event: Takes each event's frame.
+        guests: Returns how the nodes do that have joined from other hosts.
     """
 
     publishing = True
@@ -53,6 +55,7 @@ class GraphBus:
         self.record: RunRecord | None = None
         self.now_ns = now_ns
         self.record_event: Callable[[bytes], None] = lambda _: None
+        self.guests: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
         self._broadcast = Broadcast(*endpoints(folder, NAME))
         self.resend = self._broadcast.send
@@ -64,6 +67,7 @@ class GraphBus:
             "graph": lambda _: self._told(),
             "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
             "history": self._history,
+            "info": lambda _: self._info(),
         }
         self._deferred: set[str] = set()
         self._broadcast.answer(NAME, self._operations, self._deferred)
@@ -122,7 +126,7 @@ class GraphBus:
 
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""
-        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=nodes))
+        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.guests()]))
         self._broadcast.beat()
         self.poll()
 
@@ -140,6 +144,27 @@ class GraphBus:
             raise GraphError("the graph is not up yet; ask again")
         told: dict[str, Any] = msgspec.to_builtins(self.record)
         return told
+
+    def _info(self) -> dict[str, Any]:
+        """Say what a node would say of itself, as far as a launcher has it."""
+        outputs = {
+            name: {
+                "type": out.message.__name__,
+                "sequence": out.sequence,
+                "qos": msgspec.to_builtins(out.qos),
+            }
+            for name, out in self._outlets.items()
+        }
+        return {
+            "name": NAME,
+            "run": "the launcher",
+            "pid": os.getpid(),
+            "lifecycle": "active",
+            "published": {name: output["sequence"] for name, output in outputs.items()},
+            "outputs": outputs,
+            **{part: {} for part in ("params", "inputs", "services", "clients", "timers")},
+            **{part: [] for part in ("external", "swaps")},
+        }
 
     def _history(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return remembered frames, as a node does."""

@@ -17,6 +17,7 @@ from palp_core.launch.conversation import (
     Clock,
     GraphView,
     GraphWord,
+    Health,
     Hello,
     Join,
     Joined,
@@ -31,17 +32,20 @@ from palp_core.launch.conversation import (
     is_frame,
 )
 from palp_core.launch.exchange import Exchange
-from palp_core.launch.gateway_lines import Begin, GuestIn, GuestOut
+from palp_core.launch.gateway_lines import Begin, GuestDoes, GuestIn, GuestOut
 from palp_core.launch.peer import Peer
+from palp_core.runtime.builtin import NodeHealth
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.curve import Listener, Received
 from palp_core.runtime.keys import KeyFolder
 from palp_core.runtime.link import Line
+from palp_core.runtime.message import decode, encode
 from palp_core.runtime.reactor import Reactor
 
 __all__ = ["Guests"]
 
 MOST_PEERS = 64
+MOST_HEALTH_BYTES = 256 << 10
 # What another host may ask the launcher itself: to look, never to start or stop anything.
 _LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
@@ -186,6 +190,8 @@ class Guests:
                 self._on_hello(peer, protocol)
             case Join() as join:
                 self._on_join(peer, join)
+            case Health(health=health):
+                self._on_health(peer, health)
             case Leave(text=text, exit_code=exit_code):
                 self._lose(peer, text, exit_code)
             case other:
@@ -220,6 +226,15 @@ class Guests:
         _LOG.info("/%s has joined from %s (%s)", request.name, request.host, peer.address)
         self._tell(GuestIn(request, peer.address, epoch))
         self._announce()
+
+    def _on_health(self, peer: Peer, health: bytes) -> None:
+        """Pass on how a joined node does, no faster than it has to say it."""
+        if peer.request is None or len(health) > MOST_HEALTH_BYTES:
+            raise SchemaMismatch("a health that is too large, or of nobody who has joined")
+        # Its process number means nothing here, and its name is the one it was let in by.
+        told = msgspec.structs.replace(decode(NodeHealth, health), node=peer.request.name, pid=0)
+        if peer.may_pulse(monotonic_ns()):
+            self._tell(GuestDoes(peer.request.name, encode(told)))
 
     def beat(self) -> None:
         """Say to all that this end lives, which shows who is gone; a key that was denied since lets out."""

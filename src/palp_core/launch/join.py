@@ -12,10 +12,12 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, NodeError, SecurityError
+from palp_core.launch.announcement import announcement_of_one
 from palp_core.launch.bridge_lines import (
     Admitted,
     Apply,
     Call,
+    Doing,
     FromBridge,
     Goodbye,
     Lost,
@@ -27,17 +29,16 @@ from palp_core.launch.companion import Companion
 from palp_core.launch.describe import DescribeRequest, NodeDescription
 from palp_core.launch.description import find_workspace
 from palp_core.launch.fork_client import ForkServer
-from palp_core.launch.graph_bus import NAME as BUS_NAME
 from palp_core.launch.graph_bus import GraphBus
 from palp_core.launch.interrupt import Interrupt, Interrupted
 from palp_core.launch.joining import alone, join_request, outputs_of, wired
 from palp_core.launch.listening import host_and_port, resolve
-from palp_core.launch.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
+from palp_core.launch.run_directory import RunDirectory
 from palp_core.launch.supervisor import Supervisor
 from palp_core.launch.values import NAME
-from palp_core.runtime.birth import endpoints
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.keys import KeyFolder
+from palp_core.runtime.line import Line
 from palp_core.runtime.link import LinkClosed
 from palp_core.runtime.spec import NodeSpec
 
@@ -94,8 +95,16 @@ class _Remote:
         self.start_ns: int | None = None
         self.lost: Lost | None = None
         self.farewell = Goodbye("it could not start", -1)
+        self._say(Call(address.endpoint, address.server_key, str(folder)))
+
+    def _say(self, line: Line) -> None:
         with contextlib.suppress(LinkClosed):
-            self._bridge.send(Call(address.endpoint, address.server_key, str(folder)))
+            self._bridge.send(line)
+
+    def pulse(self, health: bytes) -> None:
+        """Tell how the node does; a bridge that does not take it keeps nobody waiting."""
+        if select.select((), (self.descriptor,), (), 0.0)[1]:
+            self._say(Doing(health))
 
     @property
     def descriptor(self) -> int:
@@ -135,15 +144,13 @@ class _Remote:
 
     def apply(self, spec: NodeSpec, feeds: dict[str, str], described: NodeDescription) -> int:
         """Ask to be let in; return the epoch from which the node counts."""
-        with contextlib.suppress(LinkClosed):
-            self._bridge.send(Apply(join_request(spec, feeds, described)))
+        self._say(Apply(join_request(spec, feeds, described)))
         admitted: Admitted = self.await_word(Admitted)
         return admitted.epoch
 
     def close(self) -> None:
         """Say goodbye and hang up."""
-        with contextlib.suppress(LinkClosed):
-            self._bridge.send(self.farewell)
+        self._say(self.farewell)
         self._bridge.close()
 
 
@@ -196,10 +203,18 @@ def run_node(
             folder.remove()
             raise
         bus = stack.enter_context(contextlib.closing(GraphBus(str(folder.path), lambda: _now_ns(supervisor))))
-        _announce(bus, folder, spec, described)
         supervisor = Supervisor(
             [spec], "wall", str(workspace), folder.path, server, interrupt, lambda *_: None, bus
         )
+
+        def announce() -> None:
+            """Let this host's tools find the node."""
+            topics = outputs_of(spec.name, described, spec.external)
+            bus.record = announcement_of_one(spec, topics, folder.path, supervisor.members[0].pid)
+            folder.write(bus.record)
+
+        announce()
+        supervisor.renewed = announce
         stack.callback(supervisor.close)
         stack.callback(supervisor.shutdown, 0, 0)
         try:
@@ -263,23 +278,10 @@ def _placed(
     return msgspec.structs.replace(spec, epoch=epoch, shutdown_on_exit=True)
 
 
-def _announce(bus: GraphBus, folder: RunDirectory, spec: NodeSpec, described: NodeDescription) -> None:
-    """Let this host's tools find the node."""
-    ends = endpoints(str(folder.path), spec.name)
-    topics = [
-        TopicEntry(topic, info.type, info.type_hash, spec.name, ends[0], info.json_schema)
-        for topic, info in outputs_of(spec.name, described).items()
-    ]
-    topics += GraphBus.topics(str(folder.path))
-    nodes = [NodeEntry(spec.name, spec.run, 0, *ends)]
-    serve = endpoints(str(folder.path), BUS_NAME)[1]
-    bus.record = record_for(spec.name, spec.run, "wall", serve, nodes, topics)
-    folder.write(bus.record)
-
-
 def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
     if remote is None:
         supervisor.start()
+        supervisor.renewed()
         return supervisor.run_wall()
 
     def listen() -> None:
@@ -288,6 +290,7 @@ def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
             supervisor.forget(remote.descriptor)
             supervisor.exit_code = 0 if remote.lost.finished else 1
 
+    supervisor.pulsed = remote.pulse
     supervisor.watch(remote.descriptor, listen)
     supervisor.start()
     supervisor.follow(lambda: remote.start_ns is not None or remote.lost is not None)

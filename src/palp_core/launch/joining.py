@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import msgspec
@@ -20,8 +20,15 @@ from palp_core.runtime.spec import NodeSpec, topic
 __all__ = ["alone", "join_request", "outputs_of", "wired"]
 
 
-def outputs_of(name: str, described: NodeDescription) -> dict[str, TopicInfo]:
-    """Return what a node publishes, by topic."""
+def outputs_of(name: str, described: NodeDescription, external: Collection[str] = ()) -> dict[str, TopicInfo]:
+    """Return what a node publishes, by topic.
+
+    Args:
+        name: Of the node.
+        described: What its class declares.
+        external: Inputs on whose topics it publishes what comes from outside.
+    """
+    taken = [described.ports[port] for port in external]
     return {
         topic(name, port.name): TopicInfo(
             node=name,
@@ -32,7 +39,7 @@ def outputs_of(name: str, described: NodeDescription) -> dict[str, TopicInfo]:
             json_schema=port.types[0].json_schema,
             qos=port.qos,
         )
-        for port in _ports(described, "pub")
+        for port in (*_ports(described, "pub"), *taken)
     }
 
 

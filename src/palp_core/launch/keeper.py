@@ -12,6 +12,7 @@ from palp_core.launch.graph_bus import GraphBus
 from palp_core.launch.member import Member
 from palp_core.launch.patience import KILL_NS
 from palp_core.launch.watch import GIVE_UP_NS, Watch
+from palp_core.runtime.audience import WAIT_NS
 from palp_core.runtime.builtin import NodeHealth
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.link import Raised
@@ -100,12 +101,22 @@ class Keeper:
             self.begin(index)
             self._said_late.discard(index)
             if member.spec.epoch:
-                self._bus.report("restarted", member.spec.name, f"is at work again, as process {member.pid}")
+                self._restarted(member)
         elif not member.configured and now_ns - member.begun_ns > READY_NS:
             self.recover(index, f"was not configured within {READY_NS // 10**9} s", signal.SIGKILL)
         elif member.configured and now_ns - member.begun_ns > LATE_NS and index not in self._said_late:
             self._said_late.add(index)
             _LOG.warning("%s is configured and waits for its publishers", member.spec.name)
+
+    def _restarted(self, member: Member) -> None:
+        """Say that a node works again, and whom its first messages may not reach."""
+        name, missing = member.spec.name, member.missing
+        self._bus.report("restarted", name, f"is at work again, as process {member.pid}", missing=missing)
+        if missing:
+            _LOG.warning(
+                "%s is at work again and has waited %g s for its readers; not back, so that they may lose "
+                "its first messages: %s", name, WAIT_NS / 1e9, ", ".join(missing),
+            )  # fmt: skip
 
     def _replace(self, member: Member, now_ns: int) -> None:
         """Start a failed node's next process, but never beside the one that has failed."""

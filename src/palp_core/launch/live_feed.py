@@ -6,7 +6,9 @@ asked for comes after what was published later; sequences tell the order.
 
 from __future__ import annotations
 
-from collections import deque
+import contextlib
+import os
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
@@ -16,8 +18,8 @@ from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.launch.live_topics import LiveTopic
 from palp_core.launch.remote import RunningGraph
 from palp_core.runtime.clock import monotonic_ns
-from palp_core.runtime.moves import read_move
-from palp_core.runtime.wire import IN_PIECES, Kind, parse
+from palp_core.runtime.following import Following, Unordered
+from palp_core.runtime.wire import IN_PIECES, Frame, Kind, parse
 from palp_core.runtime.zmq_inquirer import Inquirer
 from palp_core.runtime.zmq_subscriber import Subscriber
 
@@ -76,10 +78,8 @@ class Feed:
         self._from_start = from_start
         self._topics: dict[str, LiveTopic] = {}
         self._new: set[str] = set()
-        self._endpoints: set[str] = set()
-        self._at: dict[str, str] = {}
-        self._serves: dict[str, str] = {}
-        self._subscriber = Subscriber({}, queue=QUEUE)
+        self._subscriber = Subscriber({}, queue=QUEUE, name=f"recorder {os.getpid()}")
+        self._following = Following(self._subscriber, {}, defaultdict(Unordered))
         self._inquirer = Inquirer(self._subscriber.context)
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
@@ -95,24 +95,15 @@ class Feed:
         self._new |= topics.keys() if new else set()
         self._topics.update(topics)
         self.unmatched |= {name.encode(): live for name, live in topics.items()}
-        self._at |= {name: live.publish for name, live in topics.items()}
-        self._endpoints |= {live.publish for live in topics.values()}
+        for name, live in topics.items():
+            self._following.add(name, live.publish, "")
         self._subscriber.follow({name: live.publish for name, live in topics.items()})
 
-    def move(self, topic: str, payload: bytes) -> None:
+    def move(self, frame: Frame) -> None:
         """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
-        try:
-            place = read_move(memoryview(payload))
-        except SchemaMismatch:
-            return
-        if place.phase == "stay":
-            self._leave(place.publish)
-            return
-        self._listen_at(place.publish)
-        if place.phase == "gone":
-            self._serves[topic] = place.serve
-            old, self._at[topic] = self._at.get(topic, ""), place.publish
-            self._leave(old)
+        if frame.topic in self._topics:
+            with contextlib.suppress(SchemaMismatch):
+                self._following.take(frame, monotonic_ns())
 
     def describe(self, graph: RunningGraph) -> None:
         """Take the graph as it is described now: publishers may be elsewhere."""
@@ -120,19 +111,8 @@ class Feed:
         self.graph = graph
         for entry in graph.record.topics:
             # After a swap the old place's name leads to the new one: whoever followed is there already.
-            if entry.name in self._at and entry.publish != before.get(entry.name, entry.publish):
-                self._listen_at(entry.publish)
-
-    def _listen_at(self, endpoint: str) -> None:
-        if endpoint and endpoint not in self._endpoints:
-            self._endpoints.add(endpoint)
-            self._subscriber.go_on(endpoint)
-
-    def _leave(self, endpoint: str) -> None:
-        """Leave a place where no topic is any more; its name may come to be another process's."""
-        if endpoint in self._endpoints and endpoint not in self._at.values():
-            self._endpoints.discard(endpoint)
-            self._subscriber.leave(endpoint)
+            if entry.name in self._topics and entry.publish != before.get(entry.name, entry.publish):
+                self._following.find(entry.name, entry.publish)
 
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
         """Ask a topic's publisher for what is missing."""
@@ -150,6 +130,7 @@ class Feed:
     def take(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
         more, _ = self._subscriber.take(self._arrive, SLICE_NS, wait_ms)
+        self._following.tick(monotonic_ns())
         if self._questions:
             self._take_answers()
         return more
@@ -223,7 +204,7 @@ class Feed:
         self._questions[topic] = question._replace(asked_ns=monotonic_ns())
         asked = {"topic": topic, "first": question.first, "last": question.last}
         try:
-            serve = self._serves.get(topic) or self.graph.node(live.node).serve
+            serve = self._following.servers[topic] or self.graph.node(live.node).serve
         except GraphError:
             return
         self._inquirer.ask(serve, {"op": "history", "node": live.node, **asked})

@@ -9,7 +9,7 @@ from palp_core.bag.recorder import BagRecorder, RecordingSummary, TopicRecording
 from palp_core.bag.snapshot import Snapshot
 from palp_core.bag.topic import Topic
 from palp_core.errors import SchemaMismatch
-from palp_core.runtime.wire import Kind, parse
+from palp_core.runtime.wire import Frame, Kind, parse
 
 __all__ = ["SnapshotTaker"]
 
@@ -27,7 +27,7 @@ class SnapshotTaker:
 
     def __init__(self, duration_ns: int, topics: Iterable[Topic]) -> None:
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.moved: Callable[[str, bytes], None] = lambda *_: None
+        self.moved: Callable[[Frame], None] = lambda *_: None
         self.taken = 0
         self._topics = {topic.name: topic for topic in topics}
         latched = [topic.name for topic in self._topics.values() if topic.latched_depth]
@@ -73,7 +73,7 @@ class SnapshotTaker:
         else:
             account.expect(parsed.sequence)
         if parsed.kind == Kind.MOVED:
-            self.moved(parsed.topic, bytes(parsed.payload))
+            self.moved(parsed)
 
     def save(self, recorder: BagRecorder) -> int:
         """Give a recorder what is kept; return how many messages."""

@@ -25,6 +25,7 @@ class Member:
         respawn_at_ns: When its next process is due; None if none is.
         reason: Why its process is being ended, where the supervisor itself does it.
         place: Under which name its process reports and has its endpoints.
+        missing: Readers of its last process that do not listen to this one, which has waited for them.
         handed_in: It has handed in everything to a successor, which can go on without it.
         begun_ns: When its process was asked for, and when it was activated.
     """
@@ -41,6 +42,7 @@ class Member:
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
         self.handed_in = False
+        self.missing: list[str] = []
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
 

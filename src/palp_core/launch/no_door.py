@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from palp_core.launch.conversation import JoinRequest
+    from palp_core.runtime.builtin import NodeHealth
 
 __all__ = ["NoDoor"]
 
@@ -18,6 +19,7 @@ class NoDoor:
 
     def __init__(self) -> None:
         self.guests: dict[str, JoinRequest] = {}
+        self.health: dict[str, NodeHealth] = {}
         self.warnings: list[str] = []
         self.changed: Callable[[], None] = lambda: None
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from palp_core.launch.conversation import SILENCE_NS, WINDOW_BYTES, Beat, JoinRequest, Word, encode_word
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.curve import Sent
+from palp_core.runtime.health import PULSE_NS
 
 __all__ = ["Peer"]
 
@@ -43,6 +44,7 @@ class Peer:
         self._received_bytes = 0
         self._told_bytes = 0
         self._heard_ns = monotonic_ns()
+        self._pulse_ns = 0
 
     def say(self, word: Word) -> None:
         """Say something; a peer that takes no more words is as good as gone."""
@@ -91,6 +93,12 @@ class Peer:
     def on_beat(self, beat: Beat) -> None:
         """Take its word for what it has received."""
         self._taken_bytes = max(self._taken_bytes, min(beat.received_bytes, self._sent_bytes))
+
+    def may_pulse(self, now_ns: int) -> bool:
+        """Tell whether it is time for another word on how it does."""
+        due = now_ns >= self._pulse_ns
+        self._pulse_ns = now_ns + PULSE_NS // 2 if due else self._pulse_ns
+        return due
 
     @property
     def silent(self) -> bool:

@@ -118,7 +118,8 @@ class RunningGraph:
         for entry in [*self.record.topics, *own]:
             if entry.name == rooted:
                 return entry
-        known = [topic.name for topic in self.record.topics if not hidden(topic.name) or hidden(name)]
+        names = [topic.name for topic in (*self.record.topics, *own)]
+        known = [one for one in names if not hidden(one) or hidden(name)]
         raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
     def topics(self, *, include_hidden: bool = False) -> list[TopicEntry]:
@@ -206,7 +207,12 @@ class RunningGraph:
         return {key: value for key, value in reply.items() if key in ("report", "failed")}
 
     def ask_all(
-        self, operation: str, nodes: Iterable[str] = (), *, timeout_s: float = REPLY_TIMEOUT_S
+        self,
+        operation: str,
+        nodes: Iterable[str] = (),
+        *,
+        timeout_s: float = REPLY_TIMEOUT_S,
+        **fields: Any,
     ) -> Answers:
         """Ask several nodes (default: all) at the same time, so that a stuck one costs its own time only."""
         from concurrent.futures import ThreadPoolExecutor
@@ -215,7 +221,7 @@ class RunningGraph:
 
         def one(name: str) -> dict[str, Any] | GraphError:
             try:
-                return self.ask(name, operation, timeout_s=timeout_s)
+                return self.ask(name, operation, timeout_s=timeout_s, **fields)
             except GraphError as error:
                 return error
 

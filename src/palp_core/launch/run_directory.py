@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.launch.problems import hint
 from palp_core.runtime.clock import unix_ns
 
 __all__ = [
@@ -159,11 +160,14 @@ def find_running(name: str | None = None) -> RunRecord:
     Raises:
         GraphError: None runs, or none of that name.
     """
-    found = [record for record in running() if name is None or record.graph == name]
-    if not found:
-        what = f"no graph named '{name}' is running" if name else "no graph is running"
-        raise GraphError(f"{what}; start one with: palp launch FILE")
-    return found[0]
+    known = running()
+    found = [record for record in known if name is None or record.graph == name]
+    if found:
+        return found[0]
+    if name is not None and known:
+        raise GraphError(f"no graph named '{name}' is running{hint(name, (r.graph for r in known))}")
+    what = f"no graph named '{name}' is running" if name else "no graph is running"
+    raise GraphError(f"{what}; start one with: palp launch FILE")
 
 
 def _folders() -> list[Path]:

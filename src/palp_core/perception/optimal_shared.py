@@ -1,14 +1,13 @@
 """What is possible when readings share errors, by numbers; and the limits of Wald and of Fano.
 
 With errors that stay no recursion over the class belief is exact, for the offsets are part of the state. The
-optimum is then found numerically within a family that holds all that shared errors leave to choose: which
-settings, each landed on anew, and when to stop.
+optimum is then found numerically: every probe where it tells most, given all that was read, and the best
+moment to stop.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.optimize import brentq
@@ -17,11 +16,11 @@ from palp_core.errors import PerceptionError
 from palp_core.perception import latent
 from palp_core.perception.information import expected_gains_bits
 from palp_core.perception.optimal import Optimum
+from palp_core.perception.policies_batch import start_batch, step_batch
+from palp_core.perception.policies_informed import InformationGainLatent
 from palp_core.units import Float64Array
 
 __all__ = ["fano_accuracy", "probe_capacity_bits", "shared_optimum", "wald_probes"]
-
-_FEW = 400  # trials per class that choose the settings
 
 
 def wald_probes(mean: Float64Array, sd: Float64Array, accuracy: float) -> float:
@@ -97,15 +96,16 @@ def shared_optimum(
     costs: Sequence[float],
     rng: np.random.Generator,
     *,
-    most: int = 4,
-    trial_count: int = 6000,
+    most: int = 15,
+    trial_count: int = 4000,
 ) -> list[Optimum]:
-    """Return the best accuracy and number of probes under a model with shared errors, a pair per price.
+    """Return the best accuracy and number of probes found under a model with shared errors, a pair per price.
 
-    The settings are the best multiset of each size (all of them are tried), each landed on anew, visited in
-    the order in which they tell most; the stop is optimal given the class belief, by backward induction with
-    the continuation's value regressed on it (Longstaff and Schwartz, 2001). The choice of settings does not
-    depend on what was read: for three classes along one line of readings little is lost by that.
+    Each probe is the one that tells most about the class given all that was read: any setting landed on anew,
+    or a stay. The stop is optimal given the class belief, by backward induction with the continuation's value
+    regressed on it (Longstaff and Schwartz, 2001). It is what can be had, and no bound: the choice looks one
+    probe ahead. On the published rig the best set of eight settings fixed in advance, of all mixtures of two,
+    is 0.1 points better than eight such choices.
 
     Args:
         model: Readings of one feature, and what stays.
@@ -114,63 +114,37 @@ def shared_optimum(
         most: Probes at which it must stop.
         trial_count: Trials drawn per class.
     """
-    classes, settings, _ = model.mean.shape
-    normals = rng.standard_normal((classes, trial_count, most))
-    shared = rng.standard_normal((classes, trial_count, len(model.offset_sd)))
-    landings = rng.standard_normal((classes, trial_count, most, len(model.offset_sd)))
-    few = normals[:, :_FEW], shared[:, :_FEW], landings[:, :_FEW]
-    best = max(
-        combinations_with_replacement(range(settings), most),
-        key=lambda chosen: _accuracy(_beliefs(model, chosen, *few)),
-    )
-    order = _greedy(model, best, *few)
-    beliefs = _beliefs(model, order, normals, shared, landings)  # (t, m, n, m)
+    beliefs = _beliefs(model, most, trial_count, rng)
     return [_stopped(beliefs, cost) for cost in costs]
 
 
 def _beliefs(
-    model: latent.OffsetModel,
-    settings: Sequence[int],
-    normals: Float64Array,
-    shared: Float64Array,
-    landings: Float64Array,
+    model: latent.OffsetModel, most: int, trial_count: int, rng: np.random.Generator
 ) -> Float64Array:
     """Return the class belief after each probe, shape (t, m, n, m): true class, trial, class."""
-    renew = np.array(model.renewed_by_move, dtype=bool)
-    noise = np.sqrt(model.noise[..., 0, 0])
-    belief = latent.start(model, normals.shape[0] * normals.shape[1])
+    classes, settings, _ = model.mean.shape
+    truth = np.repeat(np.arange(classes), trial_count)
+    renewed, noise = np.array(model.renewed_by_move, dtype=bool), np.sqrt(model.noise[..., 0, 0])
+    policy = InformationGainLatent(model, tuple(float(k) for k in range(settings)))
+    belief, unused = latent.start(model, truth.size), np.zeros(truth.size)
+    at, before = start_batch(policy, unused), np.full(truth.size, -1)
+    offset = rng.standard_normal((truth.size, renewed.size)) * model.offset_sd
     found = []
-    for t, setting in enumerate(settings):
-        offset = np.where(renew, landings[:, :, t], shared) * model.offset_sd
-        slope = model.slope[:, setting, 0]
+    for t in range(most):
+        moved = (at.level != before) | at.renew
+        anew = rng.standard_normal(offset.shape) * model.offset_sd
+        offset = np.where(moved[:, None] & renewed, anew, offset)
         reading = (
-            model.mean[:, setting, 0][:, None]
-            + np.einsum("cl,cnl->cn", slope, offset)
-            + noise[:, setting][:, None] * normals[:, :, t]
+            model.mean[truth, at.level, 0]
+            + (model.slope[truth, at.level, 0] * offset).sum(axis=-1)
+            + noise[truth, at.level] * rng.standard_normal(truth.size)
         )
-        belief = latent.update(model, belief, reading.reshape(-1, 1), setting, moved=True)
-        found.append(belief.posterior.reshape(*normals.shape[:2], -1))
+        belief = latent.update(model, belief, reading[:, None], at.level, moved)
+        found.append(belief.posterior.reshape(classes, trial_count, classes))
+        before = at.level
+        if t + 1 < most:
+            at = step_batch(policy, at, belief, unused)
     return np.array(found)
-
-
-def _accuracy(beliefs: Float64Array) -> float:
-    return float(beliefs[-1].max(axis=-1).mean())
-
-
-def _greedy(
-    model: latent.OffsetModel,
-    chosen: Sequence[int],
-    normals: Float64Array,
-    shared: Float64Array,
-    landings: Float64Array,
-) -> list[int]:
-    """Return the settings in the order in which each next one leaves the belief surest."""
-    left, order = list(chosen), list[int]()
-    while left:
-        ahead = {k: _accuracy(_beliefs(model, [*order, k], normals, shared, landings)) for k in set(left)}
-        order.append(max(ahead, key=lambda k: ahead[k]))
-        left.remove(order[-1])
-    return order
 
 
 def _stopped(beliefs: Float64Array, cost: float) -> Optimum:

@@ -3,6 +3,12 @@
 Trials of one session share its training and its mountings and are not independent facts. Sessions are drawn
 with replacement (cluster bootstrap; Davison and Hinkley, "Bootstrap Methods and their Application", 1997,
 sec. 3.8), and policies that met the same sessions are compared within them.
+
+Plain percentiles of resampled means are too narrow for few sessions, for two known reasons (Hesterberg, "What
+Teachers Should Know About the Bootstrap", 2015, sec. 3): a resample varies by n - 1 in n of what sessions do,
+and its spread is taken for known. Both are made good here by the factor that is right for normal values; of
+intervals that say 95 %, plain ones of 4, 8 and 20 normal values hold the mean in 79, 88 and 93 %. Where
+nearly all sessions are at 100 % no interval from few of them sees the rare bad one.
 """
 
 from __future__ import annotations
@@ -12,12 +18,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import method
+from palp_core.perception.statistics import wilson
 from palp_core.units import Float64Array
 
-__all__ = ["Comparison", "Interval", "cluster_bootstrap", "compare", "holm", "sign_flip"]
+__all__ = [
+    "Comparison",
+    "Interval",
+    "cluster_bootstrap",
+    "compare",
+    "holm",
+    "share_interval",
+    "sign_flip",
+    "widened",
+]
 
 _EXACT_UP_TO = 14  # sessions whose 2^n sign patterns are all tried
 
@@ -28,7 +46,8 @@ class Interval:
 
     Attributes:
         value: The mean.
-        low: Lower bound; equal to the value with fewer than two sessions or where all agree.
+        low: Lower bound; equal to the value with fewer than two sessions or where all agree, which is not
+            certainty: such sessions tell nothing of how much others would differ.
         high: Upper bound.
         session_count: Sessions.
     """
@@ -58,20 +77,36 @@ class Comparison:
     p_holm: float
 
 
+def widened(session_count: int, confidence: float = 0.95) -> float:
+    """Return by how much percentiles of resampled sessions are too near their mean; for two sessions or more.
+
+    >>> [round(widened(count), 2) for count in (2, 8, 20, 40)]
+    [9.17, 1.29, 1.1, 1.05]
+    """
+    tail = 0.5 * (1.0 - confidence)
+    student = stdtrit(session_count - 1, tail) / ndtri(tail)
+    return float(student * np.sqrt(session_count / (session_count - 1)))
+
+
 def cluster_bootstrap(
     values: Sequence[float] | Float64Array,
     rng: np.random.Generator,
     *,
     resamples: int = 2000,
     confidence: float = 0.95,
+    within: tuple[float, float] = (-np.inf, np.inf),
 ) -> Interval:
     """Return the mean of a per-session value with its percentile interval over resampled sessions.
+
+    The ends are moved away from the mean by t / z * sqrt(s / (s - 1)), Student's t with s - 1 degrees of
+    freedom: :func:`widened`.
 
     Args:
         values: One value per session, equally many trials in each, shape (s,).
         rng: Draws the resamples.
         resamples: Their number.
         confidence: Of the interval.
+        within: Where the value can lie, as 0 to 1 for a share; the interval is cut there.
 
     Raises:
         PerceptionError: There is no session, a value is not finite, or the interval is none.
@@ -88,8 +123,31 @@ def cluster_bootstrap(
         return Interval(mean, mean, mean, found.size)
     means = found[rng.integers(0, found.size, (resamples, found.size))].mean(axis=1)
     tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(means, [tail, 1.0 - tail])
+    ends = np.quantile(means, [tail, 1.0 - tail])
+    low, high = np.clip(mean + widened(found.size, confidence) * (ends - mean), *within)
     return Interval(mean, float(low), float(high), found.size)
+
+
+def share_interval(right: Sequence[Sequence[bool] | NDArray[np.bool_]], rng: np.random.Generator) -> Interval:
+    """Return the mean share of right answers over sessions with its 95 % interval.
+
+    Where all sessions agree, as at 100 %, they tell nothing of their spread: the interval is then Wilson's
+    over all trials, which is the least it can be.
+
+    Args:
+        right: Whether each trial was right, a list a session.
+        rng: Draws the resamples.
+
+    Raises:
+        PerceptionError: There is no session, or one without a trial.
+    """
+    if not all(len(one) for one in right):
+        raise PerceptionError("a share of right answers needs a trial in every session")
+    found = cluster_bootstrap([float(np.mean(one)) for one in right], rng, within=(0.0, 1.0))
+    if found.low < found.high:
+        return found
+    least = wilson(sum(int(np.sum(one)) for one in right), sum(len(one) for one in right))
+    return Interval(found.value, least.low, least.high, found.session_count)
 
 
 @method(

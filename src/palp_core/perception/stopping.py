@@ -237,7 +237,11 @@ def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -
     kind = find("stop", name).target
     own = fields(kind)[0]
     whole = isinstance(own.default, int)
-    if value < 0.0 or (whole and value != int(value)) or (name == "posterior_threshold" and value > 1.0):
+    if (
+        not 0.0 <= value < np.inf
+        or (whole and value != int(value))
+        or (name == "posterior_threshold" and value > 1.0)
+    ):
         raise PerceptionError(f"the stop rule '{name}' cannot have {own.name} = {value:g}")
     rule: StopRule = kind() if value == 0.0 else kind(**{own.name: int(value) if whole else value})
     wanted = rule.count if isinstance(rule, FixedNumber) else 1

@@ -105,6 +105,7 @@ class NodeHealth(Message):
     """How a node's process does, since it began.
 
     An overrun is a tick that starts after the next one is due; a missed deadline is counted by the reader.
+    ``pid`` is 0 of a node that has joined from another host.
     """
 
     node: str
@@ -123,7 +124,7 @@ class NodeHealth(Message):
 
 
 class GraphHealth(Message):
-    """How all nodes do: on ``/graph/health``, once a second on the wall clock."""
+    """How all nodes do, joined ones last: on ``/graph/health``, once a second on the wall clock."""
 
     stamp_ns: Nanoseconds
     nodes: list[NodeHealth]

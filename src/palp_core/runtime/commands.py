@@ -39,11 +39,12 @@ class NodeCommands:
 
     Args:
         executor: The node.
-        edges: Returns more about each input topic, where the wall clock counts it.
+        edges: Returns more about each input topic, where the wall clock counts it; takes the number of
+            messages of which the latest latencies are wanted.
     """
 
     def __init__(
-        self, executor: Executor, edges: Callable[[], dict[str, dict[str, Any]]] = dict[str, dict[str, Any]]
+        self, executor: Executor, edges: Callable[[int], dict[str, dict[str, Any]]] = lambda _: {}
     ) -> None:
         self._executor = executor
         self._edges = edges
@@ -62,10 +63,10 @@ class NodeCommands:
             "publish": self.publish,
         }
 
-    def info(self, _request: dict[str, Any]) -> dict[str, Any]:
+    def info(self, request: dict[str, Any]) -> dict[str, Any]:
         """Say what the node is, what it has published and what it has received."""
         executor, declared = self._executor, self._executor.declaration
-        more = self._edges()
+        more = self._edges(int(request.get("window", 0)))
         inputs = {}
         for name, wired in executor.ends.inputs.items():
             account = msgspec.to_builtins(wired[0].counter)

@@ -9,7 +9,7 @@ from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.moves import read_move
 from palp_core.runtime.wire import Frame, Kind
 
-__all__ = ["Following", "Ordered", "Turns"]
+__all__ = ["Following", "Ordered", "Turns", "Unordered"]
 
 PATIENCE_NS = 5_000_000_000
 """How long what comes from a new place waits for the old one's word (assumed: no host is busier)."""
@@ -34,6 +34,16 @@ class Ordered(Protocol):
 
     def end_move(self, now_ns: int, last: int = 0) -> None:
         """Hand on what is held: nothing is to come from the old place."""
+
+
+class Unordered:
+    """For a reader that puts everything in order later: nothing is held back."""
+
+    def begin_move(self) -> None:
+        """Go on as before."""
+
+    def end_move(self, now_ns: int, last: int = 0) -> None:
+        """Go on as before."""
 
 
 class Turns(Generic[Item]):
@@ -107,6 +117,12 @@ class Following:
     def add(self, name: str, publish: str, serve: str) -> None:
         """Follow one more topic."""
         self._at[name], self.servers[name] = publish, serve
+
+    def find(self, name: str, publish: str) -> None:
+        """Take the run directory's word for where a topic is published now, if no frame has told of it."""
+        if publish not in (self._at[name], self._next.get(name)):
+            self._ear.go_on(publish)
+            self._at[name] = publish  # the place before may have more to say: it is not left
 
     def take(self, frame: Frame, now_ns: int) -> None:
         """Take a frame of kind MOVED.

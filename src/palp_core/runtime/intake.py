@@ -53,9 +53,9 @@ class Intake:
         listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
         self.more = False
-        self._executor = executor
-        self._inbox = executor.inbox
-        self._subscriber = Subscriber({name: publish for name, (publish, _) in publishers.items()}, context)
+        self._executor, self._inbox = executor, executor.inbox
+        places = {name: publish for name, (publish, _) in publishers.items()}
+        self._subscriber = Subscriber(places, context, name=executor.name)
         self._inquirer = Inquirer(context)
         self._ledger = Ledger(ledger, list(executor.ends.inputs)) if ledger is not None else None
         self._receptions = {
@@ -273,14 +273,15 @@ class Intake:
             assert isinstance(end, EventEnd)
             end.count(1, graph_ns)
 
-    def account(self) -> dict[str, dict[str, Any]]:
-        """Return what is known of each edge beside the node's own counters."""
+    def account(self, window: int = 0) -> dict[str, dict[str, Any]]:
+        """Return what the node counts not itself; latencies of the last ``window`` messages if not 0."""
         return {
             name: {
                 "filled": reception.filled,
                 "unread": reception.unread,
                 "rate_hz": self._rates[name][2],
                 "latency_s": reception.latency.summary_s() if reception.latency.count else None,
+                **({"recent_latency_s": reception.latency.recent_s(window)} if window > 0 else {}),
             }
             for name, reception in self._receptions.items()
         }

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import bisect
 import itertools
+import math
+from array import array
 
-__all__ = ["Latency"]
+__all__ = ["RECENT", "Latency"]
 
 SUB_BUCKETS = 16
 BATCH = 1024
+RECENT = 10_000
+"""How many of the last durations are known one by one."""
+
 _SHIFT = SUB_BUCKETS.bit_length() - 1
 
 
 class Latency:
-    """Counts durations in buckets a sixteenth of an octave wide: a percentile is within 6 % of the truth."""
+    """Counts durations in buckets a sixteenth of an octave wide: a percentile is within 6 % of the truth.
+
+    The last :data:`RECENT` are kept as they are.
+    """
 
     def __init__(self) -> None:
+        self._recent = array("q")
         self._counts = [0] * (SUB_BUCKETS * 64)
         self._new: list[int] = []
         self._max_ns = 0
@@ -34,6 +43,9 @@ class Latency:
         self._max_ns = max(self._max_ns, max(new, default=0))
         for duration_ns in new:
             self._counts[_bucket(duration_ns)] += 1
+        self._recent.extend(new)
+        if len(self._recent) > 2 * RECENT:
+            del self._recent[:-RECENT]
 
     @property
     def count(self) -> int:
@@ -65,6 +77,28 @@ class Latency:
         up_to = list(itertools.accumulate(self._counts))
         percentiles = {f"p{percent}": self._percentile_s(up_to, percent) for percent in (50, 90, 99)}
         return percentiles | {"max": self.max_ns / 1e9}
+
+    def recent_s(self, window: int) -> dict[str, float]:
+        """Return percentiles, extremes, mean and standard deviation of the last ``window``, in s.
+
+        They are :data:`RECENT` at most: ``messages`` says how many.
+        """
+        self._sort()
+        last = sorted(max(ns, 0) for ns in self._recent[-max(min(window, RECENT), 1) :])
+        count = len(last)
+        ranked = {
+            f"p{percent}": last[-(-count * percent // 100) - 1] if last else 0 for percent in (50, 90, 99)
+        }
+        mean = math.fsum(last) / max(count, 1)
+        deviation = math.sqrt(math.fsum((ns - mean) ** 2 for ns in last) / max(count, 1))
+        found = {
+            **ranked,
+            "min": min(last, default=0),
+            "max": max(last, default=0),
+            "mean": mean,
+            "std": deviation,
+        }
+        return {"messages": count, **{name: value / 1e9 for name, value in found.items()}}
 
 
 def _bucket(duration_ns: int) -> int:

@@ -72,7 +72,9 @@ class Configured(Line, frozen=True):
 
 
 class Matched(Line, frozen=True):
-    """Every input has heard its publisher."""
+    """Every input has heard its publisher; of a predecessor's readers, ``missing`` have not come in time."""
+
+    missing: list[str] = []
 
 
 class Done(Line, frozen=True):

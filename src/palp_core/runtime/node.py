@@ -103,8 +103,12 @@ class Node:
         return cls
 
     @staticmethod
-    def examine(params: Params) -> dict[str, str]:  # noqa: ARG004 - for subclasses
-        """Return, by parameter, what is wrong with files that parameters name; called before any start."""
+    def examine(params: Any) -> dict[str, str]:  # noqa: ARG004 - for subclasses
+        """Return what is wrong with parameters of this class though each is within its bounds, by parameter.
+
+        A file that one names, a device that cannot be so, values that contradict each other; under "" what
+        concerns several. It is asked before any start, and opens no device.
+        """
         return {}
 
     @property
@@ -228,7 +232,7 @@ def _declare(cls: type[Node]) -> Declaration:
             raise GraphError(
                 f"{where}: a port cannot be called '{name}': the name is the runtime's; choose another"
             )
-        if isinstance(port, Timer) and not hasattr(params, port.hz):
+        if isinstance(port, Timer) and not hasattr(params, str(port.hz)):
             known = ", ".join(params.__struct_fields__) or "none"
             raise GraphError(f"{where}.{name}: no parameter '{port.hz}' for its rate; declared: {known}")
         if not isinstance(port, Pub) and name not in handlers:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import zmq
 
 from palp_core.errors import SchemaMismatch
+from palp_core.runtime.audience import READER
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.following import Following, Turns
 from palp_core.runtime.reactor import MOST_AT_ONCE, Reactor
@@ -25,6 +26,7 @@ HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10
 LARGEST_REQUEST_BYTES = 1 << 20
 LARGE_BYTES = 64 << 10
+NAME = b"other hosts"
 _TICKET = struct.Struct("<Q")
 
 
@@ -93,6 +95,7 @@ class Tap:
 
     def __init__(self, reactor: Reactor, heard: Callable[[bytes, list[bytes]], None]) -> None:
         self._heard = heard
+        self._named = False
         self._connected: set[str] = set()
         self._turns: dict[str, Turns[list[bytes]]] = {}
         self._following = Following(self, {}, self._turns)
@@ -108,6 +111,13 @@ class Tap:
         self._following.add(name, endpoint, "")
         self.go_on(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, topic + b"\0")
+        self._say_name()
+
+    def _say_name(self) -> None:
+        """Let a restarted publisher wait for this reader; said once, after the first topic."""
+        if not self._named:
+            self._named = True
+            self._socket.setsockopt(zmq.SUBSCRIBE, READER + NAME)
 
     def unsubscribe(self, topic: bytes) -> None:
         """Hear it no longer."""

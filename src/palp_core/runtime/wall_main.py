@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 from pathlib import Path
 
+from palp_core.runtime.audience import Audience
 from palp_core.runtime.birth import NodeProcess, endpoints, load_class
 from palp_core.runtime.builtin import Progress, Swap
 from palp_core.runtime.changeover import Changeover
@@ -54,12 +55,15 @@ class WallMain:
             name: endpoints(birth.run_dir, name.split("/")[1]) for name in self.executor.ends.inputs
         }
         keeps = birth.spec.restart == "on_failure"
-        ledger = Path(birth.run_dir, f"{birth.place}.ledger") if keeps else None
+        kept = Path(birth.run_dir, birth.place) if keeps else None
+        self._audience = Audience(
+            lambda: self.broadcast.present, kept and kept.with_name(f"{birth.place}.readers")
+        )
         self.intake = Intake(
             self.executor,
             publishers,
             self.broadcast.context,
-            ledger,
+            kept and kept.with_name(f"{birth.place}.ledger"),
             lambda name, publish: link.send(Listening(name, publish)),
         )
         self.changeover = Changeover(
@@ -114,9 +118,9 @@ class WallMain:
         announced = finished = False
         while True:
             spoken = self._wait()
-            if not announced and self.intake.matched:
+            if not announced and self.intake.matched and self._audience.gathered():
                 announced = True
-                self.link.send(Matched())
+                self.link.send(Matched(self._audience.missing))
             if spoken and self._command():
                 return
             if self.changeover.waiting:
@@ -138,6 +142,7 @@ class WallMain:
         if now_ns >= self._next_beat_ns:
             if not self.changeover.silent:
                 self.broadcast.beat()
+            self._audience.note()
             self.intake.keep_house(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
             self.executor.order.keep_up(self.executor.now_ns(), active=at_work)

@@ -6,12 +6,13 @@ Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 from __future__ import annotations
 
 import select
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import zmq
 
+from palp_core.runtime.audience import READER
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.outlet import Outlet
 from palp_core.runtime.request_desk import Operation, RequestDesk
@@ -55,6 +56,7 @@ class Broadcast:
         self._serve.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         self._serve.bind(serve_endpoint)
         self._subscribed: dict[bytes, int] = {}
+        self._named: Counter[str] = Counter()
         self._outlets: dict[bytes, Outlet[Any]] = {}
         self.file_descriptors = int(self._publish.getsockopt(zmq.FD)), int(self._serve.getsockopt(zmq.FD))
         self._direct: set[str] = set()
@@ -113,6 +115,11 @@ class Broadcast:
     def readers(self) -> dict[str, int]:
         """How many listen, by topic."""
         return {name.decode(): count for name, count in self._subscribed.items() if name in self._outlets}
+
+    @property
+    def present(self) -> Collection[str]:
+        """Readers that have said their name."""
+        return (+self._named).keys()
 
     def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
         """Keep back whatever is published, until :meth:`release`; or give it to somebody else instead."""
@@ -188,6 +195,9 @@ class Broadcast:
         self._sent = False
         while readable(self._publish):
             event = self._publish.recv()
+            if event[1:2] == READER:
+                self._named[event[2:].decode(errors="replace")] += 1 if event[:1] == b"\x01" else -1
+                continue
             if event[-1:] != b"\0":
                 continue  # not a topic: a stranger's prefix
             name = event[1:-1]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 import zmq
 
+from palp_core.runtime.audience import READER
 from palp_core.runtime.clock import monotonic_ns
 from palp_core.runtime.doorbell import RING
 from palp_core.runtime.zmq_inquirer import RECONNECT_MS, readable
@@ -24,6 +25,7 @@ class Subscriber:
         endpoints: Endpoint per topic.
         context: The process's, if it has one.
         queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
+        name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
 
     Attributes:
         file_descriptor: Becomes readable when something may have arrived.
@@ -34,6 +36,7 @@ class Subscriber:
         endpoints: Mapping[str, str],
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
         queue: int = RECEIVE_QUEUE,
+        name: str = "",
     ) -> None:
         self._own_context = zmq.Context() if context is None else None
         self._context = self._own_context or context
@@ -44,8 +47,10 @@ class Subscriber:
         self._socket.setsockopt(zmq.LINGER, 0)
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
-        for name in endpoints:
-            self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
+        for topic in endpoints:
+            self._socket.setsockopt(zmq.SUBSCRIBE, topic.encode() + b"\0")
+        if name:  # after the topics, in which order a new connection is told of them too
+            self._socket.setsockopt(zmq.SUBSCRIBE, READER + name.encode())
         self._wait_ms = 0
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 

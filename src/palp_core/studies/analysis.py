@@ -16,7 +16,7 @@ from palp_core.errors import PalpError
 from palp_core.mechanics.scene import Scene
 from palp_core.methods import methods as declared
 from palp_core.perception import statistics
-from palp_core.perception.resampling import Interval, cluster_bootstrap
+from palp_core.perception.resampling import Interval, cluster_bootstrap, share_interval
 from palp_core.perception.rig_noise import RigNoise
 from palp_core.studies.contact_page import paragraph, table, write_page
 from palp_core.studies.redecide import Again, Decided, Methods, redecide
@@ -86,7 +86,7 @@ def analyse(
     rows, first = [], None
     for combo in combos:
         decided = [redecide(session, combo, noise=noise, scene=scene) for session in sessions]
-        shares = [_accuracy(again) for again in decided]
+        shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
         first = shares if first is None else first
         rows.append(_row(combo, decided, shares, first))
     return {
@@ -105,9 +105,9 @@ def analyse(
     }
 
 
-def _accuracy(again: Again) -> float | None:
-    known = [t for t in again.trials if t.depth_m is not None]
-    return float(np.mean([_right(again, t) for t in known])) if known else None
+def _rights(again: Again) -> list[bool]:
+    """Return whether each trial of known depth was right."""
+    return [_right(again, t) for t in again.trials if t.depth_m is not None]
 
 
 def _right(again: Again, trial: Decided) -> bool:
@@ -122,16 +122,16 @@ def _row(
 ) -> dict[str, Any]:
     trials = [trial for again in decided for trial in again.trials]
     scored = [t for t in trials if t.depth_m is not None]
-    right = [_right(again, t) for again in decided for t in again.trials if t.depth_m is not None]
+    rights = [found for again in decided if (found := _rights(again))]
+    right = [one for found in rights for one in found]
     away_m = [t.expected_m - float(t.depth_m or 0.0) for t in scored]
-    known = [share for share in shares if share is not None]
     accuracy, difference, error = None, None, None
-    if known:
+    if rights:
         rng = np.random.default_rng(_SEED)
-        if len(known) > 1:
-            accuracy = _ends(cluster_bootstrap(known, rng))
+        if len(rights) > 1:
+            accuracy = _ends(share_interval(rights, rng))
             pairs = [a - b for a, b in zip(shares, first, strict=True) if a is not None and b is not None]
-            difference = _ends(cluster_bootstrap(pairs, rng))
+            difference = _ends(cluster_bootstrap(pairs, rng, within=(-1.0, 1.0)))
         else:
             one = statistics.wilson(sum(right), len(right))
             accuracy = {"value": one.value, "ci": [one.low, one.high]}

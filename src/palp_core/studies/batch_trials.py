@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
 from palp_core.perception import latent
-from palp_core.perception.policies import Policy
+from palp_core.perception.policies import Fixed, Policy
 from palp_core.perception.policies_batch import Levels, start_batch, step_batch
 from palp_core.perception.policies_informed import InformationGainLatent, Timing
 from palp_core.perception.stopping import StopRule
@@ -100,7 +100,12 @@ def run_trials(
         moved = (ring != here) | at.renew
         seconds[active] += timing.sweep_s + _travel_s(timing, rings_m, here, ring, at.renew)
         moves[active] += moved & (here >= 0)
-        landing = draws.landing_m[active, t] if conditions.landing == "move" else draws.level_landing_m[ring]
+        if conditions.landing == "level":
+            landing = draws.level_landing_m[ring]
+        else:  # a fixed ring lands before its first probe only
+            landing = (
+                draws.fixed_landing_m[active] if isinstance(policy, Fixed) else draws.landing_m[active, t]
+            )
         error_m[active] = np.where(moved, landing, error_m[active])
         felt = draws.bias_n_m + touch.reading(
             draws.depth[active], ring, error_m[active], draws.height_m[active], draws.noise[active, t]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.studies.kept import read_lines
 
 __all__ = ["STUDIES", "Study", "study"]
 
@@ -21,12 +22,14 @@ class Study:
         question: What it answers, in a line.
         target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
         spreads: Whether its function takes ``workers`` and ``dask`` too.
+        keeps: File of its folder that gets a line for every part that is finished; empty if there is none.
     """
 
     name: str
     question: str
     target: str
     spreads: bool = False
+    keeps: str = ""
 
     def run(self, out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:
         """Run it and return its page.
@@ -41,6 +44,14 @@ class Study:
         if workers > 1 or dask:
             raise PalpError(f"the study '{self.name}' runs in one process; leave out --workers and --dask")
         return function(out, quick=quick)
+
+    def stopped(self, out: Path) -> str:
+        """Return what there is to say when it was stopped: what is kept, and how to go on."""
+        count = len(read_lines(out / self.keeps)) if self.keeps else 0
+        if not count:
+            return f"{self.name} stopped before anything was kept; the same command begins again"
+        what = f"{Path(self.keeps).stem} are kept in {out / self.keeps}"
+        return f"{self.name} stopped: {count} {what}; the same command goes on from there"
 
 
 STUDIES = {
@@ -60,6 +71,7 @@ STUDIES = {
             "contact-validity",
             "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
             "palp_core.studies.contact_validity:run",
+            keeps="scenes.jsonl",
         ),
         Study(
             "decision-stability",
@@ -89,6 +101,7 @@ STUDIES = {
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.studies.robustness_study:run",
             spreads=True,
+            keeps="cells.jsonl",
         ),
         Study(
             "why",

@@ -13,8 +13,9 @@ from palp_core.studies.contact_case import Case
 from palp_core.studies.contact_cases_fem import fem_cases
 from palp_core.studies.contact_cases_joint import joint_cases
 from palp_core.studies.contact_cases_other import other_cases
-from palp_core.studies.contact_map import METHODS, map_chart, verdicts
+from palp_core.studies.contact_map import METHODS, map_chart, points, verdicts
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
+from palp_core.studies.progress import followed, progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,8 +34,10 @@ def run(out: Path, *, quick: bool = False) -> Path:
         out: Folder for the files; made if missing.
         quick: Few values of each parameter and a small map.
     """
-    cases = [*joint_cases(quick=quick), *other_cases(quick=quick), *fem_cases(quick=quick)]
-    found = verdicts(quick=quick)
+    groups = followed("groups of cases", (joint_cases, other_cases, fem_cases))
+    cases = [case for group in groups for case in group(quick=quick)]
+    with progress("points of the map", len(list(points(quick=quick)))) as advance:
+        found = verdicts(quick=quick, progress=advance)
     out.mkdir(parents=True, exist_ok=True)
     (out / "stability.md").write_text(markdown(cases), encoding="utf-8")
     rows = [

@@ -14,6 +14,7 @@ from palp_core.mechanics import Path as StagePath
 from palp_core.studies.charts import GREY, INK, Chart, tidy
 from palp_core.studies.contact_cost import Measured, Variant, measure, variants
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
+from palp_core.studies.progress import followed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +57,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
     for depth_m in depths:
         phantom = Phantom(bead=Bead(depth_m=depth_m))
         truth = measure(reference, phantom, Probe(), RINGS_M)
-        for variant in offered[:-1]:
+        for variant in followed(f"models, d = {depth_m * 1e3:g} mm", offered[:-1]):
             try:
                 rows.append(measure(variant, phantom, Probe(), RINGS_M, against=truth))
             except (MechanicsError, MethodError) as error:

@@ -17,6 +17,7 @@ import numpy as np
 from palp_core.studies.charts import GREY, Chart, tidy
 from palp_core.studies.contact_judged import NEAR, Judged, judge
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
+from palp_core.studies.kept import append_line, read_lines
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["kept", "run", "scenes"]
 
 _SCENES, _QUICK = (200, 50), (10, 2)  # anywhere, and near the published rig
-_LINES = "scenes.jsonl"
+LINES = "scenes.jsonl"
 
 
 def kept(out: Path, *, any_code: bool = False) -> dict[int, Judged]:
@@ -34,10 +35,7 @@ def kept(out: Path, *, any_code: bool = False) -> dict[int, Judged]:
         out: Folder of the study.
         any_code: Take them whatever the source of the models was.
     """
-    file = out / _LINES
-    if not file.exists():
-        return {}
-    read = (Judged.of_line(line, any_code=any_code) for line in file.read_text(encoding="utf-8").splitlines())
+    read = (Judged.of_line(line, any_code=any_code) for line in read_lines(out / LINES))
     return {one.index: one for one in read if one is not None}
 
 
@@ -53,7 +51,6 @@ def scenes(
         timed: Also time the rungs.
         tell: Told of each scene that had to be judged; the error stream by default.
     """
-    out.mkdir(parents=True, exist_ok=True)
     done, answered = kept(out), 0
     for index in itertools.count(first):
         if answered == count:
@@ -61,19 +58,10 @@ def scenes(
         one = done.get(index)
         if one is None:
             one = judge(index, timed=timed)
-            with (out / _LINES).open("a", encoding="utf-8") as file:
-                file.write("\n" * _cut_short(out / _LINES) + one.line() + "\n")
+            append_line(out / LINES, one.line())
             (tell or sys.stderr.write)(f"{answered + 1}/{count} scene {index}: {_said(one)}\n")
         answered += not one.skipped
         yield one
-
-
-def _cut_short(file: Path) -> bool:
-    """Tell whether the last line has no end: the run before was stopped while it wrote."""
-    with file.open("rb") as opened:
-        size = opened.seek(0, 2)
-        opened.seek(max(0, size - 1))
-        return size > 0 and opened.read() != b"\n"
 
 
 def _said(one: Judged) -> str:

@@ -73,13 +73,13 @@ def tradeoff_chart(rows: Rows, cost: str, bounds: Limits) -> Chart:
         "A dot is a policy, stop rule, feature and filter. Full: a filter that knows what stays; hollow: the "
         "paper's. Round: peak; square: contrast, in which the height cancels. Ringed: no other is faster and "
         "more accurate. Lines are the limits of the peak, which the contrast may pass: the "
-        "numerical optimum when landing and height stay as they do here (every probe landed anew, settings "
-        "chosen beforehand, the stop optimal); what dynamic programming reaches if every reading had errors "
-        f"of its own, and Chernoff's asymptotic rate of such readings; Wald's bound for {first:g} against "
-        f"{second:g} mm at r_a = {ring:g} mm alone, a looser question; what Fano's inequality permits "
-        f"{bounds.capacity_bits:.2f} bits a reading, where readings are independent. With shared errors "
-        "a policy cannot reach the last four by staying where it is; the difference of two positions may "
-        "tell more than their sum. "
+        "numerical optimum when landing and height stay as they do here (every probe where it tells most, "
+        "given all that was read; the stop optimal); what dynamic programming reaches if every reading had "
+        f"errors of its own, and Chernoff's asymptotic rate of such readings; Wald's bound for {first:g} "
+        f"against {second:g} mm at r_a = {ring:g} mm alone, a looser question; what Fano's inequality "
+        f"permits {bounds.capacity_bits:.2f} bits a reading, where readings are independent. With shared "
+        "errors a policy cannot reach the last four by staying where it is; the difference of two positions "
+        "may tell more than their sum. "
         + ("Limits in seconds take the shortest moves there are." if cost == "seconds" else "")
         + " A dot above the optimum is luck of its sessions, or uses that landings are not normal.",
         (7.5, 4.8),

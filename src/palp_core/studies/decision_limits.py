@@ -20,9 +20,9 @@ from palp_core.studies.touch import Touch
 from palp_core.studies.virtual_rig import Conditions
 from palp_core.units import Float64Array
 
-__all__ = ["Limits", "least_seconds", "limits"]
+__all__ = ["Limits", "least_seconds", "limits", "what_stays"]
 
-COSTS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+COSTS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SEED = 22
 
 
@@ -54,6 +54,22 @@ class Limits:
         return asdict(self)
 
 
+def what_stays(felt: Touch, conditions: Conditions) -> OffsetModel:
+    """Return readings as they truly are: the landing stays until the ring moves, the height for the trial.
+
+    Args:
+        felt: What is felt.
+        conditions: How much both vary; a landing counts as normal, a height against that of training.
+    """
+    return OffsetModel(
+        felt.nominal()[..., None],
+        felt.noise_sd[..., None, None] ** 2,
+        np.stack([felt.ring_slope(), felt.height_slope()], axis=-1)[:, :, None, :],
+        np.array([conditions.ring_sd_m, np.sqrt(2.0) * conditions.height_sd_m]),
+        (True, False),
+    )
+
+
 def limits(felt: Touch, conditions: Conditions) -> Limits:
     """Return the limits for a touch and a rig.
 
@@ -67,13 +83,6 @@ def limits(felt: Touch, conditions: Conditions) -> Limits:
     sd = np.sqrt(
         felt.noise_sd**2 + (ring * conditions.ring_sd_m) ** 2 + (height * height_sd_m) ** 2
     )  # of a single reading
-    stays = OffsetModel(
-        mean[..., None],
-        felt.noise_sd[..., None, None] ** 2,
-        np.stack([ring, height], axis=-1)[:, :, None, :],
-        np.array([conditions.ring_sd_m, height_sd_m]),
-        (True, False),
-    )
     capacity = probe_capacity_bits(mean, sd)
     first, second, best = _hardest(mean, sd)
     pair = (mean[[first, second], best], sd[[first, second], best])
@@ -82,7 +91,7 @@ def limits(felt: Touch, conditions: Conditions) -> Limits:
     return Limits(
         tuple(optimum(mean, sd, COSTS)),
         chernoff_information(mean, sd),
-        tuple(shared_optimum(stays, COSTS, np.random.default_rng(_SEED))),
+        tuple(shared_optimum(what_stays(felt, conditions), COSTS, np.random.default_rng(_SEED))),
         capacity,
         tuple((float(n), fano_accuracy(n * capacity, m)) for n in np.linspace(0.0, 2.0, 21)),
         tuple((wald_probes(*pair, share), share) for share in shares),

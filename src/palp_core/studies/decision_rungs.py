@@ -84,7 +84,8 @@ def rung_rows(
     features = FEATURES[:1] if quick else FEATURES
     served = QUICK if quick else RUNGS
     jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]
-    found = dict(zip(served, spread(rung_world, jobs, workers=workers, dask=dask), strict=True))
+    worlds = spread(rung_world, jobs, label="rungs", workers=workers, dask=dask)
+    found = dict(zip(served, worlds, strict=True))
     return [
         _row(rung, feature, filter_name, found, rung in chosen)
         for rung in RUNGS

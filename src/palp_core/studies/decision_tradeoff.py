@@ -23,8 +23,8 @@ from palp_core.studies.decision_charts import calibration_chart, rungs_chart, tr
 from palp_core.studies.decision_limits import limits
 from palp_core.studies.decision_rungs import rung_rows
 from palp_core.studies.paper_jobs import seeds
-from palp_core.studies.policy_summary import summarise
-from palp_core.studies.policy_table import NAMES, begin
+from palp_core.studies.policy_summary import joined, summarise
+from palp_core.studies.policy_table import FIXED, NAMES, begin
 from palp_core.studies.policy_table import run as run_policy
 from palp_core.studies.spread_work import spread
 from palp_core.studies.touch import Gel, Touch, touch
@@ -57,14 +57,20 @@ class TradeoffJob:
 
 
 def tradeoff_session(job: TradeoffJob) -> dict[tuple[str, str, str], Outcomes]:
-    """Return outcomes by policy, stop rule and filter."""
+    """Return outcomes by policy, stop rule and filter; with all fixed positions, their average too."""
     session = begin(job.touch, job.conditions, job.seed)
-    return {
+    found = {
         (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
         for policy in POLICIES
         for stop in STOPS
         for filter_name in FILTERS
     }
+    if set(FIXED) <= set(POLICIES):
+        for stop in STOPS:
+            for filter_name in FILTERS:
+                fixed = {policy: [found[policy, stop, filter_name]] for policy in FIXED}
+                (found["fixed_average", stop, filter_name],) = joined(fixed)
+    return found
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
@@ -77,6 +83,20 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
         not any(c <= cost and a >= share and (c, a) != (cost, share) for c, a in points)
         for cost, share in points
     ]
+
+
+def mark_front(rows: Sequence[dict[str, Any]], cost: str) -> None:
+    """Mark every row that is on the front of accuracy against a cost; a guess without a probe is not.
+
+    Args:
+        rows: Lines of a table; each gains ``front_`` and the cost's name.
+        cost: ``probes`` or ``seconds``.
+    """
+    felt = [row for row in rows if row["probes"] > 0.0]
+    for row in rows:
+        row[f"front_{cost}"] = False
+    for row, front in zip(felt, pareto([(r[cost], r["accuracy"]) for r in felt]), strict=True):
+        row[f"front_{cost}"] = front
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -94,14 +114,13 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     for feature in FEATURES:
         felt = touch(Gel(feature=feature))
         jobs = [TradeoffJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
-        found = spread(tradeoff_session, jobs, workers=workers, dask=dask)
+        found = spread(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
         for key in found[0]:
             line = summarise([one[key] for one in found], felt.gel.depths_m)
             names = dict(zip(("policy", "stop", "filter"), key, strict=True))
             rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
     for cost in ("probes", "seconds"):
-        for row, front in zip(rows, pareto([(r[cost], r["accuracy"]) for r in rows]), strict=True):
-            row[f"front_{cost}"] = front
+        mark_front(rows, cost)
     bounds = limits(touch(Gel()), UNKNOWN)
     rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
@@ -142,18 +161,21 @@ def _lead(rows: Sequence[dict[str, Any]], sessions: int) -> str:
 
 
 def _front(rows: Sequence[dict[str, Any]]) -> str:
-    front = sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"]))
+    front: dict[tuple[float, float], list[dict[str, Any]]] = {}
+    for row in sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"])):
+        front.setdefault((row["seconds"], row["accuracy"]), []).append(row)
     return "<h2>On the front of accuracy against seconds</h2>" + table(
         ["combination", "accuracy", "95 %", "probes", "seconds", "calibration error"],
         [
             [
-                _label(r),
+                _label(r) + (f", and {len(alike) - 1} more with the same" if len(alike) > 1 else ""),
                 f"{100 * r['accuracy']:.1f} %",
                 f"{100 * r['ci'][0]:.1f} to {100 * r['ci'][1]:.1f} %",
                 f"{r['probes']:.2f}",
                 f"{r['seconds']:.1f}",
                 f"{r['ece']:.3f}",
             ]
-            for r in front
+            for alike in front.values()
+            for r in alike[:1]
         ],
     )

@@ -18,9 +18,11 @@ from palp_core.units import Float64Array
 
 __all__ = ["read_edf"]
 
+_LEAST_PADDING = 8  # samples; EMG does not stay that long at one value
 _MAIN = 256  # bytes of the main header, and of the header of each signal
 _WIDTHS = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)  # label, transducer, unit, ranges (4), filter, samples, reserved
 _ANNOTATIONS = ("EDF Annotations", "BDF Annotations")
+_TRIGGERS = "Status"  # BioSemi's channel of bits
 
 
 @dataclass(frozen=True)
@@ -68,14 +70,22 @@ def read_edf(path: Path) -> EmgFile:
             raise PalpError(f"{path}: discontinuous, but without the annotations that say when records begin")
         starts_s = np.array([_onset(path, block.tobytes()) for block in blocks[clock]])
         notes.append("discontinuous: gaps count as lost samples")
+    digital = {
+        number: _integers(blocks[number], wide=wide)
+        for number, signal in enumerate(signals)
+        if signal.label not in (*_ANNOTATIONS, _TRIGGERS if wide else "") and signal.per_record > 0
+    }
+    padded = min((_held_share(values[-1]) for values in digital.values()), default=0.0)
+    if padded > 0.0:
+        notes.append(f"the last record is padded; its last {padded * record_s:.3g} s are left out")
     columns = []
-    for number, signal in enumerate(signals):
-        if signal.label in _ANNOTATIONS or signal.per_record < 1:
-            continue
+    for number, values in digital.items():
+        signal = signals[number]
         rate_hz = signal.per_record / record_s
-        values = _scaled(_integers(blocks[number], wide=wide), signal)
-        samples = values.ravel() if starts_s is None else _spread(values, starts_s, rate_hz)
-        columns.append(Column(signal.label, samples, rate_hz, signal.unit))
+        physical = _scaled(values, signal)
+        samples = physical.ravel() if starts_s is None else _spread(physical, starts_s, rate_hz)
+        there = samples.size - round(padded * signal.per_record)
+        columns.append(Column(signal.label, samples[:there], rate_hz, signal.unit))
     return EmgFile(path, "BDF" if wide else "EDF", tuple(columns), notes=tuple(notes))
 
 
@@ -116,6 +126,16 @@ def _integers(block: NDArray[np.uint8], *, wide: bool) -> Float64Array:
     parts = block.reshape(len(block), -1, 3).astype(np.int32)
     value = parts[..., 0] | parts[..., 1] << 8 | parts[..., 2] << 16
     return (value - ((value & 0x800000) << 1)).astype(np.float64)
+
+
+def _held_share(record: Float64Array) -> float:
+    """Return which share of a record, at its end, is one value; 0 where that is all of it or next to nothing.
+
+    A record cannot be shorter than the others, so a writer fills the last one up.
+    """
+    moves = np.flatnonzero(record[1:] != record[:-1])
+    held = record.size - 1 - int(moves[-1]) if moves.size else 0
+    return held / record.size if held >= _LEAST_PADDING else 0.0
 
 
 def _scaled(digital: Float64Array, signal: _Signal) -> Float64Array:

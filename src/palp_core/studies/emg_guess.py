@@ -13,7 +13,7 @@ from palp_core.perception.emg_quality import on_grid
 from palp_core.studies.emg_files import Column, EmgFile
 from palp_core.units import Float64Array
 
-__all__ = ["Guess", "guess", "is_voltage", "muscles"]
+__all__ = ["Guess", "guess", "is_voltage", "muscles", "strength"]
 
 _FDS = re.compile(r"fds|flexor|\bflex", re.IGNORECASE)
 _EDC = re.compile(r"edc|extensor|\bext", re.IGNORECASE)
@@ -22,6 +22,10 @@ _TIME = re.compile(
 )
 _PER_SECOND = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
 _VOLTS = {"volt": 1.0, "volts": 1.0, "v": 1.0, "mv": 1e-3, "uv": 1e-6, "µv": 1e-6, "μv": 1e-6, "nv": 1e-9}
+
+# Surface EMG is 10 uV to 5 mV at the skin, and an electrode's noise about 1 uV. What an amplifier put out is
+# larger, but written in V: a smaller unit says that it is the skin's.
+_LEAST_V, _MOST_V, _MOST_AT_SKIN_V = 0.3e-6, 15.0, 20e-3
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,12 @@ class Guess:
 
 
 def guess(
-    file: EmgFile, *, fs_hz: float | None = None, fds: str | None = None, edc: str | None = None
+    file: EmgFile,
+    *,
+    fs_hz: float | None = None,
+    fds: str | None = None,
+    edc: str | None = None,
+    unit: str | None = None,
 ) -> Guess:
     """Return which columns are the muscles, the rate and the unit.
 
@@ -65,9 +74,11 @@ def guess(
         fs_hz: Rate that the user states; None: ask the file.
         fds: Name, or number from 0, of the flexor's column; None: guess.
         edc: The same of the extensor's.
+        unit: Unit that the user states; None: ask the file, else guess.
 
     Raises:
-        PalpError: A named column is not there, or the muscles cannot be told.
+        PalpError: A named column is not there, the muscles cannot be told, or the file states a unit in which
+            no EMG is that strong or weak.
     """
     time = next((one for one in file.columns if _TIME.match(one.name) and _is_time(one.samples)), None)
     if time is None and len(file.columns) > 2 and _is_time(file.columns[0].samples):
@@ -87,7 +98,8 @@ def guess(
             f"{file.path}: {flexor.name} has {flexor.samples.size} samples, {extensor.name} has "
             f"{extensor.samples.size}; the muscles need one rate and length"
         )
-    unit, unit_why = _unit(flexor, extensor)
+    unit, unit_why, note = _unit(file, flexor, extensor, unit)
+    notes += [note] if note else []
     volts = _VOLTS.get(unit.lower())
     return Guess(
         flexor.name,
@@ -121,6 +133,21 @@ def muscles(file: EmgFile, found: Guess) -> Float64Array:
     return on_grid(times_s, both, found.rate_hz)
 
 
+def strength(samples: Float64Array) -> Float64Array:
+    """Return how strong EMG is: what 95 % of its steps from sample to sample stay below, shape (...).
+
+    Steps do not see an electrode's offset and its drift; NaN where no two samples are finite.
+
+    Args:
+        samples: Raw EMG, shape (..., n).
+    """
+    steps = np.abs(np.diff(samples))
+    there = np.isfinite(steps).any(axis=-1)
+    found = np.full(there.shape, np.nan)
+    found[there] = np.nanquantile(steps[there], 0.95, axis=-1)
+    return found
+
+
 def is_voltage(unit: str) -> bool:
     """Tell whether a unit is a voltage."""
     return unit.lower() in _VOLTS
@@ -137,10 +164,14 @@ def _muscles(
         if named[place] is None and len(fits) == 1:
             named[place], reasons[place] = fits[0], "by name"
             free.remove(fits[0])
+    by_order = "by order"
+    voltages = [one for one in free if is_voltage(one.unit)]
+    if None in named and len(free) > len(voltages) == named.count(None):
+        free, by_order = voltages, "by order, of the voltages"
     if None in named and len(free) == named.count(None):
         for place in (0, 1):
             if named[place] is None:
-                named[place], reasons[place] = free.pop(0), "by order"
+                named[place], reasons[place] = free.pop(0), by_order
     for one, option in zip(named, ("--fds", "--edc"), strict=True):
         if one is not None and all(one is not other for other in others):
             raise PalpError(
@@ -211,18 +242,42 @@ def _rate(flexor: Column, time: Column | None) -> tuple[float | None, str, float
     return timed, "the time column" if timed else "nothing", scale
 
 
-def _unit(flexor: Column, extensor: Column) -> tuple[str, str]:
-    stated = {flexor.unit, extensor.unit} - {""}
-    if len(stated) > 1:
+def _unit(file: EmgFile, flexor: Column, extensor: Column, stated: str | None) -> tuple[str, str, str]:
+    """Return the unit, its ground, and what does not fit the user's word."""
+    found = {flexor.unit, extensor.unit} - {""}
+    if stated is not None:
+        if not is_voltage(stated) and stated != "counts":
+            raise PalpError(f"--unit {stated}: no unit of EMG; use V, mV, uV, nV or counts")
+        others = ", ".join(sorted(found - {stated}))
+        return stated, "--unit", f"--unit says {stated}, the file {others}" if others else ""
+    if len(found) > 1:
         raise PalpError(f"{flexor.name} is in {flexor.unit}, {extensor.name} in {extensor.unit}; convert one")
-    if stated:
-        return stated.pop(), "the file"
+    if found:
+        (unit,) = found
+        wrong = _contradiction(unit, flexor, extensor)
+        if wrong:
+            raise PalpError(f"{file.path}: says {unit}, but {wrong}; state the true unit with --unit")
+        return unit, "the file", ""
     finite = flexor.samples[np.isfinite(flexor.samples)]
     if finite.size == 0:
-        return "", "nothing"
+        return "", "nothing", ""
     spread = float(finite.std())
     if (finite == np.rint(finite)).all():
-        return "counts", "guessed: all are whole numbers"
-    # Surface EMG is 10 uV to 5 mV at the skin.
+        return "counts", "guessed: all are whole numbers", ""
     unit = "V" if spread < 5e-3 else "mV" if spread < 5.0 else "uV"
-    return unit, f"guessed: spread {spread:.3g}"
+    return unit, f"guessed: spread {spread:.3g}", ""
+
+
+def _contradiction(unit: str, flexor: Column, extensor: Column) -> str:
+    """Return why both muscles cannot be in a unit; one alone may be a bad electrode."""
+    volts = _VOLTS.get(unit.lower())
+    if volts is None:
+        return ""
+    sizes_v = volts * strength(np.array([flexor.samples, extensor.samples]))
+    most_v = _MOST_AT_SKIN_V if volts < 1.0 else _MOST_V
+    if (sizes_v > most_v).all():
+        return f"steps of {sizes_v.min() * 1e3:.3g} mV are more than EMG's, {most_v * 1e3:g} mV at most"
+    spread_v = volts * max(float(np.nanstd(one.samples)) for one in (flexor, extensor))
+    if 0.0 < spread_v < _LEAST_V:
+        return f"a spread of {spread_v * 1e6:.3g} uV is less than an electrode's noise"
+    return ""

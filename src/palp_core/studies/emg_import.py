@@ -8,7 +8,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.studies.emg_files import read_emg
-from palp_core.studies.emg_guess import guess, is_voltage, muscles
+from palp_core.studies.emg_guess import is_voltage, muscles
 from palp_core.studies.emg_trial import Choices
 
 __all__ = ["write_plain"]
@@ -21,7 +21,7 @@ def write_plain(path: Path, out: Path, choices: Choices) -> None:
         PalpError: The recording cannot be used, or the table cannot be written.
     """
     file = read_emg(path)
-    found = guess(file, fs_hz=choices.fs_hz, fds=choices.fds, edc=choices.edc)
+    found = choices.guess(file)
     both = muscles(file, found)
     suffix = "_v" if is_voltage(found.unit) else ""
     times_s = np.arange(both.shape[1]) / float(found.rate_hz or 1.0)

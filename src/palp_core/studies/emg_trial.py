@@ -12,12 +12,16 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.perception.emg_analysis import EmgAnalysis, EmgSettings, analyse, second_eigenvalue
 from palp_core.studies.emg_files import EmgFile, read_emg
-from palp_core.studies.emg_guess import Guess, guess, is_voltage, muscles
+from palp_core.studies.emg_guess import Guess, guess, is_voltage, muscles, strength
 from palp_core.units import Float64Array
 
 __all__ = ["Choices", "Trial", "import_report", "run_trial", "series_rows", "trial_record"]
 
 MUSCLES = ("fds", "edc")
+_STATED = ("the file", "--unit")
+# An MVC is at most 1000 times an idle muscle, and no trial 50 times its MVC; units differ by a thousand.
+_MOST_OVER, _MOST_UNDER = 1000.0, 50.0
+_RATES_ALIKE = 1e-3  # what rounded times tell differs from file to file; filters do not see it
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,15 @@ class Choices:
     fs_hz: float | None = None
     fds: str | None = None
     edc: str | None = None
+    unit: str | None = None
+
+    def guess(self, file: EmgFile) -> Guess:
+        """Return what a file is taken for.
+
+        Raises:
+            PalpError: As of :func:`palp_core.studies.emg_guess.guess`.
+        """
+        return guess(file, fs_hz=self.fs_hz, fds=self.fds, edc=self.edc, unit=self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +97,8 @@ def run_trial(
     if file.phases and palpation is None:
         raise PalpError(f"{path}: has no phase 'palpation', only {', '.join(file.phases)}")
     used = both if palpation is None else palpation
+    if found.unit_why != "--unit":
+        _check_strengths(path, used, effort_path, effort)
     rated = replace(settings, rate_hz=float(found.rate_hz or settings.rate_hz))
     try:
         result = analyse(used, effort, rated, rest=quiet)
@@ -93,7 +108,7 @@ def run_trial(
 
 
 def _load(file: EmgFile, choices: Choices) -> tuple[Guess, Float64Array]:
-    found = guess(file, fs_hz=choices.fs_hz, fds=choices.fds, edc=choices.edc)
+    found = choices.guess(file)
     return found, muscles(file, found)
 
 
@@ -106,18 +121,34 @@ def _phase(file: EmgFile, both: Float64Array, name: str) -> Float64Array | None:
 def _alike(file: EmgFile, choices: Choices, trial: Guess, phase: str) -> Float64Array:
     """Return another recording of the same muscles, in the trial's unit; the rate must be the trial's."""
     found, both = _load(file, choices)
-    if found.rate_hz != trial.rate_hz:
+    if abs(float(found.rate_hz or 0.0) / float(trial.rate_hz or 1.0) - 1.0) > _RATES_ALIKE:
         raise PalpError(f"{file.path}: {found.rate_hz:g} Hz, the trial {trial.rate_hz:g} Hz; resample one")
-    if found.unit_why != "the file":  # a guess from another strength may differ; one amplifier wrote both
+    if found.unit_why not in _STATED:  # a guess from another strength may differ; one amplifier wrote both
         both = both / found.volts * trial.volts
-    elif trial.unit_why != "the file" and found.volts != trial.volts:
+    elif trial.unit_why not in _STATED and found.volts != trial.volts:
         raise PalpError(
-            f"{file.path}: is in {found.unit}, but the trial states no unit; add it to its heading"
+            f"{file.path}: is in {found.unit}, but the trial states no unit; state that of both with --unit"
         )
     elif is_voltage(found.unit) != is_voltage(trial.unit):
-        raise PalpError(f"{file.path}: is in {found.unit}, the trial in {trial.unit}; convert one")
+        raise PalpError(
+            f"{file.path}: is in {found.unit}, the trial in {trial.unit}; convert one, or state the unit of "
+            "both with --unit"
+        )
     part = _phase(file, both, phase)
     return both if part is None else part
+
+
+def _check_strengths(path: Path, used: Float64Array, effort_path: Path, effort: Float64Array) -> None:
+    """Refuse an MVC that is in another unit than its trial; the analysis flags what is less far off."""
+    trial, mvc = strength(used), strength(effort)
+    if not ((trial > 0.0) & (mvc > 0.0)).all():  # silent, or no sample at all: said by the analysis
+        return
+    over = mvc / trial
+    if (over > _MOST_OVER).all() or (over < 1.0 / _MOST_UNDER).all():
+        raise PalpError(
+            f"{effort_path}: this MVC is {over.min():.3g} to {over.max():.3g} times as strong as the trial "
+            f"{path}; are both in one unit? Convert one, or state the unit of both with --unit"
+        )
 
 
 def import_report(path: Path, choices: Choices) -> dict[str, Any]:
@@ -144,7 +175,7 @@ def import_report(path: Path, choices: Choices) -> dict[str, Any]:
         "problem": None,
     }
     try:
-        found = guess(file, fs_hz=choices.fs_hz, fds=choices.fds, edc=choices.edc)
+        found = choices.guess(file)
     except PalpError as error:
         report["problem"] = str(error)
         return report

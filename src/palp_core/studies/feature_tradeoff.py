@@ -14,6 +14,7 @@ from palp_core.perception.wavelet_stream import tail_weight
 from palp_core.studies.charts import GREY, INK, Chart, tidy
 from palp_core.studies.contact_page import figure, paragraph, table, write_page
 from palp_core.studies.feature_cases import FEATURES, Measured, clean_cases, measure, ways
+from palp_core.studies.progress import followed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +48,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
     rows = [
         row
         for noise_factor in NOISE_FACTORS
-        for way in ways(quick=quick)
+        for way in followed(f"ways, noise {noise_factor:g}", ways(quick=quick))
         for row in measure(way, cases, noise_factor, 5 if quick else 60, np.random.default_rng(SEED))
     ]
     out.mkdir(parents=True, exist_ok=True)

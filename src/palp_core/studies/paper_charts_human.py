@@ -111,16 +111,21 @@ def figure_5() -> Chart:
         for j in range(5)
     ]
 
+    most = max(matrix.max() for kind in kinds for matrix in figure5.matrices(kind))
+
     def draw(figure: Figure) -> None:
         panels = figure.subplots(2, 3)
         for line, kind in zip(panels, kinds, strict=True):
             for axes, depth_m, matrix in zip(line, figure5.DEPTHS_M, figure5.matrices(kind), strict=True):
-                axes.imshow(matrix, vmin=0.0, vmax=0.6, origin="lower", cmap="viridis")
+                shown = axes.imshow(matrix, vmin=0.0, vmax=0.6, origin="lower", cmap="viridis")
                 axes.grid(visible=False)
                 axes.set_xticks(range(5), [f"{x:g}" for x in figure5.LEVELS])
                 axes.set_yticks(range(5), [f"{x:g}" for x in figure5.LEVELS])
                 second = markov.eigenvalues(matrix)[-2].real
                 axes.set_title(f"{kind}, {depth_m * 1e3:g} mm, λ₂ {second:.4f}", fontsize=8.5)
+        bar = figure.colorbar(shown, ax=panels, extend="max" if most > 0.6 else "neither", shrink=0.8)
+        bar.set_label("probability", fontsize=8.5)
+        bar.ax.tick_params(labelsize=8)
 
     return Chart(
         "figure_05_matrices",

@@ -161,23 +161,33 @@ def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
 def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
     """Information gain with the latent filter against the best fixed ring at equal seconds."""
     rows = [
-        [name, s["information_gain_latent"]["accuracy"], s["best_fixed"]["accuracy"], *s["difference_ci"]]
+        [
+            name,
+            *(
+                x
+                for key in ("information_gain_latent", "best_fixed")
+                for x in (s[key]["accuracy"], *s[key]["ci"])
+            ),
+            *s["difference_ci"],
+        ]
         for name, s in scenes.items()
     ]
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         at = np.arange(len(rows))
-        axes.bar(
-            at - 0.2,
-            [r[1] for r in rows],
-            width=0.38,
-            color="#0072B2",
-            label="information gain, latent filter",
-        )
-        axes.bar(
-            at + 0.2, [r[2] for r in rows], width=0.38, color=GREY, label="best fixed ring at equal seconds"
-        )
+        for first, shift, colour, label in (
+            (1, -0.2, "#0072B2", "information gain, latent filter"),
+            (4, 0.2, GREY, "best fixed ring at equal seconds"),
+        ):
+            axes.bar(at + shift, [r[first] for r in rows], width=0.38, color=colour, label=label)
+            axes.vlines(
+                at + shift,
+                [r[first + 1] for r in rows],
+                [r[first + 2] for r in rows],
+                color=INK,
+                linewidth=1.4,
+            )
         axes.set_xticks(at, [str(r[0]).replace("_", " ") for r in rows])
         axes.set_ylim(0, 1.15)
         axes.legend(loc="upper right")
@@ -185,23 +195,37 @@ def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
 
     return Chart(
         "scenes",
-        "Three scenes fixed in advance",
+        "Three scenes fixed in advance, and a control",
         "Fixed rings are given at least the seconds that information gain took, with the better of the two "
-        "filters and the best ring chosen in hindsight.",
+        "filters and the best ring chosen in hindsight. 95 % intervals over sessions; the paired difference "
+        "is in the table.",
         (6.0, 3.4),
-        ["scene", "information_gain_latent", "best_fixed", "difference_low", "difference_high"],
+        [
+            "scene",
+            *(
+                f"{name}{end}"
+                for name in ("information_gain_latent", "best_fixed")
+                for end in ("", "_low", "_high")
+            ),
+            "difference_low",
+            "difference_high",
+        ],
         rows,
         draw,
     )
 
 
-def grid_chart(curves: Mapping[str, Sequence[float]]) -> Chart:
+def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
     """Root mean square error of the depth against probes, on 31 depths."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for i, (name, values) in enumerate(curves.items()):
-            axes.plot(range(1, len(values) + 1), values, **depth_style(i), markersize=3.5, label=name)
+        for i, (name, line) in enumerate(curves.items()):
+            style, probes = depth_style(i), range(1, len(line["value"]) + 1)
+            axes.plot(probes, line["value"], **style, markersize=3.5, label=name.replace("_", " "))
+            axes.fill_between(
+                probes, line["low"], line["high"], color=style["color"], alpha=0.15, linewidth=0
+            )
         axes.legend()
         axes.set_ylim(bottom=0)
         tidy(axes, "", "probes", "root mean square error, mm")
@@ -209,9 +233,14 @@ def grid_chart(curves: Mapping[str, Sequence[float]]) -> Chart:
     return Chart(
         "grid_31_depths",
         "Depth as a quantity: 31 depths from 2 to 8 mm",
-        "Training knew three depths; the primitives are interpolated in between. Nodules lie at any of 31.",
+        "Training knew three depths; the primitives are interpolated in between. Nodules lie at any of 31. "
+        "Shaded: 95 % intervals over sessions.",
         (5.5, 3.4),
-        ["filter", "probes", "rmse_mm"],
-        [[name, t + 1, v] for name, values in curves.items() for t, v in enumerate(values)],
+        ["filter", "probes", "rmse_mm", "low_mm", "high_mm"],
+        [
+            [name, t + 1, *values]
+            for name, line in curves.items()
+            for t, values in enumerate(zip(line["value"], line["low"], line["high"], strict=True))
+        ],
         draw,
     )

@@ -39,8 +39,15 @@ SCENES: dict[str, tuple[Gel, Conditions]] = {
         Conditions(height_sd_m=0.1e-3, remount=True, training_lands="cell"),
     ),
     "unknown_height": (Gel(), Conditions(height_sd_m=0.2e-3, remount=True)),
+    "noisy_re_homed": (
+        Gel(modulus_pa=30e3, noise_factor=5.0),
+        Conditions(height_sd_m=0.1e-3, remount=True),
+    ),
 }
-"""Fixed in advance: ring error only; noise, stiff gel and blocked training as well; height not known."""
+"""Fixed in advance: ring error only; noise, stiff gel and blocked training as well; height not known.
+
+The last is a control, added afterwards: the noisy scene with a training that lands anew each time.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from palp_core.perception import figure5, markov
+from palp_core.perception.resampling import cluster_bootstrap
 from palp_core.studies import paper_charts_human, paper_charts_probe, paper_charts_results
 from palp_core.studies.batch_trials import Outcomes
 from palp_core.studies.charts import Chart
@@ -36,6 +37,7 @@ from palp_core.studies.policy_table import FIXED, NAMES, begin
 from palp_core.studies.spread_work import spread
 from palp_core.studies.touch import Gel, touch
 from palp_core.studies.virtual_rig import Conditions
+from palp_core.units import Float64Array
 
 __all__ = ["Size", "results", "run"]
 
@@ -52,7 +54,7 @@ class Size:
     """
 
     sessions: int = 40
-    scene_sessions: int = 20
+    scene_sessions: int = 100
     grid_sessions: int = 10
     trials: int = 100
 
@@ -77,7 +79,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     gel, conditions = Gel(), Conditions(trials=size.trials)
     felt = touch(gel)
     jobs = [PaperJob(felt, conditions, one) for one in seeds(0, seed, size.sessions)]
-    found = spread(paper_session, jobs, workers=workers, dask=dask)
+    found = spread(paper_session, jobs, label="sessions", workers=workers, dask=dask)
     sessions = {name: [one[name] for one in found] for name in found[0]}
     report = results(sessions, gel.depths_m) | {
         "quick": quick,
@@ -151,20 +153,28 @@ def _scenes(size: Size, seed: int, workers: int, dask: str) -> dict[str, Any]:
     for number, (name, (gel, conditions)) in enumerate(SCENES.items() if size.scene_sessions else ()):
         felt = touch(gel)
         jobs = [SceneJob(felt, conditions, s) for s in seeds(1 + number, seed, size.scene_sessions)]
-        judged[name] = judge(spread(scene_session, jobs, workers=workers, dask=dask), gel.depths_m)
+        found = spread(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
+        judged[name] = judge(found, gel.depths_m)
     return judged
 
 
-def _grid(size: Size, seed: int, workers: int, dask: str) -> dict[str, list[float]]:
-    """Return the root mean square error in mm after each probe, by filter."""
+def _grid(size: Size, seed: int, workers: int, dask: str) -> dict[str, dict[str, list[float]]]:
+    """Return the root mean square error in mm after each probe, by filter, with 95 % intervals."""
     if not size.grid_sessions:
         return {}
     conditions = Conditions(height_sd_m=0.2e-3, remount=True)
-    trained, grid = spread(touch, [Gel(), Gel(depths_m=GRID_M)], workers=workers, dask=dask)
+    trained, grid = spread(touch, [Gel(), Gel(depths_m=GRID_M)], label="gels", workers=workers, dask=dask)
     jobs = [GridJob(trained, grid, conditions, s) for s in seeds(9, seed, size.grid_sessions)]
-    found = spread(grid_session, jobs, workers=workers, dask=dask)
+    found = spread(grid_session, jobs, label="sessions, 31 depths", workers=workers, dask=dask)
+    return {name: _root_mean(np.array([one[name] for one in found])) for name in found[0]}
+
+
+def _root_mean(squares_m2: Float64Array) -> dict[str, list[float]]:
+    """Return the root of the mean over sessions, mm, of errors squared, shape (s, t)."""
+    rng = np.random.default_rng(16)
+    found = [cluster_bootstrap(column, rng, within=(0.0, np.inf)) for column in squares_m2.T]
     return {
-        name: (1e3 * np.sqrt(np.mean([one[name] for one in found], axis=0))).tolist() for name in found[0]
+        end: [1e3 * float(np.sqrt(getattr(one, end))) for one in found] for end in ("value", "low", "high")
     }
 
 

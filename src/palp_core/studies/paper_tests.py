@@ -12,11 +12,26 @@ from palp_core.perception.anova import NotTestable, bonferroni, permutation, two
 from palp_core.perception.mixed_logit import mixed_logit
 from palp_core.perception.resampling import compare
 from palp_core.studies.batch_trials import Outcomes
-from palp_core.studies.policy_summary import accuracies, depth_key
+from palp_core.studies.paper_numbers import HUMAN_OF, HUMAN_RIGHT
+from palp_core.studies.policy_summary import accuracies, depth_key, joined
+from palp_core.studies.policy_table import FIXED
 
-__all__ = ["PAIRS", "analyses", "comparisons"]
+__all__ = ["PAIRS", "REPORTED", "analyses", "comparisons"]
 
 Sessions = Mapping[str, Sequence[Outcomes]]
+
+_RINGS = "fixed: depth and r_a"
+_THREE = "human, fixed and human strategy: depth and experiment"
+_BEST = "best fixed position and human strategy: depth and experiment"
+
+REPORTED = {
+    _RINGS: "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm better than the rest, "
+    "and r_a in three groups",
+    _THREE: "depth and experiment significant, their interaction not; post hoc 2 mm best, 4 and 8 mm alike; "
+    "human against fixed no difference, varied better than fixed",
+    _BEST: "no such analysis: its fixed stiffness is the average over five positions",
+}
+"""What the paper says of each analysis."""
 
 PAIRS = (
     ("markov", "fixed_average"),
@@ -57,24 +72,38 @@ def comparisons(sessions: Sessions, average: Sequence[float]) -> list[dict[str, 
 
 
 def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
-    """Return the paper's two analyses of variance on our trials, each with what to trust instead.
+    """Return the paper's two analyses of variance on our trials, and a third, and what to trust instead.
 
-    One session is what the paper had; its table is that of the first session. The mixed logit and the
-    permutation test are over all sessions.
+    One session is what the paper had; its table is that of the first session. The human's trials are those of
+    the published counts. The mixed logit and the permutation test are over all sessions, and our trials only.
     """
-    fixed = {
-        name: found for name, found in sessions.items() if name[6:].isdigit() and name.startswith("fixed_")
-    }
-    varied = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
+    fixed = {name: sessions[name] for name in FIXED}
+    human = _published_human(depths_m)
+    average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
+    best = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
     return {
-        "fixed: depth and r_a": _one(fixed, "r_a", depths_m),
-        "fixed and human strategy: depth and experiment": _one(varied, "experiment", depths_m),
+        _RINGS: {"paper": REPORTED[_RINGS]} | _one(fixed, "r_a", depths_m),
+        _THREE: {"paper": REPORTED[_THREE]} | _one(average, "experiment", depths_m, human),
+        _BEST: {"paper": REPORTED[_BEST]} | _one(best, "experiment", depths_m),
     }
 
 
-def _one(sessions: Sessions, factor: str, depths_m: Sequence[float]) -> dict[str, Any]:
+Columns = tuple[list[float], list[str], list[str]]
+
+
+def _published_human(depths_m: Sequence[float]) -> Columns:
+    """Return outcome, depth and experiment of the human's trials, from the published percentages."""
+    keys = [key for key in map(depth_key, depths_m) if key in HUMAN_RIGHT]
+    right = [float(n < HUMAN_RIGHT[key]) for key in keys for n in range(HUMAN_OF)]
+    return right, [key for key in keys for _ in range(HUMAN_OF)], ["human"] * len(right)
+
+
+def _one(
+    sessions: Sessions, factor: str, depths_m: Sequence[float], more: Columns = ([], [], [])
+) -> dict[str, Any]:
     first = {name: found[:1] for name, found in sessions.items()}
     right, depth, kind, _ = _columns(first, depths_m)
+    right, depth, kind = right + more[0], depth + more[1], kind + more[2]
     table = two_way(right, depth, kind, names=("depth", factor))
     post = (
         {}

@@ -25,6 +25,7 @@ from palp_core.studies.virtual_rig import (
     Trained,
     draw,
     offset_model,
+    specimens,
     train,
 )
 from palp_core.units import Float64Array
@@ -102,17 +103,18 @@ def begin(touch: Touch, conditions: Conditions, seed: Sequence[int]) -> Session:
     Args:
         touch: What is felt.
         conditions: The rig and the experiment.
-        seed: Numbers that name the session; training and trials have streams of their own.
+        seed: Numbers that name the session; training, trials and phantoms have streams of their own.
     """
-    training, estimation, shuffling = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
+    training, estimation, shuffling, pouring = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(4)
     )
-    trained = train(touch, conditions, training)
+    off_m = specimens(touch, conditions, pouring)
+    trained = train(touch, conditions, training, off_m)
     return Session(
         touch,
         conditions,
         trained,
-        draw(touch, conditions, estimation),
+        draw(touch, conditions, estimation, off_m),
         independent_model(trained.primitives),
         offset_model(trained, touch, conditions),
         touch.gel.rings_m[best_ring(trained.readings)],

@@ -21,7 +21,7 @@ from palp_core.perception.stopping import FixedNumber
 from palp_core.studies.robustness_jobs import DESIGNS, POLICIES, Design
 from palp_core.units import Float64Array
 
-__all__ = ["CHANGES", "CLAIMS", "Change", "against_best", "changes_of", "judged"]
+__all__ = ["CHANGES", "CLAIMS", "LEVEL", "Change", "against_best", "changes_of", "judged"]
 
 CLAIMS = (
     ("information_gain", "paper"),
@@ -119,7 +119,7 @@ def against_best(lines: Mapping[str, Mapping[str, Any]], policy: str) -> dict[st
     difference = own - _unseen_best(shares)
     best = others[int(np.argmax(shares.mean(axis=1)))]
     rng = np.random.default_rng(17)
-    interval = cluster_bootstrap(difference, rng)
+    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
     return {
         "best": best,
         "difference": interval.value,

@@ -104,33 +104,12 @@ def _line(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, 
     line["accuracy_ci"] = line.pop("ci")
     for key in ("probes", "seconds"):
         found = cluster_bootstrap(
-            [float(getattr(one, key).mean()) for one in sessions], np.random.default_rng(18)
+            [float(getattr(one, key).mean()) for one in sessions],
+            np.random.default_rng(18),
+            within=(0.0, np.inf),
         )
         line[f"{key}_ci"] = [found.low, found.high]
-    line["ece_ci"] = calibration_interval(sessions, np.random.default_rng(19))
     return line
-
-
-def calibration_interval(
-    sessions: Sequence[Outcomes], rng: np.random.Generator, *, bin_count: int = 10, resamples: int = 1000
-) -> list[float]:
-    """Return the 95 % interval over sessions of the expected calibration error.
-
-    Args:
-        sessions: Outcomes, a session each.
-        rng: Draws sessions with replacement.
-        bin_count: Equal bins of confidence.
-        resamples: How often.
-    """
-    gaps, trials = np.zeros((len(sessions), bin_count)), 0
-    for row, one in zip(gaps, sessions, strict=True):
-        stated = np.clip(one.confidence, 0.0, 1.0)
-        which = np.clip(np.ceil(stated * bin_count).astype(np.int64) - 1, 0, bin_count - 1)
-        row += np.bincount(which, weights=stated - one.correct, minlength=bin_count)
-        trials += stated.size
-    drawn = gaps[rng.integers(0, len(sessions), (resamples, len(sessions)))].sum(axis=1)
-    errors = np.abs(drawn).sum(axis=1) / trials  # sessions are equally long
-    return [float(x) for x in np.quantile(errors, [0.025, 0.975])]
 
 
 def sessions_of(

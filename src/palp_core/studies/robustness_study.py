@@ -18,6 +18,7 @@ import numpy as np
 
 from palp_core.perception.isospectral_family import figure5_family
 from palp_core.studies.contact_page import figure, write_page
+from palp_core.studies.kept import Kept
 from palp_core.studies.paper_jobs import seeds
 from palp_core.studies.robustness_cells import Cell, cells
 from palp_core.studies.robustness_charts import differences_chart, factors_chart, family_chart
@@ -56,6 +57,8 @@ class Size:
     walk: int = 1000
 
 
+CELLS = "cells.jsonl"
+
 FULL, QUICK = Size(), Size(sessions=4, trials=20, members=6, walk=60)
 
 
@@ -63,7 +66,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     """Run every cell, write tables and charts, and return the page.
 
     Args:
-        out: Folder for the files; made if missing.
+        out: Folder for the files; made if missing. Cells that it holds already are not run again.
         quick: The ends of each factor, few sessions.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
@@ -74,10 +77,11 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     named = tuple(seeds(40, seed, size.sessions))
     jobs = [CellJob(cell, tuple(DESIGNS.items()), named) for cell in varied]
     centre = next(job for job in jobs if not job.cell.factor)
-    found = spread(run_cell, jobs, workers=workers, dask=dask, label="cells")
+    kept = Kept(out / CELLS)
+    found = spread(run_cell, jobs, label="cells", workers=workers, dask=dask, kept=kept)
     lines = {cell.name: one for cell, one in zip(varied, found, strict=True)}
     claims = _claims(lines)
-    worse = _worse(varied, claims, named, workers, dask)
+    worse = _worse(varied, claims, named, workers, dask, kept)
     report: Report = {
         "quick": quick,
         "seed": seed,
@@ -182,6 +186,7 @@ def _worse(
     named: tuple[tuple[int, ...], ...],
     workers: int,
     dask: str,
+    kept: Kept,
 ) -> list[dict[str, Any]]:
     """Return every cell where a claim fails, or may fail, run again with one thing changed at a time."""
     by_name = {cell.name: cell for cell in varied}
@@ -201,7 +206,14 @@ def _worse(
     found = dict(
         zip(
             changes,
-            spread(run_cell, list(changes.values()), workers=workers, dask=dask, label="reasons"),
+            spread(
+                run_cell,
+                list(changes.values()),
+                label="reasons",
+                workers=workers,
+                dask=dask,
+                kept=kept,
+            ),
             strict=True,
         )
     )

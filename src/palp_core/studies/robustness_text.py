@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.studies.contact_page import paragraph, table
-from palp_core.studies.robustness_claim import CHANGES
+from palp_core.studies.robustness_claim import CHANGES, LEVEL
 
 __all__ = ["page_parts", "reasons"]
 
@@ -99,6 +99,21 @@ def _how(report: Mapping[str, Any]) -> list[str]:
             "largest of a dozen noisy means is too large. A suspected cell is one whose own interval lies "
             "below 0 though it is not significant among all: of 40 cells one does so by chance."
         ),
+        *_too_few(int(report["sessions"]), len(report["cells"])),
+    ]
+
+
+def _too_few(sessions: int, cells: int) -> list[str]:
+    """Return a caution where no cell could be significant, whatever was found."""
+    least = 2.0 ** (1 - sessions) * cells
+    if least < LEVEL:
+        return []
+    return [
+        paragraph(
+            f"With {sessions} sessions the least p that signs can give is {2.0 ** (1 - sessions):.2g}, and "
+            f"{min(least, 1.0):.2g} among {cells} cells: no cell can be significant here, and that none is "
+            "says nothing. Run without --quick."
+        )
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -129,12 +129,11 @@ def read_session(out: str | Path) -> Session:
     taught_m = tuple(sorted({row.depth_m for row in rows if row.phase == "training"}))
     grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
     depths_m = taught_m if grid else believed_m
-    every = list(_trials(rows, believed_m, depths_m))
-    if grid:
-        rows = [_counted(row, believed_m, depths_m) for row in rows]
+    counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
+    every = list(_trials(rows, counted, believed_m, depths_m))
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     unfinished = len(every) - len(ended)
-    return Session(folder, tuple(rows), depths_m, _primitives(folder, rows), ended, unfinished, grid)
+    return Session(folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid)
 
 
 def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Row:
@@ -155,19 +154,17 @@ def _classes(folder: Path) -> tuple[float, ...]:
     return tuple(float(label.removesuffix("mm")) / 1e3 for label in labels)
 
 
-def _trials(rows: Iterable[Row], believed_m: Sequence[float], depths_m: Sequence[float]) -> Iterable[Trial]:
-    estimation = (row for row in rows if row.phase == "estimation")
-    for _, group in groupby(estimation, key=lambda row: row.trial):
-        probes = list(group)
-        mean_m = float(np.dot(probes[-1].posterior, believed_m))
-        if len(believed_m) != len(depths_m):
-            probes = [_counted(row, believed_m, depths_m) for row in probes]
-        last = probes[-1]
-        estimate_m = (
-            believed_m[int(np.argmax(last.posterior))] if last.estimate_m is None else last.estimate_m
-        )
+def _trials(
+    rows: Sequence[Row], counted: Sequence[Row], believed_m: Sequence[float], depths_m: Sequence[float]
+) -> Iterator[Trial]:
+    """Give the trials of estimation, their probes as counted; the mean depth is the belief's own."""
+    pairs = (pair for pair in zip(rows, counted, strict=True) if pair[0].phase == "estimation")
+    for _, group in groupby(pairs, key=lambda pair: pair[0].trial):
+        raw, probes = zip(*group, strict=True)
+        believed, last = raw[-1].posterior, probes[-1]
+        estimate_m = believed_m[int(np.argmax(believed))] if last.estimate_m is None else last.estimate_m
         stated = last.posterior[int(np.argmin(np.abs(np.array(depths_m) - estimate_m)))]
-        yield Trial(tuple(probes), mean_m, min(stated, 1.0))
+        yield Trial(probes, float(np.dot(believed, believed_m)), min(stated, 1.0))
 
 
 def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from palp_core.bag.reader import Bag
 from palp_core.errors import PalpError
@@ -17,6 +20,7 @@ __all__ = ["StoredSession", "StoredSweep", "read_sessions", "read_stored"]
 
 _TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
 _RING = "/actuator/ring_state"
+_TRUTH = "/phantom/truth"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +75,28 @@ def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
     """Read sessions, each its own: one that counts twice makes intervals too narrow.
 
     Raises:
-        PalpError: One is named twice, or cannot be read.
+        PalpError: One is named twice, also as folder and bag, or cannot be read.
         BagError: A bag cannot be read.
     """
     places = [path.resolve() for path in paths]
     for path, place in zip(paths, places, strict=True):
         if places.count(place) > 1:
             raise PalpError(f"{path}: named twice; a session counts once")
-    return [read_stored(path) for path in paths]
+    sessions = [read_stored(path) for path in paths]
+    seen: dict[bytes, Path] = {}
+    for session in sessions:
+        other = seen.setdefault(_fingerprint(session), session.path)
+        if other is not session.path:
+            raise PalpError(f"{session.path}: holds the sweeps of {other}; a session counts once")
+    return sessions
+
+
+def _fingerprint(session: StoredSession) -> bytes:
+    """Return what two copies of a session have in common: every sample of every sweep."""
+    digest = hashlib.sha256()
+    for sweep in session.sweeps:
+        digest.update(np.ascontiguousarray(sweep.torque_n_m, dtype=np.float64).tobytes())
+    return digest.digest()
 
 
 def read_stored(path: Path) -> StoredSession:
@@ -117,7 +135,7 @@ def _rehomes(folder: Path) -> bool | None:
 
 
 def _of_bag(path: Path) -> Iterator[StoredSweep]:
-    """Yield the bag's sweeps; a phantom's depth in estimation is what training told of its code."""
+    """Yield the bag's sweeps; a phantom's depth is what was recorded of it, else what training told."""
     with Bag(path) as bag:
         missing = [topic for topic in _TOPICS if topic not in bag.topics()]
         if missing:
@@ -125,9 +143,8 @@ def _of_bag(path: Path) -> Iterator[StoredSweep]:
                 f"{path}: has no {', '.join(missing)}; record the whole run: palp launch FILE --record DIR"
             )
         told = _RING in bag.topics()
-        messages = list(
-            bag.messages((*_TOPICS, _RING) if told else _TOPICS)
-        )  # in the order of recording: a mount follows its last sweep
+        there = [topic for topic in (*_TOPICS, _RING, _TRUTH) if topic in bag.topics()]
+        messages = list(bag.messages(there))  # in the order of recording: a mount follows its last sweep
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
     homed, ring_m = False, -1.0
@@ -139,6 +156,8 @@ def _of_bag(path: Path) -> Iterator[StoredSweep]:
             trial = value
             if value.label_known:
                 depths[code] = value.depth_m
+        elif message.topic == _TRUTH:
+            depths[value.code] = value.depth_m
         elif message.topic == _RING:
             homed = homed or value.rehome
         elif trial is not None and value.trial == trial.trial:

@@ -18,7 +18,7 @@ from palp_core.perception.ring_curve import LEAST_RINGS, ring_curve
 from palp_core.studies.touch import RESOLUTION_N_M, Touch
 from palp_core.units import Float64Array
 
-__all__ = ["Conditions", "Draws", "Trained", "draw", "offset_model", "train"]
+__all__ = ["Conditions", "Draws", "Trained", "draw", "offset_model", "specimens", "train"]
 
 _SPREAD = {"uniform": 1 / np.sqrt(3.0), "normal": 0.5, "triangular": 1 / np.sqrt(6.0), "two_sided": 1.0}
 """Standard deviation of a landing in units of the repeatability."""
@@ -38,10 +38,15 @@ class Conditions:
             (blocked, not re-homed). Not published.
         training_mounts: Training mounts the phantom ``once`` a depth (blocked by depth), or anew for each
             ``palpation``, as an order that alternates between depths (Table 3) has to.
+        specimens: Phantoms per depth, in turn in training and in estimation; 1 as published, so that a depth
+            cannot be told from its phantom.
+        specimen_sd_m: Spread of the phantoms of a depth, as the height of the surface that feels alike; not
+            published. Of the gel's modulus 4 % are as much as 0.1 mm of 4 mm, force being E h^1.5.
         trials: Trials per depth; 100 as published.
         remount: Whether the phantom is put on anew for every trial, or once a phase. Not published.
-        rehome: Whether the ring is re-homed before each trial. If not, a ring that never moves keeps one
-            landing for all trials of a phantom. Not published.
+        rehome: Whether the ring is re-homed before each trial. If not, a fixed ring keeps one landing for all
+            trials of a phantom; a policy that moves it begins a trial elsewhere than it ended the last, and
+            lands anew either way (that it may begin where it ended is left out). Not published.
         landing: A ``move`` lands anew; or each ``level`` has one landing for the whole of estimation.
         drift_n_m: Spread of a bias that comes between training and estimation, N m.
         same_reading: Whether a trial's later probes repeat its first reading wherever the ring is the same.
@@ -54,6 +59,8 @@ class Conditions:
     training: int = 25
     training_lands: str = "each"
     training_mounts: str = "once"
+    specimens: int = 1
+    specimen_sd_m: float = 0.0
     trials: int = 100
     remount: bool = False
     rehome: bool = True
@@ -73,6 +80,11 @@ class Conditions:
                 raise PalpError(f"no {name} '{getattr(self, name)}'; use one of {', '.join(allowed)}")
         if self.training < 2 or self.trials < 1 or self.max_probes < 1:
             raise PalpError("training needs 2 palpations a cell, a session one trial of one probe, at least")
+        if not 1 <= self.specimens <= min(self.training, self.trials):
+            raise PalpError(
+                f"{self.specimens} phantoms per depth; choose 1 or more, no more than there are trials and "
+                "palpations of a cell of training"
+            )
 
     @property
     def ring_sd_m(self) -> float:
@@ -113,6 +125,7 @@ class Draws:
         depth: Class, shape (n,).
         height_m: Height of the surface, shape (n,).
         landing_m: Landing error if the ring moves before this probe, shape (n, t).
+        fixed_landing_m: That of a fixed ring, kept from trial to trial without re-homing, shape (n,).
         level_landing_m: Landing error of each level, shape (k,); used with one landing per level.
         noise: Standard normal, shape (n, t).
         uniforms: For the policy, shape (n, t).
@@ -122,18 +135,38 @@ class Draws:
     depth: NDArray[np.int64]
     height_m: Float64Array
     landing_m: Float64Array
+    fixed_landing_m: Float64Array
     level_landing_m: Float64Array
     noise: Float64Array
     uniforms: Float64Array
     bias_n_m: float
 
 
-def train(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Trained:
-    """Return what a training on the rig leaves: every depth at every ring position."""
+def specimens(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Float64Array:
+    """Return what the phantoms of each depth are off by, as heights, shape (m, specimens)."""
+    shape = (len(touch.gel.depths_m), conditions.specimens)
+    return np.asarray(conditions.specimen_sd_m * rng.standard_normal(shape))
+
+
+def train(
+    touch: Touch, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
+) -> Trained:
+    """Return what a training on the rig leaves: every depth at every ring position.
+
+    Args:
+        touch: What is felt.
+        conditions: The rig and the experiment.
+        rng: Draws mountings, landings and noise.
+        off_m: What the phantoms are off by, as of :func:`specimens`; None: nothing.
+    """
     m, k = len(touch.gel.depths_m), len(touch.gel.rings_m)
-    count = conditions.training
-    mounts = (m, 1, 1) if conditions.training_mounts == "once" else (m, k, count)
-    height_m = conditions.height_sd_m * rng.standard_normal(mounts)
+    count, phantoms = conditions.training, conditions.specimens
+    turn = np.arange(count) % phantoms
+    once = conditions.training_mounts == "once"
+    height_m = conditions.height_sd_m * rng.standard_normal((m, 1, phantoms) if once else (m, k, count))
+    height_m = height_m[..., turn] if once else height_m
+    if off_m is not None:
+        height_m = height_m + off_m[:, None, turn]
     landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
     depth, ring, _ = np.indices((m, k, count))
     readings = touch.reading(
@@ -154,21 +187,26 @@ def train(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Tra
     return Trained(primitives, readings.reshape(depth.shape))
 
 
-def draw(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Draws:
-    """Return the luck of a session's trials: ``trials`` of every depth."""
+def draw(
+    touch: Touch, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
+) -> Draws:
+    """Return the luck of a session's trials: ``trials`` of every depth; the arguments are :func:`train`'s."""
     m, count = len(touch.gel.depths_m), conditions.trials
     shape = (m * count, conditions.max_probes)
     depth = np.repeat(np.arange(m), count)
     height_m = conditions.height_sd_m * rng.standard_normal((m, count))
+    turn = np.arange(count) % conditions.specimens
     if not conditions.remount:
-        height_m = np.broadcast_to(height_m[:, :1], height_m.shape)
+        height_m = height_m[:, turn]
+    if off_m is not None:
+        height_m = height_m + off_m[:, turn]
     landing_m = conditions.landings_m(rng, shape)
-    if not conditions.rehome:
-        landing_m[:, 0] = np.repeat(landing_m[::count, 0], count)
+    own_m = landing_m[:, 0]
     return Draws(
         depth,
         height_m.ravel(),
         landing_m,
+        own_m if conditions.rehome else np.repeat(own_m[::count], count),
         conditions.landings_m(rng, (len(touch.gel.rings_m),)),
         rng.standard_normal(shape),
         rng.random(shape),
@@ -184,7 +222,8 @@ def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> Offs
     ring through the session's own, where there are rings enough and the cells do not contradict it. Known
     from the rig, not from this session: the spreads of landing and height, the sensor's noise, and how a
     reading answers to both offsets. A height counts against that of the training's mounting, hence its
-    variance twice; against their mean where training had many.
+    variance twice; against their mean where training had many. A phantom counts against the mean of its
+    depth's, which it is part of.
     """
     mean, rings_m = trained.primitives.mean, trained.primitives.rings_m
     landings = conditions.training if conditions.training_lands == "each" else 1
@@ -198,8 +237,12 @@ def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> Offs
         root = error_sd[..., None] * np.eye(len(rings_m))
     own = np.stack([ring, touch.height_slope()], axis=-1)
     slope = np.concatenate([own, root], axis=-1)[:, :, None, :]
-    mounts = 1 if conditions.training_mounts == "once" else conditions.training
-    height_sd = np.sqrt(1.0 + 1.0 / mounts) * conditions.height_sd_m
+    phantoms = conditions.specimens
+    mounts = phantoms if conditions.training_mounts == "once" else conditions.training
+    height_sd = np.hypot(
+        np.sqrt(1.0 + 1.0 / mounts) * conditions.height_sd_m,
+        np.sqrt(1.0 - 1.0 / phantoms) * conditions.specimen_sd_m,
+    )
     left = root.shape[-1]
     offset_sd = np.array([sd, height_sd, *[1.0] * left])
     return OffsetModel(

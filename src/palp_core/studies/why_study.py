@@ -81,14 +81,21 @@ def why_session(job: WhyJob) -> dict[str, Outcomes]:
     return {name: run_policy(name, session, stop) for name in job.policies}
 
 
+HOLDS = {"H2": "H1"}
+"""A hypothesis that has another in it: a ring that lands exactly has no landing to keep."""
+
+
 def cells() -> dict[str, tuple[str, ...]]:
-    """Return the hypotheses of each run: none, each alone, all, and all but each."""
+    """Return the hypotheses of each run: none, each alone, all, and all but each and what holds it."""
     every = tuple(HYPOTHESES)
     return {
         "control": (),
         **{f"only {name}": (name,) for name in every},
         "all": every,
-        **{f"all but {name}": tuple(other for other in every if other != name) for name in every},
+        **{
+            f"all but {name}": tuple(one for one in every if name not in (one, HOLDS.get(one)))
+            for name in every
+        },
     }
 
 
@@ -128,23 +135,32 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     """
     count, trials = (4, 10) if quick else (20, 40)
     felt = touch(Gel())
-    rows = []
-    for name, held in cells().items():
-        policies = FIXED if "H3" in held else FIXED[1:]
-        conditions = conditions_of(held, trials)
-        jobs = [WhyJob(felt, conditions, s, policies, "H4" in held) for s in seeds(30, seed, count)]
-        found = spread(why_session, jobs, workers=workers, dask=dask)
-        sessions = {policy: [one[policy] for one in found] for policy in policies}
-        rows.append({"cell": name, **_line(sessions, felt.gel.depths_m)})
-    crossed = []
+    jobs = [
+        WhyJob(felt, conditions_of(held, trials), s, FIXED if "H3" in held else FIXED[1:], "H4" in held)
+        for held in cells().values()
+        for s in seeds(30, seed, count)
+    ]
+    found = spread(why_session, jobs, label="sessions", workers=workers, dask=dask)
+    of_cells = dict(zip(cells(), _by_cell(found, count), strict=True))
+    rows = [{"cell": name, **_line(one, felt.gel.depths_m)} for name, one in of_cells.items()]
+    jobs = [
+        WhyJob(felt, conditions, s, (policy,), True)
+        for conditions, policy in grid(trials).values()
+        for s in seeds(31, seed, count)
+    ]
+    found = spread(why_session, jobs, label="sessions, crossed", workers=workers, dask=dask)
     names = ("level", "ring_error", "height", "training", "rehomed")
-    for key, (conditions, policy) in grid(trials).items():
-        jobs = [WhyJob(felt, conditions, s, (policy,), True) for s in seeds(31, seed, count)]
-        found = spread(why_session, jobs, workers=workers, dask=dask)
-        line = _line({policy: [one[policy] for one in found]}, felt.gel.depths_m)
-        crossed.append({**dict(zip(names, key, strict=True)), **line})
+    crossed = [
+        {**dict(zip(names, key, strict=True)), **_line(one, felt.gel.depths_m)}
+        for key, one in zip(grid(trials), _by_cell(found, count), strict=True)
+    ]
     out.mkdir(parents=True, exist_ok=True)
-    report = {"hypotheses": {k: v[0] for k, v in HYPOTHESES.items()}, "cells": rows, "grid": crossed}
+    report: dict[str, Any] = {
+        "hypotheses": {k: v[0] for k, v in HYPOTHESES.items()},
+        "cells": rows,
+        "control": by_position(of_cells["control"]),
+        "grid": crossed,
+    }
     (out / "why.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
     with (out / "why_grid.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(crossed[0]), lineterminator="\n")
@@ -158,9 +174,16 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
             _meanings(),
             figure(_chart(rows), out, svg=False),
             _table(rows),
+            _control(report["control"]),
             _crossed(crossed, names),
         ],
     )
+
+
+def _by_cell(found: Sequence[dict[str, Outcomes]], count: int) -> list[dict[str, list[Outcomes]]]:
+    """Return outcomes by policy for each cell; sessions come cell by cell, ``count`` of each."""
+    parts = [found[begin : begin + count] for begin in range(0, len(found), count)]
+    return [{policy: [one[policy] for one in part] for policy in part[0]} for part in parts]
 
 
 def _line(sessions: dict[str, list[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
@@ -170,7 +193,7 @@ def _line(sessions: dict[str, list[Outcomes]], depths_m: Sequence[float]) -> dic
         np.mean([one.right[:, -1].mean() - one.right[:, 0].mean() for one in row])
         for row in zip(*sessions.values(), strict=True)
     ]
-    progress = cluster_bootstrap(np.array(gains), np.random.default_rng(15))
+    progress = cluster_bootstrap(np.array(gains), np.random.default_rng(15), within=(-1.0, 1.0))
     worst = min(
         summarise(found, depths_m)["accuracy"] for name, found in sessions.items() if name != "fixed_0"
     )
@@ -186,6 +209,22 @@ def _line(sessions: dict[str, list[Outcomes]], depths_m: Sequence[float]) -> dic
         "progress_high": progress.high,
         "worst_stiff": worst,
     }
+
+
+def by_position(sessions: dict[str, list[Outcomes]]) -> dict[str, list[float]]:
+    """Return by policy the share that is right after the first probe and after the last."""
+    return {
+        name: np.mean([one.right[:, [0, -1]].mean(axis=0) for one in found], axis=0).tolist()
+        for name, found in sessions.items()
+    }
+
+
+def _control(lines: dict[str, list[float]]) -> str:
+    words = "; ".join(
+        f"{name.replace('_', ' ')}: {100 * first:.1f} %, then {100 * last:.1f} %"
+        for name, (first, last) in lines.items()
+    )
+    return paragraph(f"The control, right after the first probe and after the {PROBES}th. {words}.")
 
 
 def _lead(rows: Sequence[dict[str, Any]]) -> str:

@@ -19,11 +19,11 @@ from palp_core.devices.emulator.axis import Axis, AxisSettings
 from palp_core.devices.sim.emg import SimEmg
 from palp_core.devices.sim.ring import RingState, SimRing
 from palp_core.errors import DeviceError
-from palp_core.mechanics import ContactModel, Probe, solve
+from palp_core.mechanics import ContactModel, solve
 from palp_core.mechanics.scene_rig import Rig, rig
 from palp_core.units import Float64Array
 
-__all__ = ["World", "WorldSettings"]
+__all__ = ["GuardMet", "World", "WorldSettings"]
 
 _STEP_M = 50e-6
 _LOWEST_RING_M = -0.6e-3  # twice the actuator's repeatability; the joint is unstable from -1 mm on
@@ -70,6 +70,15 @@ class WorldSettings:
     force_noise_sd_n: float = 1.0 / 320
 
 
+@dataclass(frozen=True)
+class GuardMet:
+    """What the mechanics have to say of the contact that the probe felt: a region in which a method fails."""
+
+    code: str
+    ring_m: float
+    words: tuple[str, ...]
+
+
 class World:
     """The state of the emulated rig. Used by one thread; a second one solves sweeps ahead of need.
 
@@ -78,6 +87,7 @@ class World:
         load_n_m: Torque that somebody puts on the sensor beside the phantom, about its axis x.
         felt_ns: When the sensor took the first sample with it; 0: none yet.
         felt_y_m: Where the stage was then.
+        guards: What was met, once per mounting and ring that touched; whoever tells it takes it away.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
@@ -91,10 +101,12 @@ class World:
         self.saturated_gauges: tuple[int, ...] = ()
         self.put_on(0.0)
         self.sensor_status = 0
+        self._met: GuardMet | None = None
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
         self.emg = SimEmg(matrix=_EQUAL)
         self.log: deque[tuple[int, int, str]] = deque(maxlen=_LOG_LENGTH)
+        self.guards: deque[GuardMet] = deque(maxlen=_LOG_LENGTH)
         self._rig = rig(
             phantoms=settings.phantoms, scene=settings.scene, indentation_m=settings.indentation_m
         )
@@ -116,7 +128,7 @@ class World:
         known = self._rig.phantoms
         if code not in known:
             raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")
-        self._indentation_m = self._rig.indentation_m + height_offset_m
+        self._code, self._indentation_m = code, self._rig.indentation_m + height_offset_m
         self._model = self._rig.model(code)
         self._solve()
 
@@ -161,7 +173,10 @@ class World:
         wrench = np.zeros(6)
         share = 1.0 - self.axes["z"].position_m(now_ns) / self._indentation_m
         if share > 0.0:
-            contact = self._contact.result()
+            contact, guard = self._contact.result()
+            if guard is not None and guard is not self._met:
+                self._met = guard
+                self.guards.append(guard)
             place = (self.axes["y"].position_m(now_ns) - self.settings.from_m) / _STEP_M
             place = min(max(place, 0.0), len(contact) - 1.001)
             below, part = int(place), place % 1.0
@@ -195,21 +210,29 @@ class World:
 
     def _solve(self) -> None:
         ring_m = max(_LOWEST_RING_M, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
-        arguments = (self._model, self._rig.probe, ring_m, self._indentation_m)
-        self._contact: Future[Float64Array] = self._solver.submit(
-            _contact, *arguments, self.settings.from_m, self.settings.to_m
+        self._contact: Future[tuple[Float64Array, GuardMet | None]] = self._solver.submit(
+            _contact,
+            self._rig,
+            self._code,
+            self._model,
+            ring_m,
+            self._indentation_m,
+            self.settings.from_m,
+            self.settings.to_m,
         )
 
 
 def _contact(
-    model: ContactModel, probe: Probe, ring_m: float, indentation_m: float, from_m: float, to_m: float
-) -> Float64Array:
-    """Return lateral and normal force and torque at every step of the stretch, shape (n, 3).
+    rig: Rig, code: str, model: ContactModel, ring_m: float, indentation_m: float, from_m: float, to_m: float
+) -> tuple[Float64Array, GuardMet | None]:
+    """Return lateral and normal force and torque at every step of the stretch, shape (n, 3), and guards.
 
     A straight line over 50 um misses a curve of the nodule's width by a few nN m.
     """
-    table = solve(model, probe, ring_m, indentation_m, from_m, to_m)
+    table = solve(model, rig.probe, ring_m, indentation_m, from_m, to_m)
+    words = rig.met(code, table.solved)
     stage_m = np.clip(
         from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), table.low_m, table.high_m
     )
-    return np.column_stack([table.lateral_n(stage_m), table.normal_n(stage_m), table.torque_n_m(stage_m)])
+    loads = np.column_stack([table.lateral_n(stage_m), table.normal_n(stage_m), table.torque_n_m(stage_m)])
+    return loads, GuardMet(code, ring_m, words) if words else None

@@ -84,8 +84,9 @@ class Fault(IntFlag):
 
     @property
     def words(self) -> str:
-        """The set bits in words."""
-        return ", ".join(bit.name.lower().replace("_", " ") for bit in self if bit.name) or "none"
+        """The set bits in words; one without a name by its number."""
+        known = {bit.value: bit.name.lower().replace("_", " ") for bit in self if bit.name}
+        return ", ".join(known.get(1 << k, f"bit {k}") for k in range(32) if self & 1 << k) or "none"
 
 
 def command(text: str) -> bytes:

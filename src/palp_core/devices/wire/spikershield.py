@@ -13,6 +13,7 @@ __all__ = ["BAUD", "Decoder", "configuration"]
 BAUD = 230400
 _ESCAPE = re.compile(rb"\xff\xff\x01\x01\x80\xff.*?\xff\xff\x01\x01\x81\xff", re.DOTALL)
 _ESCAPE_BEGIN = b"\xff\xff\x01\x01\x80\xff"
+_LONGEST_MESSAGE = 256  # bytes (assumed): a mark whose end does not come by then is none
 
 
 def configuration(total_rate_hz: int, channel_count: int) -> bytes:
@@ -33,20 +34,22 @@ class Decoder:
 
     def feed(self, data: bytes) -> tuple[Float64Array, bool]:
         """Return the samples that are complete now, shape (n, channels), and whether bytes were dropped."""
-        text = _ESCAPE.sub(b"", self._rest + data)
+        text, dropped = _ESCAPE.sub(b"", self._rest + data), 0
         held = text.find(_ESCAPE_BEGIN)
-        text, self._rest = (text, b"") if held < 0 else (text[:held], text[held:])
-        array = np.frombuffer(text, dtype=np.uint8)
+        if held >= 0 and len(text) - held > _LONGEST_MESSAGE:
+            text, dropped = text.replace(_ESCAPE_BEGIN, b"", 1), len(_ESCAPE_BEGIN)
+            held = text.find(_ESCAPE_BEGIN)
+        if held < 0:
+            held = len(text) - _begun(text)
+        array = np.frombuffer(text[:held], dtype=np.uint8)
         starts = np.flatnonzero(array & 0x80)
         ends = np.append(starts[1:], len(array))
         whole = ends - starts >= self._frame
         good = starts[whole]
         kept = len(good) * self._frame
-        tail = 0
-        if held < 0 and len(starts) and not whole[-1]:
-            tail = len(array) - int(starts[-1])
-            self._rest = text[len(text) - tail :]
-        dropped = len(array) - kept - tail
+        tail = len(array) - int(starts[-1]) if len(starts) and not whole[-1] else 0
+        self._rest = text[held - tail :]
+        dropped += len(array) - kept - tail
         self.dropped_count += dropped
         frames = (
             array[good[:, None] + np.arange(self._frame)]
@@ -55,3 +58,9 @@ class Decoder:
         )
         values = (frames[:, 0::2].astype(np.float64) % 128.0) * 128.0 + frames[:, 1::2]
         return values, dropped > 0
+
+
+def _begun(text: bytes) -> int:
+    """Return how many bytes at the end of a text may be the beginning of an escape mark."""
+    lengths = range(len(_ESCAPE_BEGIN) - 1, 0, -1)
+    return next((n for n in lengths if text.endswith(_ESCAPE_BEGIN[:n])), 0)

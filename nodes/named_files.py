@@ -1,0 +1,24 @@
+"""What is wrong with the files that parameters name, said before anything starts."""
+
+from __future__ import annotations
+
+from palp_core.errors import PerceptionError
+from palp_core.mechanics import phantom_file
+from palp_core.perception.rig_noise import read_noise
+
+__all__ = ["file_mistakes"]
+
+
+def file_mistakes(params: object) -> dict[str, str]:
+    """Return what is wrong with the files of ``scene``, ``phantoms`` and ``noise``, by parameter.
+
+    Args:
+        params: Parameters of a node; it may lack any of them, and an empty name is no file.
+    """
+    found = phantom_file.file_mistakes(params)
+    if path := getattr(params, "noise", ""):
+        try:
+            read_noise(path)
+        except PerceptionError as error:
+            found["noise"] = str(error)
+    return found

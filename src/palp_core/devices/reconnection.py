@@ -1,0 +1,73 @@
+"""Connect again in a thread: whoever must stop a stage waits for no address."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+from palp_core.errors import DeviceError
+
+__all__ = ["Reconnection"]
+
+
+class Closable(Protocol):
+    """A connection."""
+
+    def close(self) -> None: ...
+
+
+C = TypeVar("C", bound=Closable)
+
+
+class Reconnection(Generic[C]):
+    """Try until it succeeds; the connection is fetched by :meth:`take`.
+
+    An address that nobody refuses takes seconds to fail, in which nobody would be heard.
+
+    Args:
+        connect: Connects, or raises a DeviceError.
+        pause_s: Between two attempts.
+    """
+
+    def __init__(self, connect: Callable[[], C], pause_s: float = 0.1) -> None:
+        self._connect, self._pause_s = connect, pause_s
+        self._lock, self._closing = threading.Lock(), threading.Event()
+        self._thread: threading.Thread | None = None
+        self._found: C | None = None
+
+    def begin(self) -> bool:
+        """Begin to try; tell whether it did not already."""
+        with self._lock:
+            if self._thread is not None or self._closing.is_set():
+                return False
+            self._thread = threading.Thread(target=self._run, name="palp-reconnection", daemon=True)
+            self._thread.start()
+            return True
+
+    def take(self) -> C | None:
+        """Return the connection once there is one, and to the first who asks."""
+        with self._lock:
+            found, self._found = self._found, None
+            if found is not None:
+                self._thread = None
+            return found
+
+    def close(self) -> None:
+        """End the attempts; a connection that is made after this is closed at once. Waits for nothing."""
+        self._closing.set()
+        if (found := self.take()) is not None:
+            found.close()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            try:
+                found = self._connect()
+            except DeviceError:
+                self._closing.wait(self._pause_s)
+                continue
+            with self._lock:
+                self._found = found
+            break
+        if self._closing.is_set():
+            self.close()

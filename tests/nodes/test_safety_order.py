@@ -1,0 +1,77 @@
+"""What the safety node hears late or early: words from before a stop, a release or a sample are void."""
+
+from __future__ import annotations
+
+import pytest
+
+from msgs.safety import StopRequest
+from nodes.safety import Safety
+from palp_core.devices.aerotech_stop import AxisReport
+from palp_core.devices.wire.aerotech import Fault
+from tests.nodes.test_safety import Watched, sweeping
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+def test_a_fault_that_an_axis_told_before_motion_was_permitted_is_none_after(watched: Watched) -> None:
+    watched.link.report = AxisReport("X", Fault.E_STOP, moving=False, enabled=False)
+    watched.link.asked_ns = lambda: 0
+    watched.run(0.1)
+    assert (watched.status.state, watched.trips()) == ("ready", [])
+    watched.link.asked_ns = lambda: watched.now_ns
+    watched.run(0.02)
+    assert watched.trips() == ["axis fault"]
+
+
+def test_a_trip_tells_when_its_cause_was_measured_and_not_when_it_was_heard(watched: Watched) -> None:
+    watched.run(0.1)
+    taken_ns = watched.now_ns - 4 * MS
+    watched.load(sample_ns=taken_ns, torque_n_m=0.101)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.cause_ns == taken_ns
+    assert trip.stamp_ns == watched.now_ns
+
+
+def test_what_the_stage_said_before_the_stop_is_no_new_motion(watched: Watched) -> None:
+    sweeping(watched)
+    said_ns = watched.now_ns
+    watched.bench.clock.set(said_ns + MS)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.see(stamp_ns=said_ns, moving=True)
+    assert watched.link.calls == ["abort", "disable"]
+    assert watched.status.state == "latched"
+    watched.bench.clock.set(said_ns + 2 * MS)
+    watched.see(moving=True)
+    assert watched.link.calls == ["abort", "disable"] * 2
+
+
+def test_a_watch_that_comes_late_permits_nothing_that_it_has_not_heard(watched: Watched) -> None:
+    watched.silent = {"ring"}
+    watched.run(0.1)
+    watched.bench.clock.set(watched.now_ns + 35 * MS)
+    watched.bench.advance(0.0)
+    assert watched.status.state == "starting"
+
+
+def test_a_report_without_a_sample_is_not_in_the_record_of_a_trip(watched: Watched) -> None:
+    watched.run(0.1)
+    watched.load(sample_count=0, torque_n_m=0.0, force_n=0.0)
+    watched.load(torque_n_m=0.101)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.torque_n_m.min() > 0.0
+
+
+def test_a_sample_from_the_future_does_not_wipe_out_the_last_second(watched: Watched) -> None:
+    watched.run(2.0)
+    watched.load(sample_ns=watched.now_ns + 10_000 * MS)
+    watched.run(1.5)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.cause == "stale"
+    assert len(trip.load_time_s) == pytest.approx(200, abs=10)
+    watched.load(torque_n_m=0.2)
+    assert len(watched.bench.node.memory._loads) < 300
