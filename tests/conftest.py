@@ -31,6 +31,7 @@ def pytest_configure() -> None:
     os.environ["COLUMNS"] = "80"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # the tests themselves run in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup, what is started here would be deaf to it, too
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

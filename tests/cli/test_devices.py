@@ -33,7 +33,7 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(probe, "_LISTEN_S", 1.0)
     monkeypatch.setattr(probe, "_LONGEST_S", 60.0)
     monkeypatch.setattr(ati_session, "_SET_UP_S", 10.0)
-    monkeypatch.setattr(ati_session, "_SILENT_S", 4.0)
+    monkeypatch.setattr(ati_session, "_SILENT_S", 2.0)
     monkeypatch.setattr(socketcand, "_GREETING_S", 10.0)
     monkeypatch.setattr(netft, "_FIRST_S", 10.0)
     monkeypatch.setattr(netft, "_SILENCE_STEPS", 200)

@@ -72,7 +72,7 @@ def patient_set_up(monkeypatch: pytest.MonkeyPatch) -> None:
     Emulator, driver and test share a process, on a host that may be busy.
     """
     monkeypatch.setattr(ati_session, "_SET_UP_S", 4.0)
-    monkeypatch.setattr(ati_session, "_SILENT_S", 4.0)
+    monkeypatch.setattr(ati_session, "_SILENT_S", 2.0)
     monkeypatch.setattr(socketcand, "_GREETING_S", 4.0)
     monkeypatch.setattr(netft, "_FIRST_S", 4.0)
     monkeypatch.setattr(netft, "_SILENCE_STEPS", 40)

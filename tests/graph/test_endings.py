@@ -38,7 +38,10 @@ def assert_readable(out: Path) -> None:
         assert rate_hz == 1000.0
 
 
-@pytest.mark.parametrize("name", RIG_NODES)
+@pytest.mark.parametrize(
+    "name",
+    [*RIG_NODES[:4], *(pytest.param(name, marks=pytest.mark.slow) for name in RIG_NODES[4:])],
+)
 def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
     process = start_rig(palp, tmp_path / "out")
     psutil.Process(node_pid(palp, name)).kill()

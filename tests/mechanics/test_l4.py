@@ -103,6 +103,7 @@ def test_the_force_falls_with_offset_to_that_of_bare_gel(
     assert at(model, model.reach_m, 0.003)[0] == pytest.approx(at(bare, 0.0, 0.003)[0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_deeper_bead_gives_less_and_bare_gel_least(model: HarmonicContact, bare: HarmonicContact) -> None:
     forces = [at(each, 0.0, 0.003)[0] for each in (over(0.002), model, over(0.008), over(0.015), bare)]
     assert forces == sorted(forces, reverse=True)

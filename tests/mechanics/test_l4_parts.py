@@ -144,6 +144,7 @@ def stiffening(fineness: float) -> np.ndarray:
     return np.diag(bead_term(RADIUS_M, 0.002, HEIGHT_M, NU, 0.03, fineness).stiffening(radii, radii))
 
 
+@pytest.mark.slow
 def test_the_bead_converges_at_the_order_of_its_elements() -> None:
     coarse, middle, fine = (stiffening(f) for f in (1.0, 2.0, 3.0))
     errors = [np.abs(each / fine - 1.0).max() for each in (coarse, middle)]
@@ -153,7 +154,9 @@ def test_the_bead_converges_at_the_order_of_its_elements() -> None:
     assert errors[1] < 5e-4
 
 
-@pytest.mark.parametrize("harmonic", [0, 1, 3])
+@pytest.mark.parametrize(
+    "harmonic", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)]
+)
 def test_the_sum_of_squares_is_how_much_less_the_surface_sinks(harmonic: int) -> None:
     """The surface's own displacement, without tractions or energies, is the other route."""
     ring_m = np.array([0.003])

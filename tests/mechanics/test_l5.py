@@ -22,7 +22,9 @@ def model() -> FiniteStrainContact:
     return FiniteStrainContact(OVER, TIP_M)
 
 
-@pytest.mark.parametrize("phantom", [Phantom(), OVER], ids=["bare", "bead"])
+@pytest.mark.parametrize(
+    "phantom", [pytest.param(Phantom(), id="bare"), pytest.param(OVER, id="bead", marks=pytest.mark.slow)]
+)
 def test_it_meets_small_strain_at_small_indentation(phantom: Phantom) -> None:
     small = HarmonicContact(phantom, TIP_M)
     gaps = []
@@ -36,6 +38,7 @@ def test_it_meets_small_strain_at_small_indentation(phantom: Phantom) -> None:
     assert abs(gaps[1]) < abs(gaps[0])
 
 
+@pytest.mark.slow
 def test_the_force_is_the_slope_of_the_energy_and_linear_in_the_modulus(model: FiniteStrainContact) -> None:
     at, step_m = np.linspace(0.0004, 0.003, 9), 1e-7
     slope = (model.energy(ORIGIN, at + step_m) - model.energy(ORIGIN, at - step_m)) / (2 * step_m)

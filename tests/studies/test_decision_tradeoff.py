@@ -48,7 +48,7 @@ def test_the_average_of_the_fixed_positions_is_there_too(monkeypatch: pytest.Mon
 
 
 def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
-    found = limits(touch(Gel()), Conditions())
+    found = limits(touch(Gel()), Conditions(), trial_count=1000)
     for best in (found.independent, found.shared):
         by_probes = sorted(best, key=lambda one: one.probes)
         assert all(np.diff([one.accuracy for one in by_probes]) >= -1e-3)

@@ -151,6 +151,7 @@ def blocks(rng: np.random.Generator, ring: float, height: float) -> list[Block]:
     return [*found, Block("height", 2.0, tuple(groups))]
 
 
+@pytest.mark.slow
 def test_intervals_of_the_components_hold_the_truth() -> None:
     rng, inside = np.random.default_rng(1), []
     for _ in range(12):

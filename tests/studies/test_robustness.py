@@ -103,7 +103,9 @@ def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, fe
     assert np.mean(right) == pytest.approx(1 / 3, abs=0.07)  # 720 trials, four standard errors
 
 
-@pytest.mark.parametrize("name", ["modulus: 5", "modulus: 30", "friction: 0.8"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("modulus: 5", marks=pytest.mark.slow), "modulus: 30", "friction: 0.8"]
+)
 def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
     gel = replace(named(name).gel, rings_m=figure5.RINGS_M[1:])
     steady = replace(CENTRE.conditions, repeatability_m=0.0, height_sd_m=0.0, trials=30)
@@ -179,20 +181,25 @@ def test_a_ring_that_never_errs_in_training_fills_the_promise_of_every_position(
     assert sum(one["begin"] for one in usual.values()) == pytest.approx(1.0)
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("robustness")
+def run_few(folder: Path, workers: int) -> None:
     few = [named("centre", 6), named("training order: not re-homed", 6)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(robustness_study, "cells", lambda **_: few)
         patch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
-        study("robustness").run(folder / "one", quick=True)
-        study("robustness").run(folder / "two", quick=True, workers=2)
+        study("robustness").run(folder, quick=True, workers=workers)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("robustness")
+    run_few(folder / "one", 1)
     return folder
 
 
-def test_the_workers_do_not_change_the_results(out: Path) -> None:
-    one, two = ((out / name / "robustness.json").read_bytes() for name in ("one", "two"))
+@pytest.mark.slow
+def test_the_workers_do_not_change_the_results(out: Path, tmp_path: Path) -> None:
+    run_few(tmp_path, 2)
+    one, two = ((folder / "robustness.json").read_bytes() for folder in (out / "one", tmp_path))
     assert one == two
 
 

@@ -70,12 +70,13 @@ def what_stays(felt: Touch, conditions: Conditions) -> OffsetModel:
     )
 
 
-def limits(felt: Touch, conditions: Conditions) -> Limits:
+def limits(felt: Touch, conditions: Conditions, trial_count: int = 4000) -> Limits:
     """Return the limits for a touch and a rig.
 
     Args:
         felt: What is felt.
         conditions: How much landing and height vary; a landing counts as normal.
+        trial_count: Trials by which the optimum with shared errors is found.
     """
     mean, m = felt.nominal(), len(felt.gel.depths_m)
     ring, height = felt.ring_slope(), felt.height_slope()
@@ -91,7 +92,11 @@ def limits(felt: Touch, conditions: Conditions) -> Limits:
     return Limits(
         tuple(optimum(mean, sd, COSTS)),
         chernoff_information(mean, sd),
-        tuple(shared_optimum(what_stays(felt, conditions), COSTS, np.random.default_rng(_SEED))),
+        tuple(
+            shared_optimum(
+                what_stays(felt, conditions), COSTS, np.random.default_rng(_SEED), trial_count=trial_count
+            )
+        ),
         capacity,
         tuple((float(n), fano_accuracy(n * capacity, m)) for n in np.linspace(0.0, 2.0, 21)),
         tuple((wald_probes(*pair, share), share) for share in shares),

@@ -121,7 +121,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
             rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
     for cost in ("probes", "seconds"):
         mark_front(rows, cost)
-    bounds = limits(touch(Gel()), UNKNOWN)
+    bounds = limits(touch(Gel()), UNKNOWN, 500 if quick else 4000)
     rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
     report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
