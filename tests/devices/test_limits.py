@@ -111,6 +111,25 @@ def test_a_run_longer_than_the_whole_budget_is_refused() -> None:
         DutyCycle(0.2, 10.0).start_ns(0, 3_000_000_000)
 
 
+def test_many_short_runs_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ring that is stopped again and again asks with the heartbeat of the safety node waiting."""
+    duty, looked, used_ns = DutyCycle(0.2, 300.0), [], DutyCycle._used_ns
+
+    def look(cycle: DutyCycle, at_ns: int) -> int:
+        looked.append(at_ns)
+        return used_ns(cycle, at_ns)
+
+    for i in range(1000):
+        duty.ran(i * 100_000_000, i * 100_000_000 + 50_000_000)
+    monkeypatch.setattr(DutyCycle, "_used_ns", look)
+    now_ns = 100_000_000_000
+    assert duty.start_ns(now_ns, 5_000_000_000) == now_ns
+    assert len(looked) == 1
+    start_ns = duty.start_ns(now_ns, 15_000_000_000)  # 5 s are too many: 100 runs, which are over after 10 s
+    assert start_ns + 15_000_000_000 - 300_000_000_000 == pytest.approx(10_000_000_000, abs=101_000_000)
+    assert len(looked) < 50
+
+
 def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict[str, Any]) -> None:
     rig = quick_rig("maestro")
     ring = MaestroRing(**rig.options["maestro"], **patient["maestro"], duty=0.02, duty_window_s=50.0)
