@@ -129,10 +129,7 @@ class AtiSession:
 
     def _exchange(self) -> tuple[bytes, bytes] | None:
         """Ask, and return the data of both replies if they come in time."""
-        try:
-            self._bus.send(self._request)
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        self._send(self._request)
         self._owed += 1
         return self._pair(Patience(self._prompt_s, 2.0 * _LOOK_S))
 
@@ -159,21 +156,31 @@ class AtiSession:
     def _pair(self, patience: Patience, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
         """Return the data of the next two replies that belong together, if they come in time."""
         first: bytes | None = None
-        receive, identifier, over = self._bus.recv, self._id, False
+        receive, identifier, over = self._receive, self._id, False
+        while not over and not (stop and stop.is_set()):
+            over = patience.over()
+            message = receive(0.0 if over else _LOOK_S)
+            if message is None:
+                continue
+            data = message.data
+            if message.arbitration_id == identifier and len(data) == 8:  # our own request has 0
+                first = bytes(data)
+            elif message.arbitration_id == identifier + 1 and len(data) == 6 and first is not None:
+                return first, bytes(data)
+        return None
+
+    def _send(self, message: can.Message) -> None:
         try:
-            while not over and not (stop and stop.is_set()):
-                over = patience.over()
-                message = receive(0.0 if over else _LOOK_S)
-                if message is None:
-                    continue
-                data = message.data
-                if message.arbitration_id == identifier and len(data) == 8:  # our own request has 0
-                    first = bytes(data)
-                elif message.arbitration_id == identifier + 1 and len(data) == 6 and first is not None:
-                    return first, bytes(data)
+            self._bus.send(message)
         except (can.CanError, OSError) as error:
             raise DeviceError(f"ati: the bus is lost: {error}") from error
-        return None
+
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        try:
+            message: can.Message | None = self._bus.recv(timeout_s)
+        except (can.CanError, OSError) as error:
+            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        return message
 
     def _keep(self, stamp_ns: int, first: bytes, second: bytes) -> None:
         late, gap = stamp_ns - self.last_ns > self._gap_ns, self._gap
@@ -199,27 +206,21 @@ class AtiSession:
         self._watch.fresh(now_ns)
 
     def _drop_late(self) -> None:
-        try:
-            while self._bus.recv(0.0) is not None:
-                pass
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        while self._receive(0.0) is not None:
+            pass
 
     def _ask(self, operation: wire.Operation, data: bytes, lengths: list[int]) -> bytes:
         """Return the data of the replies to a set-up question, whose identifiers go up by one."""
         identifier = self._id | operation
         replies: list[bytes] = []
-        try:
-            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
-            patience, over = Patience(_SET_UP_S, _SET_UP_S / 5), False
-            while len(replies) < len(lengths) and not over:
-                over = patience.over()
-                message = self._bus.recv(_SET_UP_S / 10)
-                wanted = (identifier + len(replies), lengths[len(replies)])
-                if message is not None and (message.arbitration_id, len(message.data)) == wanted:
-                    replies.append(bytes(message.data))
-        except (can.CanError, OSError) as error:
-            raise DeviceError(f"ati: the bus is lost: {error}") from error
+        self._send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+        patience, over = Patience(_SET_UP_S, _SET_UP_S / 5), False
+        while len(replies) < len(lengths) and not over:
+            over = patience.over()
+            message = self._receive(_SET_UP_S / 10)
+            wanted = (identifier + len(replies), lengths[len(replies)])
+            if message is not None and (message.arbitration_id, len(message.data)) == wanted:
+                replies.append(bytes(message.data))
         if len(replies) < len(lengths):
             raise DeviceTimeout(
                 f"ati: no answer to {operation.name} on identifier {identifier:#x} within {_SET_UP_S:g} s;"

@@ -170,14 +170,8 @@ class DutyCycle:
         check_range("duty cycle", "run_ns", run_ns, 0, self._budget_ns)
         while self._runs and self._runs[0][1] <= now_ns - self._window_ns:
             self._runs.popleft()
-        if not self._runs or self._runs[-1][1] <= now_ns:  # what has run only falls out of the window
-            return self._refined(now_ns, now_ns + self._window_ns, run_ns)
-        starts = [now_ns, *(end_ns + self._window_ns - run_ns for _, end_ns in self._runs)]
-        starts += [start_ns + self._window_ns for start_ns, _ in self._runs]
-        fitting = [
-            t for t in sorted(starts) if t >= now_ns and self._used_ns(t + run_ns) + run_ns <= self._budget_ns
-        ]
-        return self._refined(now_ns, fitting[0], run_ns)
+        latest_ns = max(now_ns, self._runs[-1][1] if self._runs else now_ns) + self._window_ns
+        return self._refined(now_ns, latest_ns, run_ns)
 
     @property
     def runs(self) -> list[tuple[int, int]]:

@@ -23,6 +23,7 @@ __all__ = [
     "accuracy_by_class",
     "calibration",
     "confusion",
+    "reliability_bins",
     "wilson",
 ]
 
@@ -127,6 +128,12 @@ class Calibration:
     bins: tuple[ReliabilityBin, ...]
 
 
+def reliability_bins(stated: Float64Array, bin_count: int) -> NDArray[np.int64]:
+    """Return the bin of each probability, equal bins over 0 to 1, upper edges inclusive, shape (n,)."""
+    edges = np.linspace(0.0, 1.0, bin_count + 1)
+    return np.clip(np.searchsorted(edges, stated, side="left") - 1, 0, bin_count - 1)
+
+
 def calibration(confidence: Float64Array, correct: Sequence[bool], *, bin_count: int = 10) -> Calibration:
     """Compare the probability of the chosen class with how often it was right.
 
@@ -143,8 +150,7 @@ def calibration(confidence: Float64Array, correct: Sequence[bool], *, bin_count:
         raise PerceptionError(
             "calibration needs one probability and one outcome per trial, and at least one trial"
         )
-    edges = np.linspace(0.0, 1.0, bin_count + 1)
-    which = np.clip(np.searchsorted(edges, stated, side="left") - 1, 0, bin_count - 1)
+    edges, which = np.linspace(0.0, 1.0, bin_count + 1), reliability_bins(stated, bin_count)
     bins = tuple(
         ReliabilityBin(
             float(edges[b]),

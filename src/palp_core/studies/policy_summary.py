@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.perception.resampling import share_interval, widened
-from palp_core.perception.statistics import calibration
+from palp_core.perception.statistics import calibration, reliability_bins
 from palp_core.studies.batch_trials import Outcomes
 from palp_core.units import Float64Array
 
@@ -89,8 +89,9 @@ def calibration_interval(
     gaps = np.zeros((count, bin_count))
     for row, one in zip(gaps, sessions, strict=True):
         stated = np.clip(one.confidence, 0.0, 1.0)
-        which = np.clip(np.ceil(stated * bin_count).astype(np.int64) - 1, 0, bin_count - 1)
-        row += np.bincount(which, weights=stated - one.correct, minlength=bin_count)
+        row += np.bincount(
+            reliability_bins(stated, bin_count), weights=stated - one.correct, minlength=bin_count
+        )
     error = float(np.abs(gaps.sum(axis=0)).sum() / trials)
     if count < 2:
         return [error, error]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntFlag
 
+from palp_core.devices.wire.bits import Bits
 from palp_core.errors import DeviceError
 
 __all__ = [
@@ -53,7 +54,7 @@ class Plane(IntFlag):
     MOVING = 1 << 0
 
 
-class Fault(IntFlag):
+class Fault(Bits):
     """Bits of AXISFAULT."""
 
     POSITION_ERROR = 1 << 0
@@ -81,12 +82,6 @@ class Fault(IntFlag):
     INTERNAL = 1 << 30
 
     LIMITS = CW_END_OF_TRAVEL | CCW_END_OF_TRAVEL | CW_SOFT_LIMIT | CCW_SOFT_LIMIT
-
-    @property
-    def words(self) -> str:
-        """The set bits in words; one without a name by its number."""
-        known = {bit.value: bit.name.lower().replace("_", " ") for bit in self if bit.name}
-        return ", ".join(known.get(1 << k, f"bit {k}") for k in range(32) if self & 1 << k) or "none"
 
 
 def command(text: str) -> bytes:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import IntFlag
-
 from palp_core.devices.checks import check_range
+from palp_core.devices.wire.bits import Bits
 
 __all__ = [
     "LARGEST_INPUT",
@@ -31,7 +30,7 @@ LONGEST_US = 4000.0
 """Longest pulse that a channel can be set to."""
 
 
-class Error(IntFlag):
+class Error(Bits):
     """Bits of the error word."""
 
     SIGNAL = 1 << 0
@@ -43,11 +42,6 @@ class Error(IntFlag):
     SCRIPT_STACK = 1 << 6
     CALL_STACK = 1 << 7
     PROGRAM_COUNTER = 1 << 8
-
-    @property
-    def words(self) -> str:
-        """The set bits in words."""
-        return ", ".join(bit.name.lower().replace("_", " ") for bit in self if bit.name) or "none"
 
 
 def crc7(message: bytes) -> int:

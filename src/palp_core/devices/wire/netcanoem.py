@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 
 import numpy as np
 
+from palp_core.devices.wire.bits import Bits
 from palp_core.units import Float64Array
 
 __all__ = [
@@ -47,7 +48,7 @@ class Operation(IntEnum):
     FIRMWARE = 0xF
 
 
-class Status(IntFlag):
+class Status(Bits):
     """Bits of the status word."""
 
     WATCHDOG_RESET = 1 << 0
@@ -63,11 +64,6 @@ class Status(IntFlag):
     TEMPERATURE_LOW = 1 << 12
     CAN_ERROR = 1 << 14
     ANY_ERROR = 1 << 15
-
-    @property
-    def words(self) -> str:
-        """The set bits in words."""
-        return ", ".join(bit.name.lower().replace("_", " ") for bit in self if bit.name) or "none"
 
 
 CRITICAL = 0x18FE

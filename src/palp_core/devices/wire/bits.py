@@ -1,0 +1,17 @@
+"""Status words of devices: their bits in a person's words."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+__all__ = ["Bits"]
+
+
+class Bits(IntFlag):
+    """A word of flags, of which the documents may name only some."""
+
+    @property
+    def words(self) -> str:
+        """The set bits in words; one without a name by its number."""
+        known = {bit.value: bit.name.lower().replace("_", " ") for bit in self if bit.name}
+        return ", ".join(known.get(1 << k, f"bit {k}") for k in range(32) if self & 1 << k) or "none"
