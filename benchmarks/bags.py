@@ -35,15 +35,15 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosWriter
 
-from palp_core.bag.reader import Bag, read
-from palp_core.bag.recorder import BagRecorder
-from palp_core.bag.ros2 import to_ros2
-from palp_core.bag.topic import Stream, Topic
-from palp_core.bag.writer import BagWriter
-from palp_core.launch.graph import Graph
-from palp_core.launch.replay import replay
-from palp_core.runtime.wire import pack
-from palp_core.runtime.zmq_subscriber import Subscriber
+from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.ros2 import to_ros2
+from palp_core.graph.bag.topic import Stream, Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.frame import pack
+from palp_core.graph.replay.replay import replay
+from palp_core.graph.transport.subscriber_socket import Subscriber
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOOD_HZ, FLOOD_BYTES = 20_000, 48
@@ -60,8 +60,8 @@ SCHEMA = {
 TOPIC = Topic(name=NAME, type="TorqueBlock", type_hash=f"{7:016x}", json_schema=SCHEMA)
 PUBLISHER = """
 import sys, time
-from palp_core.runtime.wire import pack
-from palp_core.runtime.zmq_bus import Broadcast
+from palp_core.graph.messages.frame import pack
+from palp_core.graph.transport.publisher_socket import Broadcast
 broadcast = Broadcast(sys.argv[1], sys.argv[1] + "-serve")
 rate_hz, count, payload = int(sys.argv[2]), int(sys.argv[3]), bytes(int(sys.argv[4]))
 while not broadcast.heard:

@@ -37,12 +37,12 @@ from rig_bench.faults import FAULTS, KINDS, Fault
 from rig_bench.palpations import palpations
 from rig_bench.trips import NODES, deaths, trips
 
-from palp_core.devices import open_device
-from palp_core.devices.aerotech import AerotechState
-from palp_core.devices.aerotech_link import AerotechLink
-from palp_core.devices.emg_source import EmgSourceState
-from palp_core.devices.maestro import MaestroState
-from palp_core.devices.wrench_state import WrenchState
+from palp_core.palpation.devices import open_device
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.ring.maestro import MaestroState
+from palp_core.palpation.devices.stage.aerotech import AerotechState
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
 
 RNG = np.random.default_rng(0)
 STATES: dict[str, type[Any]] = {

@@ -27,16 +27,25 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from palp_core.mechanics import Bead, ContactModel, LayeredHertz, Phantom, Probe, run_scene, solve, sweep
-from palp_core.mechanics.contact.l3 import PlaneContact
-from palp_core.mechanics.contact.l4 import HarmonicContact
-from palp_core.mechanics.equilibrium_finders import brent
-from palp_core.mechanics.equilibrium_joint import Joint
-from palp_core.mechanics.scene_choice import rung_model
-from palp_core.mechanics.scene_output import contrast_n_m, peak_n_m
-from palp_core.runtime.clock import monotonic_ns
-from palp_core.studies.contact_cost import cold_cache, side_by_side
-from palp_core.studies.contact_validity import kept
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.mechanics import (
+    Bead,
+    ContactModel,
+    LayeredHertz,
+    Phantom,
+    Probe,
+    run_scene,
+    solve,
+    sweep,
+)
+from palp_core.palpation.mechanics.contact.l3 import PlaneContact
+from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
+from palp_core.palpation.mechanics.equilibrium.finders import brent
+from palp_core.palpation.mechanics.equilibrium.joint import Joint
+from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
+from palp_core.palpation.studies.contact.cost import cold_cache, side_by_side
+from palp_core.palpation.studies.contact.validity import kept
 
 TIP_M = 0.006
 NOMINAL_M = 0.004

@@ -18,11 +18,11 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from compare_policies import compare
 from scipy.stats import t as student_t
 
-from palp_core.launch.graph import Graph
-from palp_core.studies.compare import compare
-from palp_core.studies.result import read_result
+from palp_core.graph.launch.graph import Graph
+from palp_core.palpation.session.result_json import read_result
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 FIXED_MM = (0.0, 4.0, 8.0, 12.0, 16.0)

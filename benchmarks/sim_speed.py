@@ -21,19 +21,19 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from palp_core.launch.graph import Graph
-from palp_core.studies.result import read_result
+from palp_core.graph.launch.graph import Graph
+from palp_core.palpation.session.result_json import read_result
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 PLACES = (
-    ("record", ("studies/record.py", "zipfile", "npyio", "compress", "posix.")),
-    ("mechanics", ("palp_core/mechanics", "interpolate")),
-    ("perception", ("palp_core/perception", "pywt", "_dwt", "_signaltools", "_peak_finding")),
-    ("devices", ("palp_core/devices",)),
+    ("record", ("session/trials_csv.py", "zipfile", "npyio", "compress", "posix.")),
+    ("mechanics", ("palpation/mechanics", "interpolate")),
+    ("perception", ("palpation/perception", "pywt", "_dwt", "_signaltools", "_peak_finding")),
+    ("devices", ("palpation/devices",)),
     ("nodes", ("/nodes/",)),
-    ("messages", ("runtime/message.py", "runtime/wire.py", "msgspec")),
-    ("runtime", ("palp_core/runtime", "zmq")),
-    ("conductor", ("palp_core/launch",)),
+    ("messages", ("graph/messages", "msgspec")),
+    ("runtime", ("graph/node", "graph/process", "graph/transport", "zmq")),
+    ("conductor", ("graph/lockstep", "graph/launch")),
 )
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from palp_core.launch.remote import RunningGraph
+from palp_core.graph.discovery.running_graph import RunningGraph
 
 HERE = Path(__file__).parent / "swap_bench"
 BETWEEN_S = 0.05

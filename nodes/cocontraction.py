@@ -8,10 +8,10 @@ import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.perception.emg import EmgChain, find_offset
-from palp_core.perception.emg_bursts import BurstFinder, BurstState
-from palp_core.perception.emg_stream import EmgStream, StreamState
-from palp_core.perception.levels import to_levels
+from palp_core.palpation.perception.emg.bursts import BurstFinder, BurstState
+from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
+from palp_core.palpation.perception.emg.levels import to_levels
+from palp_core.palpation.perception.emg.stream import EmgStream, StreamState
 from palp_core.units import RatioNonNegative, Seconds, SecondsPositive
 
 UNSCALED = 1.0

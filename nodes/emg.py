@@ -10,12 +10,12 @@ import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
-from palp_core.devices.emg_source import EmgSourceState
-from palp_core.devices.protocols import EmgBlock as Samples
-from palp_core.devices.registry import device_mistakes, open_device
-from palp_core.devices.sim.emg import EmgState as DeviceState
-from palp_core.devices.sim.emg import SimEmg
-from palp_core.perception import figure5
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.protocols import EmgBlock as Samples
+from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.sim.emg import EmgState as DeviceState
+from palp_core.palpation.devices.sim.emg import SimEmg
+from palp_core.palpation.perception.strategy import figure5
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
 

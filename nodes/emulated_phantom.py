@@ -11,11 +11,11 @@ from msgs.experiment import Mount, PhantomTruth
 from msgs.torque import ContactGuard
 from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, every, on
-from palp_core.devices.emulator import EmulatedRig, RigSettings
-from palp_core.devices.emulator.axis import AxisSettings
-from palp_core.devices.emulator.world import GuardMet, World, WorldSettings
-from palp_core.devices.sim.mount import MountVariation
-from palp_core.perception.rig_noise import read_noise
+from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
+from palp_core.palpation.devices.emulator.axis import AxisSettings
+from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSettings
+from palp_core.palpation.devices.sim.mount import MountVariation
+from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.units import (
     Count,
     CountPositive,

@@ -11,17 +11,17 @@ from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator_methods import EstimatorParams, checks, mistakes
 from palp_core import Node, Pub, State, Sub, on
-from palp_core.mechanics.scene_file import read_scene
-from palp_core.methods import find
-from palp_core.perception import bayes
-from palp_core.perception.information import gain_vector
-from palp_core.perception.primitives import Primitives, fit, quantisation_sd
-from palp_core.perception.rig_noise import noise_of
-from palp_core.perception.stopping import decide, stop_rule
-from palp_core.perception.sweep_cut import SweepCut
-from palp_core.perception.trial_filter import Probe, TrialFilter
-from palp_core.perception.wavelet import denoise, edge_cone
-from palp_core.studies.height_slope import filter_of
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.methods import find
+from palp_core.palpation.perception.belief import bayes
+from palp_core.palpation.perception.belief.information import gain_vector
+from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.rig_noise import noise_of
+from palp_core.palpation.perception.belief.stopping import decide, stop_rule
+from palp_core.palpation.perception.belief.trial_filter import Probe, TrialFilter
+from palp_core.palpation.perception.signal.sweep_cut import SweepCut
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
+from palp_core.palpation.session.filters import filter_of
 from palp_core.units import Float64Array
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from nodes.named_files import file_mistakes
 from palp_core import Params
 from palp_core.errors import MethodError, PerceptionError
-from palp_core.methods import find
-from palp_core.perception.stopping import stop_rule
-from palp_core.perception.trial_filter import require_likelihood
-from palp_core.perception.wavelet import edge_cone
+from palp_core.palpation.methods import find
+from palp_core.palpation.perception.belief.stopping import stop_rule
+from palp_core.palpation.perception.belief.trial_filter import require_likelihood
+from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.units import (
     Count,
     CountPositive,

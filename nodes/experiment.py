@@ -12,8 +12,8 @@ from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
 from nodes.experiment_swaps import name_of, planned
 from palp_core import Alarm, Node, Params, Progress, Pub, State, Sub, Swap, on
-from palp_core.perception import plan
-from palp_core.studies.record import Record
+from palp_core.palpation.session import plan
+from palp_core.palpation.session.trials_csv import Record
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from nodes.experiment_swaps import planned
 from nodes.named_files import file_mistakes
 from palp_core.errors import MethodError, PerceptionError
-from palp_core.mechanics.phantom_file import load_phantoms
-from palp_core.perception import plan
-from palp_core.perception.figure5 import RINGS_M
-from palp_core.perception.plan_repeatability import RepeatDesign, repeatability
-from palp_core.perception.stopping import require_classes
-from palp_core.perception.trial_filter import classes_of as grid_of
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.perception.belief.stopping import require_classes
+from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
+from palp_core.palpation.perception.strategy.figure5 import RINGS_M
+from palp_core.palpation.session import plan
+from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability
 
 if TYPE_CHECKING:
     from nodes.experiment import ExperimentParams

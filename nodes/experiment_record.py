@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from msgs.experiment import Trial, TrialResult
 from palp_core import Progress
-from palp_core.perception.plan import Design
-from palp_core.perception.plan_repeatability import RepeatDesign, sweep_count
-from palp_core.studies.record import Row
+from palp_core.palpation.session.plan import Design
+from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
+from palp_core.palpation.session.trials_csv import Row
 
 if TYPE_CHECKING:
     from msgs.estimation import Belief, Palpation, PrimitivesLearnt

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from palp_core.errors import PerceptionError
-from palp_core.mechanics import phantom_file
-from palp_core.perception.rig_noise import read_noise
+from palp_core.palpation.mechanics.scene import phantom_file
+from palp_core.palpation.perception.belief.rig_noise import read_noise
 
 __all__ = ["file_mistakes"]
 

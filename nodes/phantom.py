@@ -8,11 +8,11 @@ from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.devices.sim.mount import MountVariation
-from palp_core.mechanics.contact.model import ContactModel
-from palp_core.mechanics.scene_rig import rig
-from palp_core.mechanics.sweep_table import SweepTable, solve
-from palp_core.perception.rig_noise import read_noise
+from palp_core.palpation.devices.sim.mount import MountVariation
+from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
+from palp_core.palpation.mechanics.scene.rig import rig
+from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.units import (
     Kilograms,
     Metres,

@@ -13,7 +13,7 @@ from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.perception import figure5, policies
+from palp_core.palpation.perception.strategy import figure5, policies
 
 RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=49.0, extra_json_schema={"x-unit": "mm"})]
 """A ring position: what an L12-50 with its zero 1 mm off the stop can reach."""

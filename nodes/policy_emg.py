@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from nodes.policy import Policy
 from palp_core import Params
-from palp_core.perception import policies
-from palp_core.perception.policies_informed import EmgDriven
+from palp_core.palpation.perception.strategy import policies
+from palp_core.palpation.perception.strategy.policies_informed import EmgDriven
 from palp_core.units import Count
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
-from palp_core.perception import policies
+from palp_core.palpation.perception.strategy import policies
 
 
 class FixedParams(Params):

@@ -7,12 +7,13 @@ import numpy as np
 from nodes.named_files import file_mistakes
 from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
-from palp_core.mechanics.scene_file import read_scene
-from palp_core.perception import latent, policies
-from palp_core.perception.policies_informed import InformationGainLatent
-from palp_core.perception.primitives import Primitives
-from palp_core.perception.rig_noise import independent_model, noise_of
-from palp_core.studies.height_slope import filter_of
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.perception.belief import latent
+from palp_core.palpation.perception.belief.primitives import Primitives
+from palp_core.palpation.perception.belief.rig_noise import independent_model, noise_of
+from palp_core.palpation.perception.strategy import policies
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+from palp_core.palpation.session.filters import filter_of
 from palp_core.units import Count, MillimetresNonNegative
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 from nodes.policy import Policy
 from palp_core import Params
 from palp_core.errors import PerceptionError
-from palp_core.perception import chain_file, figure5, policies
+from palp_core.palpation.perception.strategy import chain_file, figure5, policies
 from palp_core.units import MillimetresPositive, Probability
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nodes.policy import Policy, RingMillimetres
 from palp_core import Params
-from palp_core.perception import figure5, policies
+from palp_core.palpation.perception.strategy import figure5, policies
 
 
 class UniformParams(Params):

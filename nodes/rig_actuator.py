@@ -10,12 +10,12 @@ from msgs.actuator import RingCommand, RingState
 from msgs.safety import RingReport, SafetyBeat
 from nodes.safety_limits import DeadlineMilliseconds
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
-from palp_core.devices.health import Condition
-from palp_core.devices.leash import Leash
-from palp_core.devices.maestro import MaestroState
-from palp_core.devices.protocols import RingReading
-from palp_core.devices.registry import device_mistakes, open_device
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.protocols import RingReading
+from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.ring.maestro import MaestroState
+from palp_core.palpation.devices.safety.motion_permit import Leash
 from palp_core.units import HertzPositive
 
 

@@ -12,12 +12,12 @@ from msgs.stage import SweepGoal
 from nodes.rig_stage_window import RigStageParams, driver_options, mistakes, require_clearance
 from nodes.stage import Stage, StageState
 from palp_core import Pub, Sub, Timer, on
-from palp_core.devices.aerotech import AerotechState
-from palp_core.devices.crossing import crossing_ns
-from palp_core.devices.health import Condition
-from palp_core.devices.leash import Leash
-from palp_core.devices.registry import open_device
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.registry import open_device
+from palp_core.palpation.devices.safety.motion_permit import Leash
+from palp_core.palpation.devices.stage.aerotech import AerotechState
+from palp_core.palpation.devices.stage.crossing import crossing_ns
 
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls

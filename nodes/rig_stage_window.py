@@ -9,11 +9,11 @@ from nodes.named_files import file_mistakes
 from nodes.safety_limits import DeadlineMilliseconds
 from nodes.stage import StageParams
 from palp_core import ReadOnly
-from palp_core.devices.limits import TravelLimits, check_lift
-from palp_core.devices.registry import device_mistakes
 from palp_core.errors import DeviceError
-from palp_core.mechanics.scene import Path
-from palp_core.mechanics.scene_file import read_scene
+from palp_core.palpation.devices.limits import TravelLimits, check_lift
+from palp_core.palpation.devices.registry import device_mistakes
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.mechanics.scene.scene import Path
 from palp_core.units import (
     HertzPositive,
     Metres,

@@ -10,10 +10,10 @@ import numpy as np
 from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
-from palp_core.devices.protocols import TorqueBlock as Samples
-from palp_core.devices.registry import device_mistakes, open_device
-from palp_core.devices.wrench_state import WrenchState
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.protocols import TorqueBlock as Samples
+from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.units import (
     CountPositive,
     Float64Array,

@@ -17,14 +17,14 @@ from msgs.safety import (
 from nodes.safety_limits import ONE_LINK, SafetyParams, limits_of, mistakes
 from nodes.safety_record import LastSecond
 from palp_core import Node, Pub, Qos, Srv, State, Sub, every, on, serve
-from palp_core.devices.aerotech_stop import AerotechStop
-from palp_core.devices.host_time import HostTime
-from palp_core.devices.reconnection import Reconnection
-from palp_core.devices.safety_table import Action, Cause, Event, SafetyMachine
-from palp_core.devices.safety_table import SafetyState as Standing
-from palp_core.devices.siblings import Siblings
-from palp_core.devices.watchdog import Finding, Load, Stage, Watchdog
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.reconnection import Reconnection
+from palp_core.palpation.devices.safety.process_watch import Siblings
+from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
+from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
+from palp_core.palpation.devices.safety.watchdog import Finding, Load, Stage, Watchdog
+from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 
 SEARCH_NS = 1_000_000_000
 

@@ -7,9 +7,9 @@ from typing import Annotated
 import msgspec
 
 from palp_core import Params, ReadOnly
-from palp_core.devices.limits import TravelLimits, WrenchLimits
-from palp_core.devices.watchdog import WatchLimits
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
+from palp_core.palpation.devices.safety.watchdog import WatchLimits
 from palp_core.units import (
     CountPositive,
     HertzPositive,

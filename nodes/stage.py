@@ -10,8 +10,8 @@ import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
-from palp_core.devices.registry import open_device
-from palp_core.devices.sim.stage import StageState as DeviceState
+from palp_core.palpation.devices.registry import open_device
+from palp_core.palpation.devices.sim.stage import StageState as DeviceState
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
 
 

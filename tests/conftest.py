@@ -13,6 +13,10 @@ from collections.abc import Iterator
 import hypothesis
 import pytest
 
+from tests.support.palp import palp, shared_palp
+
+__all__ = ["palp", "shared_palp"]
+
 SLOW_S = 3600.0
 """What a study of minutes may take before it counts as hanging; for the others see ``pyproject.toml``."""
 

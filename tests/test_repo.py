@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.launch.checked import CheckedGraph
-from palp_core.launch.graph import check_file
-from palp_core.launch.picture import mermaid
-from palp_core.runtime.birth import load_class
-from palp_core.runtime.node import Node
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.diagram import mermaid
+from palp_core.graph.launch.graph import check_file
+from palp_core.graph.node.loading import load_class
+from palp_core.graph.node.node import Node
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = [path for folder in ("src", "nodes", "msgs") for path in sorted((ROOT / folder).rglob("*.py"))]
@@ -20,7 +20,7 @@ LAUNCH_FILES = [
     *sorted((ROOT / "launch").glob("*.yaml")),
     *sorted((ROOT / "examples").rglob("launch/*.yaml")),
 ]
-LONGEST_FILE = 300
+LONGEST_FILE = 500
 TEXT = {".py", ".yaml", ".yml", ".toml", ".md", ".txt", ".cfg", ".json", ".csv", ".html", ".sh", ""}
 OUTSIDE = {".git", "build", "dist", "results"}
 

@@ -20,12 +20,12 @@ class EmulatorProcess:
     """Start one; it prints the drivers' options and then obeys.
 
     Args:
-        arguments: Of ``python -m palp_core.devices.emulator``.
+        arguments: Of ``python -m palp_core.palpation.devices.emulator``.
     """
 
     def __init__(self, *arguments: str) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "palp_core.devices.emulator", *arguments],
+            [sys.executable, "-m", "palp_core.palpation.devices.emulator", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

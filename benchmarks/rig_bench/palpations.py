@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.bag.reader import read, to_numpy
-from palp_core.devices.protocols import Int64Array
-from palp_core.studies.record import read_rows, read_sweep
+from palp_core.graph.bag.reader import read, to_numpy
+from palp_core.palpation.devices.protocols import Int64Array
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 
 from .host import host_words, loaded  # noqa: TID252 -- neighbours, of a script and of a package
 

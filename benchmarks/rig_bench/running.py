@@ -17,11 +17,11 @@ from typing import Any, Self
 
 import msgspec
 
-from palp_core.devices.emulator import RigSettings
-from palp_core.devices.emulator.axis import AxisSettings
-from palp_core.devices.emulator.world import WorldSettings
 from palp_core.errors import GraphError
-from palp_core.launch.remote import RunningGraph
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.palpation.devices.emulator import RigSettings
+from palp_core.palpation.devices.emulator.axis import AxisSettings
+from palp_core.palpation.devices.emulator.world import WorldSettings
 
 from .emulator import PRIORITY, EmulatorProcess  # noqa: TID252 -- neighbours, of a script and of a package
 

@@ -57,7 +57,7 @@ def _quantity(unit: str, low: float, high: float) -> Meta:
 
 
 def _array(unit: str, low: float, high: float) -> Meta:
-    """Bounds of every element; checked at decode by :mod:`palp_core.runtime.message`."""
+    """Bounds of every element; checked at decode by :mod:`palp_core.graph.messages.message`."""
     return Meta(extra_json_schema={"x-unit": unit, "x-dtype": "<f8"}, extra={"bounds": (low, high)})
 
 

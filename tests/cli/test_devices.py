@@ -9,11 +9,12 @@ import pytest
 import serial
 from typer.testing import CliRunner
 
-from palp_core.cli.devices import app
-from palp_core.devices import ati_session, netft, probe, socketcand
-from palp_core.devices.emulator import EmulatedRig
-from palp_core.devices.serial_link import SerialLink
+from palp_core.cli.rig import device_probe as probe
+from palp_core.cli.rig.devices import app
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator import EmulatedRig
+from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.torque import ati_session, netft, socketcand
 
 runner = CliRunner()
 # Deadlines that a busy host does not pass: what is there is found.

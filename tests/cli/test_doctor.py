@@ -10,15 +10,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.cli.doctor_graph import examine_graph
-from palp_core.cli.doctor_host import examine_host
-from palp_core.cli.finding import Finding
-from palp_core.cli.snapshot import Snapshot, rows, snapshot
-from palp_core.launch.remote import RunningGraph
-from palp_core.runtime.builtin import GraphEvent, NodeEvent
-from palp_core.runtime.message import encode
-from palp_core.runtime.qos import Qos
-from palp_core.runtime.wire import Kind, pack
+from palp_core.cli.doctor.finding import Finding
+from palp_core.cli.doctor.graph import examine_graph
+from palp_core.cli.doctor.host import examine_host
+from palp_core.cli.doctor.snapshot import Snapshot, rows, snapshot
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.qos import Qos
 from tests.cli.test_remote import record
 
 TOPIC = "/relay/amplified"

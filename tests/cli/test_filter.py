@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.filter import message_filter
+from palp_core.cli.text.filter import message_filter
 from palp_core.errors import GraphError
 
 NUMBER = {"type": "number"}

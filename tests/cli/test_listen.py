@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.listen import Heard, Listener
-from palp_core.launch.remote import RunningGraph
-from palp_core.runtime.wire import Kind, pack, parse
+from palp_core.cli.topic.listen import Heard, Listener
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.frame import Kind, pack, parse
 from tests.cli.test_remote import record
 
 TOPIC = "/relay/amplified"

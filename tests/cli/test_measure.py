@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.listen import Heard
-from palp_core.cli.measure import Window
-from palp_core.runtime.wire import Kind, pack, parse
+from palp_core.cli.topic.listen import Heard
+from palp_core.cli.topic.measure import Window
+from palp_core.graph.messages.frame import Kind, pack, parse
 
 
 def heard(sequence: int, stamp_ns: int, *, epoch: int = 0, arrived_ns: int = 0, lost: int = 0) -> Heard:

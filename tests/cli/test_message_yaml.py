@@ -12,11 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core import Message
-from palp_core.cli.message_text import Shortening, csv_line, decoded, parse_path, pick, readable, shortened
-from palp_core.cli.message_yaml import message_from_yaml
+from palp_core.cli.text.message_text import (
+    Shortening,
+    csv_line,
+    decoded,
+    parse_path,
+    pick,
+    readable,
+    shortened,
+)
+from palp_core.cli.text.message_yaml import message_from_yaml
 from palp_core.errors import GraphError
-from palp_core.runtime.message import decode, encode
-from palp_core.runtime.schema import json_schema, schema_of
+from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.units import Count, Metres, NewtonMetresArray
 
 
@@ -111,7 +119,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 @settings(deadline=None, max_examples=100)
 @given(VALUES)
 def test_whatever_is_given_is_packed_or_refused_by_name(value: Any) -> None:
-    from palp_core.cli.message_yaml import packed
+    from palp_core.cli.text.message_yaml import packed
     from palp_core.errors import SchemaMismatch
 
     with contextlib.suppress(SchemaMismatch):

@@ -13,8 +13,8 @@ import pytest
 import zmq
 
 from palp_core.errors import GraphError
-from palp_core.launch.remote import RunningGraph
-from palp_core.launch.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.running_graph import RunningGraph
 
 Reply = dict[str, Any] | None
 

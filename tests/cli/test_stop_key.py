@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from palp_core.cli.stop_key import KEY, StopKey
+from palp_core.cli.launch.stop_key import KEY, StopKey
 
 
 @pytest.fixture

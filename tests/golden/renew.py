@@ -23,16 +23,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import msgspec
 import yaml
 
-from palp_core.bag.edit import copy_messages
-from palp_core.bag.reader import Bag, RecordedMessage
-from palp_core.bag.recorder import SUMMARY_NAME
-from palp_core.bag.rounds import NODES_ATTACHMENT
-from palp_core.bag.writer import BagWriter
-from palp_core.launch.checked import resolved_yaml
-from palp_core.launch.graph import Graph, check_file
-from palp_core.runtime.builtin import Order
-from palp_core.runtime.message import decode, encode
-from palp_core.runtime.spec import NodeSpec
+from palp_core.graph.bag.edit import copy_messages
+from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.bag.recorder import SUMMARY_NAME
+from palp_core.graph.bag.rounds import NODES_ATTACHMENT
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.description.checked import resolved_yaml
+from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.messages.builtin import Order
+from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.node.spec import NodeSpec
 
 HERE = Path(__file__).parent
 SIM = HERE.parents[1] / "launch" / "sim.yaml"

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from palp_core import Bench, Node
-from palp_core.runtime.lifecycle import Transition
-from palp_core.runtime.wire import parse
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.node.lifecycle import Transition
 
 Successor = Callable[..., Bench[Any]]
 

@@ -8,7 +8,7 @@ from msgs.actuator import RingCommand
 from nodes.actuator import Actuator
 from palp_core import Bench
 from palp_core.errors import NodeError
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
 
 
 def to(ring_m: float, trial: int = 0, iteration: int = 1) -> RingCommand:

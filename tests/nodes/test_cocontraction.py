@@ -11,10 +11,10 @@ from msgs.emg import CoContraction, EmgBlock
 from nodes.cocontraction import Cocontraction
 from nodes.emg import Emg
 from palp_core import Bench
-from palp_core.perception.emg import EmgChain, cocontraction, find_offset, reference
-from palp_core.perception.emg_bursts import BurstFinder, BurstState
-from palp_core.perception.figure5 import matrices
-from palp_core.perception.levels import to_levels
+from palp_core.palpation.perception.emg.bursts import BurstFinder, BurstState
+from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset, reference
+from palp_core.palpation.perception.emg.levels import to_levels
+from palp_core.palpation.perception.strategy.figure5 import matrices
 from palp_core.units import Float64Array
 
 RATE_HZ = 1500.0

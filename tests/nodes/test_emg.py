@@ -11,10 +11,10 @@ from msgs.emg import EmgBlock
 from nodes import emg
 from nodes.emg import Emg
 from palp_core import Bench
-from palp_core.devices.health import Condition, Health
-from palp_core.devices.protocols import EmgBlock as Samples
 from palp_core.errors import GraphError, NodeError
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.health import Condition, Health
+from palp_core.palpation.devices.protocols import EmgBlock as Samples
 from palp_core.units import Float64Array
 
 BEFORE_S = 9.0  # rest, MVC, rest

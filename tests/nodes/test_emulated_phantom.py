@@ -12,10 +12,10 @@ import pytest
 from msgs.experiment import Mount
 from nodes.emulated_phantom import EmulatedPhantom
 from palp_core import Bench
-from palp_core.devices.emulator.world import World
 from palp_core.errors import NodeError
-from palp_core.perception.rig_noise import Component, RigNoise, write_noise
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 
 PORTS = {"stage_port": 0, "stop_port": 0, "can_port": 0, "emg_port": 0}
 

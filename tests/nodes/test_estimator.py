@@ -17,8 +17,8 @@ from msgs.torque import TorqueBlock
 from nodes.estimator import Estimator
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
-from palp_core.perception.primitives import fit, quantisation_sd
-from palp_core.perception.wavelet import denoise, edge_cone
+from palp_core.palpation.perception.belief.primitives import fit, quantisation_sd
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
 DEPTHS_M = (0.002, 0.004, 0.008)

@@ -17,10 +17,10 @@ from msgs.stage import SweepGoal, SweepStatus
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.errors import NodeError, PerceptionError
-from palp_core.perception.figure5 import RINGS_M
-from palp_core.runtime.message import Message, decode
-from palp_core.runtime.wire import parse
-from palp_core.studies.record import Row, read_rows, read_sweep
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import Message, decode
+from palp_core.palpation.perception.strategy.figure5 import RINGS_M
+from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
 
 DEPTHS_M = {"A": 0.002, "B": 0.004, "C": 0.008}
 ASKS: dict[str, type[Message]] = {

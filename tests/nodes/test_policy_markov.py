@@ -14,7 +14,7 @@ from nodes.policy_fixed import Fixed
 from nodes.policy_markov import Markov
 from palp_core import Bench
 from palp_core.errors import GraphError
-from palp_core.perception import figure5
+from palp_core.palpation.perception.strategy import figure5
 from palp_core.units import Float64Array
 
 

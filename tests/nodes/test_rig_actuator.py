@@ -11,10 +11,10 @@ from msgs.safety import SafetyBeat
 from nodes import rig_actuator
 from nodes.rig_actuator import RigActuator
 from palp_core import Bench
-from palp_core.devices.health import HEALTHY, Condition, Health
-from palp_core.devices.protocols import RingReading
 from palp_core.errors import DeviceError
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.health import HEALTHY, Condition, Health
+from palp_core.palpation.devices.protocols import RingReading
 
 
 class ScriptedRing:

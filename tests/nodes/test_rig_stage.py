@@ -14,10 +14,10 @@ from nodes import rig_stage
 from nodes.rig_stage import RigStage
 from nodes.rig_stage_window import RigStageParams
 from palp_core import Bench
-from palp_core.devices.health import HEALTHY, Condition, Health
-from palp_core.devices.sim.stage import SimStage
 from palp_core.errors import DeviceError, NodeError
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.health import HEALTHY, Condition, Health
+from palp_core.palpation.devices.sim.stage import SimStage
 
 FROM_M, TO_M = -0.015, 0.020
 GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=FROM_M, to_m=TO_M)

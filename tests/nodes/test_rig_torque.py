@@ -10,10 +10,10 @@ import pytest
 from nodes import rig_torque
 from nodes.rig_torque import RigTorque
 from palp_core import Bench
-from palp_core.devices.health import HEALTHY, Health
-from palp_core.devices.protocols import TorqueBlock
-from palp_core.devices.wrench_state import bias_from
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.protocols import TorqueBlock
+from palp_core.palpation.devices.torque.wrench_state import bias_from
 
 MS = 1_000_000
 

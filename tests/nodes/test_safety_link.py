@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from nodes import safety
-from palp_core.devices.reconnection import Reconnection
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.link.reconnection import Reconnection
 from tests.nodes.test_safety import ScriptedStop, Watched, sweeping
 
 LONG_S = 60.0

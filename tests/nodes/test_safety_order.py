@@ -6,8 +6,8 @@ import pytest
 
 from msgs.safety import StopRequest
 from nodes.safety import Safety
-from palp_core.devices.aerotech_stop import AxisReport
-from palp_core.devices.wire.aerotech import Fault
+from palp_core.palpation.devices.stage.aerotech_stop import AxisReport
+from palp_core.palpation.devices.wire.aerotech import Fault
 from tests.nodes.test_safety import Watched, sweeping
 
 MS = 1_000_000

@@ -11,7 +11,7 @@ from msgs.stage import StagePose, SweepGoal
 from nodes.stage import Stage
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
-from palp_core.runtime.lifecycle import Transition
+from palp_core.graph.node.lifecycle import Transition
 
 FROM_M, TO_M = -0.03, 0.05
 GRID_NS = 1_000_000

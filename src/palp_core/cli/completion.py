@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from palp_core.launch.remote import RunningGraph
+    from palp_core.graph.discovery.running_graph import RunningGraph
 
 __all__ = ["fields", "graphs", "nodes", "parameters", "services", "topics", "types"]
 
 
 def _running(context: typer.Context) -> RunningGraph | None:
-    from palp_core.launch.remote import RunningGraph
+    from palp_core.graph.discovery.running_graph import RunningGraph
 
     with contextlib.suppress(Exception):
         return RunningGraph.find(context.params.get("graph"))
@@ -27,7 +27,7 @@ def _matching(names: list[str], begun: str) -> list[str]:
 
 def graphs(incomplete: str) -> list[str]:
     """Names of running graphs."""
-    from palp_core.launch.run_directory import running
+    from palp_core.graph.discovery.run_directory import running
 
     with contextlib.suppress(Exception):
         return _matching(sorted({record.graph for record in running()}), incomplete)

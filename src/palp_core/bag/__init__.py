@@ -1,1 +1,0 @@
-"""Bags: a recording as a folder of MCAP files that loses nothing, survives a crash and opens anywhere."""

@@ -1,0 +1,274 @@
+"""``palp bag``: recordings, looked at, saved, cut and converted."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.bag.play import play
+from palp_core.cli.bag.record import CompressionName, record, snapshot
+from palp_core.cli.bag.replay import replay
+from palp_core.cli.bag.topics import check_topics
+from palp_core.cli.output import print_text
+
+if TYPE_CHECKING:
+    from palp_core.graph.bag.info import BagInfo
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Recordings.", no_args_is_help=True, rich_markup_mode=None)
+app.command("record")(record)
+app.command("snapshot")(snapshot)
+app.command("play")(play)
+app.command("replay")(replay)
+
+
+class Form(StrEnum):
+    """What a bag can become."""
+
+    ROS2 = "ros2"
+    JSON = "json"
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
+OutOption = Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)]
+JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
+TopicsOption = Annotated[list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")]
+RegexOption = Annotated[str | None, typer.Option("--regex", "-e", help="Only topics in which it is found.")]
+ExcludeOption = Annotated[str | None, typer.Option("--exclude-regex", "-x", help="Not these topics.")]
+CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag's chunks.")]
+
+
+@app.command("info")
+def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
+    """Say what is in a bag, what is missing, whether it is healthy; status 1 if it is not both."""
+    import msgspec
+
+    from palp_core.graph.bag.info import bag_info
+
+    found = bag_info(bag)
+    print_text(msgspec.json.encode(found).decode() if as_json else _info_text(found))
+    if not (found.complete and found.healthy):
+        raise typer.Exit(1)
+
+
+@app.command("list")
+def list_bags(
+    folder: Annotated[Path, typer.Argument(help="Where to look.")] = Path(), *, as_json: JsonOption = False
+) -> None:
+    """List the bags in a folder."""
+    bags = [
+        {"name": str(path), "files": len(files), "size_bytes": sum(file.stat().st_size for file in files)}
+        for path in sorted(folder.iterdir() if folder.is_dir() else [])
+        if (files := sorted(path.glob("*.mcap")) if path.is_dir() else [path] * (path.suffix == ".mcap"))
+    ]
+    if as_json:
+        print_text(json.dumps(bags))
+    else:
+        for entry in bags:
+            print_text(f"{entry['name']}  {entry['files']} files  {_size(int(str(entry['size_bytes'])))}")
+
+
+@app.command("recover")
+def recover(
+    bag: BagArgument,
+    out: OutOption,
+    *,
+    compression: CompressionOption = CompressionName.ZSTD,
+    as_json: JsonOption = False,
+) -> None:
+    """Save everything intact of a damaged bag into a new one."""
+    import msgspec
+
+    from palp_core.graph.bag.recover import recover as save
+
+    report = save(bag, out, compression.value)
+    print_text(msgspec.json.encode(report).decode() if as_json else report.text())
+
+
+@app.command("filter")
+def filter_(
+    bag: BagArgument,
+    out: OutOption,
+    *,
+    topics: TopicsOption = None,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeOption = None,
+    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    compression: CompressionOption = CompressionName.ZSTD,
+) -> None:
+    """Write some topics or some time of a bag into a new one."""
+    from palp_core.graph.bag.edit import filter_bag
+    from palp_core.graph.bag.selection import topic_selection
+
+    select = topic_selection(topics or (), regex, exclude_regex)
+    check_topics(topics or (), bag)
+    count = filter_bag(
+        bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression.value
+    )
+    print_text(f"{count} messages")
+
+
+@app.command("merge")
+def merge(
+    bags: Annotated[list[Path], typer.Argument(help="Bags.", show_default=False)],
+    out: OutOption,
+    *,
+    compression: CompressionOption = CompressionName.ZSTD,
+) -> None:
+    """Merge bags into a new one, by time."""
+    from palp_core.graph.bag.edit import merge_bags
+
+    print_text(f"{merge_bags(bags, out, compression.value)} messages")
+
+
+@app.command("split")
+def split(
+    bag: BagArgument,
+    out: OutOption,
+    *,
+    max_bag_size: Annotated[int, typer.Option("-b", "--max-bag-size", help="Bytes per file.")] = 0,
+    max_bag_duration: Annotated[
+        float, typer.Option("-d", "--max-bag-duration", help="Seconds per file.")
+    ] = 0.0,
+    compression: CompressionOption = CompressionName.ZSTD,
+) -> None:
+    """Write a bag again with files of limited size or duration."""
+    from palp_core.graph.bag.edit import split_bag
+
+    count = split_bag(
+        bag,
+        out,
+        max_bytes=max_bag_size,
+        max_duration_ns=_ns(max_bag_duration) or 0,
+        compression=compression.value,
+    )
+    print_text(f"{count} messages in {len(list(out.glob('*.mcap')))} files")
+
+
+@app.command("convert")
+def convert(
+    bag: BagArgument, out: OutOption, *, to: Annotated[Form, typer.Option(help="What it becomes.")]
+) -> None:
+    """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick), or tables."""
+    if to is Form.ROS2:
+        from palp_core.graph.bag.ros2 import to_ros2
+
+        count = to_ros2(bag, out)
+    else:
+        from palp_core.graph.bag import convert as conversions
+
+        ways = {
+            Form.JSON: conversions.to_json,
+            Form.CSV: conversions.to_csv,
+            Form.PARQUET: conversions.to_parquet,
+        }
+        count = ways[to](bag, out)
+    print_text(f"{count} messages")
+
+
+@app.command("echo")
+def echo(
+    bag: BagArgument,
+    topics: Annotated[list[str] | None, typer.Argument(help="Topics; default: all.")] = None,
+    *,
+    times: Annotated[int, typer.Option("--times", "-n", help="This many messages; 0: all.")] = 0,
+    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print messages."""
+    import yaml
+
+    from palp_core.graph.bag.reader import read
+    from palp_core.graph.bag.values import plain
+
+    check_topics(topics or (), bag)
+    messages = read(bag, topics or None, _ns(start), _ns(end))
+    for message in itertools.islice(messages, times or None):
+        entry = {
+            "topic": message.topic,
+            "epoch": message.epoch,
+            "sequence": message.sequence,
+            "log_ns": message.log_ns,
+            "publish_ns": message.publish_ns,
+            "message": plain(message.value),
+        }
+        print_text(
+            json.dumps(entry)
+            if as_json
+            else yaml.safe_dump(entry, sort_keys=False, default_flow_style=None) + "---"
+        )
+
+
+@app.command("diff")
+def diff(
+    a: BagArgument,
+    b: BagArgument,
+    *,
+    topics: TopicsOption = None,
+    tolerance: Annotated[float, typer.Option(help="Largest difference of numbers that passes.")] = 0.0,
+    relative: Annotated[float, typer.Option(help="The same, as a part of the number.")] = 0.0,
+    ignore: Annotated[list[str] | None, typer.Option(help="A field that does not count; repeatable.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare two bags topic by topic; status 1 if they differ."""
+    import msgspec
+
+    from palp_core.graph.bag.diff import diff_bags
+
+    check_topics(topics or (), a, b)
+    found = diff_bags(a, b, topics or None, tolerance=tolerance, relative=relative, ignore=ignore or ())
+    if as_json:
+        print_text(msgspec.json.encode(found).decode())
+    else:
+        for topic, result in found.items():
+            within = f", {result.close_count} within the tolerance" if result.close_count else ""
+            print_text(
+                f"{topic}: {result.first.text()}"
+                if result.first
+                else f"{topic}: {result.equal_count} equal{within}"
+            )
+    if any(result.first for result in found.values()):
+        raise typer.Exit(1)
+
+
+def _ns(seconds: float | None) -> int | None:
+    return None if seconds is None else round(seconds * 1e9)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.1f} kB"
+
+
+def _info_text(found: BagInfo) -> str:
+    lines = [
+        f"{found.path}: {len(found.files)} files, {_size(found.size_bytes)}, "
+        f"{found.message_count} messages, {found.duration_s:.3f} s from {found.start_s:.3f} s"
+    ]
+    width = max((len(name) for name in found.topics), default=0)
+    for name, topic in found.topics.items():
+        restarts = f", {topic.epochs - 1} restarts" if topic.epochs > 1 else ""
+        repeated = f", {topic.repeated} repeated" if topic.repeated else ""
+        lost = f", {topic.lost} MISSING" if topic.lost else ""
+        lines.append(
+            f"  {name:<{width}}  {topic.count:>8}  {topic.rate_hz:10.2f} Hz  {topic.type}"
+            f"{restarts}{repeated}{lost}"
+        )
+        lines += [f"    missing {g.first}..{g.last} of epoch {g.epoch}" for g in topic.gaps[:5]]
+        if len(topic.gaps) > 5:
+            lines.append(f"    and {len(topic.gaps) - 5} more gaps")
+    lines += [f"  {name} {version}" for name, version in found.versions.items()]
+    lines += [f"problem: {problem}" for problem in found.problems]
+    if not found.accounted:
+        lines.append("without the recorder's account: what was lost after the last message does not show")
+    lines.append("complete" if found.complete else "NOT complete")
+    return "\n".join(lines)

@@ -1,0 +1,180 @@
+"""``palp bag play``."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.bag.topics import check_topics
+from palp_core.cli.keyboard import Keyboard
+from palp_core.cli.options import INTERRUPTED, GraphOption
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.graph.bag.topic import Topic
+
+__all__ = ["play"]
+
+
+def play(
+    bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],
+    *,
+    rate: Annotated[
+        float, typer.Option("--rate", "-r", min=1e-2, max=1e3, help="Times the recorded speed.")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
+    delay: Annotated[float, typer.Option("--delay", "-d", min=0.0, metavar="S", help="Wait first.")] = 0.0,
+    start_offset: Annotated[
+        float, typer.Option("--start-offset", min=0.0, metavar="S", help="Leave out from the beginning.")
+    ] = 0.0,
+    playback_duration: Annotated[
+        float, typer.Option("--playback-duration", metavar="S", help="So much of the bag; below 0: all.")
+    ] = -1.0,
+    playback_until_sec: Annotated[
+        float,
+        typer.Option("--playback-until-sec", metavar="S", help="To this time in the bag; below 0: end."),
+    ] = -1.0,
+    start_paused: Annotated[
+        bool, typer.Option("--start-paused", "-p", help="Wait for the space bar.")
+    ] = False,
+    topics: Annotated[
+        list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")
+    ] = None,
+    regex: Annotated[str | None, typer.Option("--regex", "-e", help="Topics in which it is found.")] = None,
+    exclude_regex: Annotated[
+        str | None, typer.Option("--exclude-regex", "-x", help="Not topics in which it is found.")
+    ] = None,
+    remap: Annotated[
+        list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Another name; repeatable.")
+    ] = None,
+    clock: Annotated[
+        float, typer.Option("--clock", min=0.0, max=1e3, metavar="HZ", help="Publish the bag's time; 0: not.")
+    ] = 0.0,
+    wait_matching: Annotated[
+        int,
+        typer.Option(
+            "--wait-matching-subscriptions", "-w", min=0, help="Begin when so many topics are read."
+        ),
+    ] = 0,
+    disable_keyboard_controls: Annotated[bool, typer.Option(help="Leave the keyboard alone.")] = False,
+    graph: GraphOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The account at the end, for machines.")] = False,
+) -> None:
+    """Publish a bag's messages again, their bytes as recorded, in the recorded order and spacing.
+
+    The recorded nodes appear as a graph of their own called 'play': palp topic, node and top see them. With
+    --graph NAME messages go into ports of that graph which take messages from outside instead.
+
+    Keys: space pauses and goes on, right plays the next message while paused, up and down change the speed by
+    a tenth, left goes 5 s back, 0 to 9 go to so many tenths, q ends. At the end it says how late it ever was.
+    """
+    from palp_core.cli.bag.play_loop import CLOCK_TOPIC, PlayLoop, clock_topic
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.replay.play import GraphSink, PlayRun, Sink
+    from palp_core.graph.replay.playback import Playback
+
+    if start_paused and (disable_keyboard_controls or not Keyboard.there()):
+        raise BagError(
+            "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
+        )
+    check_topics(topics or (), bag)
+    with Bag(bag) as opened:
+        names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
+        described = {new: _renamed(opened, old, new) for old, new in names.items()}
+        if graph is not None:
+            into = GraphSink(RunningGraph.find(graph), described)
+            left_out = [old for old, new in names.items() if new not in into.taken]
+            if left_out:
+                note(f"no port of graph '{graph}' takes {', '.join(left_out)}; they are not played")
+            names = {old: new for old, new in names.items() if new in into.taken}
+            if clock:
+                raise BagError("--clock needs a run of the player's own; leave out --graph")
+        playback = Playback(
+            opened,
+            list(names),
+            rate=rate,
+            start_offset_s=start_offset,
+            duration_s=playback_duration if playback_duration >= 0 else None,
+            until_s=playback_until_sec if playback_until_sec >= 0 else None,
+            loop=loop,
+        )
+        playback.paused = start_paused
+        if clock:
+            described[CLOCK_TOPIC] = clock_topic()
+        sink: Sink = into if graph is not None else PlayRun(bag, described)
+        looping = PlayLoop(playback, sink, names, clock_hz=clock, keys=not disable_keyboard_controls)
+        where = f"into graph '{graph}'" if graph is not None else "as graph 'play'"
+        note(f"{bag}: {len(names)} topics, {where}")
+        signal.signal(signal.SIGTERM, _end)  # the terminal and the run directory are put in order then, too
+        interrupted = False
+        try:
+            looping.run(delay_s=delay, readers=wait_matching)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            sink.close()
+    late = playback.lateness
+    p99_s = late.percentile_s(99)
+    account = {
+        "messages": playback.played_count,
+        "topics": len(names),
+        "late_max_s": late.max_ns / 1e9,
+        "late_p99_s": p99_s,
+        "interrupted": interrupted,
+    }
+    if as_json:
+        print_json(account)
+    else:
+        print_text(
+            f"{bag}: played {playback.played_count} messages of {len(names)} topics; "
+            f"never more than {late.max_ns / 1e6:.3f} ms late, 99 % within {p99_s * 1e3:.3f} ms"
+        )
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _end(number: int, _: object) -> None:
+    sys.exit(128 + number)
+
+
+def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[str, str]:
+    """Return the topics to play and the names that they get.
+
+    Raises:
+        BagError: Nothing is chosen, a remapping that fits nothing, or two topics of one name.
+    """
+    from palp_core.graph.replay.player import playable
+
+    known = playable(bag)
+    if not known:
+        raise BagError(f"{bag.path}: no topic /node/port in it that could be played")
+    names = {name: name for name in known if chosen(name)}
+    if not names:
+        raise BagError(f"{bag.path}: none of its topics is chosen; it has: {', '.join(known)}")
+    for rule in remap:
+        old, separator, new = rule.partition(":=")
+        if not separator or len(new.split("/")) != 3 or not new.startswith("/"):
+            raise BagError(f"'{rule}' is no remapping; write /node/port:=/other/port")
+        if old not in names:
+            raise BagError(f"'{rule}': {old} is not among the topics that are played: {', '.join(names)}")
+        names[old] = new
+    twice = {new for new in names.values() if list(names.values()).count(new) > 1}
+    if twice:
+        raise BagError(f"two topics would be called {', '.join(sorted(twice))}; a topic has one publisher")
+    return names
+
+
+def _renamed(bag: Bag, old: str, new: str) -> Topic:
+    import msgspec
+
+    return msgspec.structs.replace(bag.topics()[old], name=new)

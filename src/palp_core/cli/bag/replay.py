@@ -1,0 +1,61 @@
+"""``palp bag replay``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.output import print_text
+
+__all__ = ["replay"]
+
+
+def replay(
+    bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],
+    *,
+    nodes: Annotated[str, typer.Option(help="Running names, as in estimator,policy.", show_default=False)],
+    launch: Annotated[
+        Path | None, typer.Option(help="A launch file in the workspace of the nodes; default: from here up.")
+    ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare/--no-compare", help="With the recorded outputs; status 1 if they differ."),
+    ] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+) -> None:
+    """Drive nodes again from a bag, in lockstep; status 1 if an output differs from the recorded one."""
+    import msgspec
+
+    from palp_core.errors import BagError
+    from palp_core.graph.description.launch_file import find_workspace
+    from palp_core.graph.replay.replay import replay as drive
+
+    workspace = find_workspace(launch or Path("launch.yaml"))
+    try:
+        done = drive(bag, nodes.split(","), workspace)
+    except ModuleNotFoundError as error:
+        raise BagError(
+            f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
+        ) from error
+    if as_json:
+        print_text(msgspec.json.encode(done).decode())
+    for node in [] if as_json else done:
+        pace = node.clock_s / node.wall_s if node.wall_s else 0.0
+        if node.divergence is None:
+            beyond = f"; {node.uncovered} outputs are beyond what its order covers" if node.uncovered else ""
+            print_text(
+                f"{node.node}: {node.compared} outputs equal to the recorded ones, byte for byte, from "
+                f"{node.consumed} inputs and ticks; {node.clock_s:.1f} s in {node.wall_s:.2f} s "
+                f"({pace:.0f} times real time){beyond}"
+            )
+        else:
+            first = node.divergence
+            print_text(
+                f"{node.node}: differs first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after "
+                f"{first.after}: {first.what} ({node.compared} outputs were equal before; it had consumed "
+                f"{', '.join(first.inputs)})"
+            )
+    if compare and any(node.divergence is not None for node in done):
+        raise typer.Exit(1)

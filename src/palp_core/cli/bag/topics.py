@@ -1,0 +1,30 @@
+"""Names of topics that a user gives beside bags: one that none of them has is a slip of the pen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from palp_core.errors import BagError
+
+__all__ = ["check_topics"]
+
+
+def check_topics(topics: Collection[str], *bags: Path) -> None:
+    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before.
+
+    Raises:
+        BagError: No such bag, or one that has no such topic; the nearest name is in the message.
+    """
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.graph.problems import hint
+
+    known: set[str] = set()
+    for bag in bags if topics else ():
+        with Bag(bag) as opened:
+            if not all(file.closed for file in opened.files):
+                return
+            known |= opened.topics().keys()
+    for name in topics:
+        if name not in known:
+            raise BagError(f"{' and '.join(map(str, bags))}: no topic '{name}'{hint(name, known)}")

@@ -1,0 +1,64 @@
+"""``palp doctor``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import GraphOption, JsonOption
+from palp_core.cli.output import print_json, print_text
+
+if TYPE_CHECKING:
+    from palp_core.cli.doctor.finding import Finding
+
+__all__ = ["doctor"]
+
+_ORDER = ("error", "warning", "note", "ok")
+
+
+def doctor(
+    *,
+    report: Annotated[
+        bool, typer.Option("--report", "-r", help="Also what was looked at and found in order.")
+    ] = False,
+    include_warnings: Annotated[
+        bool, typer.Option("--include-warnings", "-iw", help="Status 1 for warnings, too.")
+    ] = False,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Look for what is wrong with host and graph: clock, cores, limits, orphans, losses, overruns.
+
+    It only looks: a healthy run does not notice. Status 1 if there is an error.
+    """
+    from palp_core.cli.doctor.graph import examine_graph
+    from palp_core.cli.doctor.host import examine_host
+    from palp_core.cli.doctor.runs import examine_runs
+    from palp_core.graph.discovery.run_directory import running
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    records = running() if graph is None else [RunningGraph.find(graph).record]
+    findings = [*examine_host(), *examine_runs()]
+    for record in records:
+        findings += examine_graph(RunningGraph(record))
+    counts = {level: sum(finding.level == level for finding in findings) for level in _ORDER}
+    if as_json:
+        print_json({"graphs": [record.graph for record in records], **counts, "findings": findings})
+    else:
+        _print(findings, counts, len(records), report=report)
+    if counts["error"] or (include_warnings and counts["warning"]):
+        raise typer.Exit(1)
+
+
+def _print(findings: list[Finding], counts: dict[str, int], graphs: int, *, report: bool) -> None:
+    for finding in sorted(findings, key=lambda finding: _ORDER.index(finding.level)):
+        if finding.level == "ok" and not report:
+            continue
+        print_text(f"{finding.level.upper():<8} {finding.where}: {finding.what}")
+        if finding.advice:
+            print_text(f"         -> {finding.advice}")
+    print_text(
+        f"{counts['error']} errors, {counts['warning']} warnings, {counts['note']} notes; "
+        f"{counts['ok']} checks passed; {graphs} graphs running"
+    )

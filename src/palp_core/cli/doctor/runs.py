@@ -1,0 +1,60 @@
+"""What earlier runs have left: processes without a supervisor, run directories of runs that are over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+
+from palp_core.cli.doctor.finding import Finding, error, fine, remark
+from palp_core.graph.discovery.run_directory import KEEP_ENDED, base_folder, runs
+
+__all__ = ["examine_runs"]
+
+
+def examine_runs() -> Iterator[Finding]:
+    """Yield findings about the runs of this user."""
+    over = {str(folder): record.graph for folder, record, lives in runs() if not lives}
+    orphans = list(_orphans(over))
+    yield from orphans
+    if not orphans:
+        yield fine("processes", "no orphans: every process of a run has its launcher")
+    if over:
+        names = ", ".join(sorted(Path(folder).name for folder in over))
+        yield remark(
+            str(base_folder()),
+            f"{len(over)} run directories of runs that are over, kept for their logs: {names}",
+            f"remove those that are read; the latest {KEEP_ENDED} stay, older ones go with the next launch",
+        )
+
+
+def _orphans(over: dict[str, str]) -> Iterator[Finding]:
+    """Find living processes that hold a file in the directory of a run that is over."""
+    for process in psutil.process_iter(["uids"]) if over else ():
+        try:
+            if process.pid == os.getpid() or process.info["uids"].real != os.getuid():
+                continue
+            held = next((folder for folder in _held(process.pid) if folder in over), None)
+            if held is None or process.status() == psutil.STATUS_ZOMBIE:
+                continue
+            name = " ".join(process.cmdline()[:4])
+        except (psutil.Error, OSError, TypeError, AttributeError):
+            continue
+        yield error(
+            f"process {process.pid}",
+            f"an orphan of graph '{over[held]}' ({held}): its launcher is gone ({name})",
+            f"if it is still there in a few seconds: kill {process.pid}",
+        )
+
+
+def _held(pid: int) -> Iterator[str]:
+    """Yield the folders, and folders of folders, of the files that a process has open."""
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            target = Path(str(link.readlink()).removesuffix(" (deleted)"))
+        except OSError:
+            continue
+        if target.is_absolute():
+            yield from map(str, (target, *target.parents[:2]))

@@ -1,0 +1,194 @@
+"""How the nodes of a running graph do: from the launcher's health topic, else from the nodes and the host."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import msgspec
+import psutil
+
+from palp_core.errors import SchemaMismatch
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
+from palp_core.graph.messages.frame import Kind, parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.transport.subscriber_socket import Subscriber
+
+__all__ = ["EdgeRow", "HealthReader", "NodeRow", "Snapshot", "rows", "snapshot"]
+
+HEALTH = "/graph/health"
+ASK_S = 1.0
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """Counters since the nodes began, at one time of this machine's clock; silent nodes are named."""
+
+    at_ns: int
+    nodes: list[NodeHealth]
+    silent: dict[str, str]
+
+
+class NodeRow(msgspec.Struct, frozen=True):
+    """A node between two snapshots; ``rate_hz`` counts timer ticks and messages handled."""
+
+    name: str
+    pid: int
+    state: str
+    responsive: bool
+    cpu_percent: float | None
+    memory_bytes: int
+    rate_hz: float | None
+    latency_p99_s: float | None
+    lost: int
+    overruns: int
+    missed_deadlines: int
+    gc_pause_max_s: float
+
+
+class EdgeRow(msgspec.Struct, frozen=True):
+    """An input between two snapshots."""
+
+    topic: str
+    reader: str
+    rate_hz: float | None
+    received: int
+    lost: int
+    repeated: int
+    late: int
+    dropped: int
+    latency_p50_s: float | None
+    latency_p99_s: float | None
+    latency_max_s: float | None
+
+
+class HealthReader:
+    """Reads the launcher's health topic, where there is one."""
+
+    def __init__(self, graph: RunningGraph) -> None:
+        path = graph.folder / "graph.pub"
+        self._subscriber = Subscriber({HEALTH: f"ipc://{path}"}) if path.exists() else None
+
+    def read(self, timeout_s: float) -> Snapshot | None:
+        """Return the latest message, or None if none comes in time."""
+        end_ns = monotonic_ns() + round(timeout_s * 1e9)
+        found = None
+        while self._subscriber is not None and found is None and monotonic_ns() < end_ns:
+            self._subscriber.wait(0.1)
+            for raw in self._subscriber.receive():
+                found = _health(raw) or found
+        return found
+
+    def close(self) -> None:
+        """Let go."""
+        if self._subscriber is not None:
+            self._subscriber.close()
+
+
+def _health(raw: bytes) -> Snapshot | None:
+    try:
+        frame = parse(raw)
+        if frame.kind != Kind.DATA:
+            return None
+        nodes = decode(GraphHealth, frame.payload).nodes
+        return Snapshot(monotonic_ns(), nodes, {}) if nodes else None
+    except SchemaMismatch:
+        return None
+
+
+def snapshot(graph: RunningGraph) -> Snapshot:
+    """Ask every node and the host."""
+    answers = graph.ask_all("info", timeout_s=ASK_S)
+    at_ns = monotonic_ns()
+    nodes = []
+    for entry in graph.record.nodes:
+        info = answers.replies.get(entry.name, {})
+        nodes.append(_from_info(entry.name, graph.process_of(entry), info))
+    return Snapshot(at_ns, nodes, {name: str(error) for name, error in answers.silent.items()})
+
+
+def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
+    cpu_s, memory = 0.0, 0
+    with contextlib.suppress(psutil.Error):
+        if pid:  # of another host nothing is known here
+            process = psutil.Process(pid)
+            times, memory = process.cpu_times(), process.memory_info().rss
+            cpu_s = times.user + times.system
+    edges = []
+    for topic, account in info.get("inputs", {}).items():
+        latency_s = account.get("latency_s") or {}
+        counts = {
+            f"{n}_count": account.get(n, 0) for n in ("received", "lost", "repeated", "late", "dropped")
+        }
+        latencies = {f"latency_{n}_s": latency_s.get(n, 0.0) for n in ("p50", "p90", "p99", "max")}
+        edges.append(EdgeHealth(topic=topic, **counts, **latencies))
+    return NodeHealth(
+        node=name,
+        pid=pid,
+        lifecycle=info.get("lifecycle", "silent"),
+        memory_bytes=memory,
+        cpu_s=cpu_s,
+        tick_count=info.get("ticks", sum(timer["tick"] for timer in info.get("timers", {}).values())),
+        overrun_count=info.get("overruns", 0),
+        missed_deadline_count=0,
+        rejected_count=info.get("rejected", 0),
+        unread_count=info.get("unread", 0),
+        gc_pause_count=0,
+        gc_pause_max_s=0.0,
+        edges=edges,
+    )
+
+
+def rows(before: Snapshot | None, after: Snapshot) -> tuple[list[NodeRow], list[EdgeRow]]:
+    """Return what happened between two snapshots, and the totals."""
+    span_s = (after.at_ns - before.at_ns) / 1e9 if before is not None else 0.0
+    earlier = {node.node: node for node in before.nodes} if before is not None else {}
+    node_rows, edge_rows = [], []
+    for node in after.nodes:
+        old = earlier.get(node.node)
+        same = old is not None and old.pid == node.pid and span_s > 0
+        same = same and old is not None and old.cpu_s <= node.cpu_s  # another host's processes have no number
+        old_edges = {edge.topic: edge for edge in old.edges} if same and old is not None else {}
+        for edge in node.edges:
+            known = old_edges.get(edge.topic)
+            latency = edge.received_count > 0 and edge.latency_max_s > 0
+            rate = (edge.received_count - known.received_count) / span_s if known is not None else None
+            edge_rows.append(
+                EdgeRow(
+                    topic=edge.topic,
+                    reader=f"/{node.node}",
+                    rate_hz=rate,
+                    received=edge.received_count,
+                    lost=edge.lost_count,
+                    repeated=edge.repeated_count,
+                    late=edge.late_count,
+                    dropped=edge.dropped_count,
+                    latency_p50_s=edge.latency_p50_s if latency else None,
+                    latency_p99_s=edge.latency_p99_s if latency else None,
+                    latency_max_s=edge.latency_max_s if latency else None,
+                )
+            )
+        done = _handled(node) - _handled(old) if same and old is not None else 0
+        latencies = [edge.latency_p99_s for edge in node.edges if edge.latency_max_s > 0]
+        node_rows.append(
+            NodeRow(
+                name=f"/{node.node}",
+                pid=node.pid,
+                state=node.lifecycle,
+                responsive=node.node not in after.silent,
+                cpu_percent=100.0 * (node.cpu_s - old.cpu_s) / span_s if same and old is not None else None,
+                memory_bytes=node.memory_bytes,
+                rate_hz=done / span_s if same else None,
+                latency_p99_s=max(latencies, default=None),
+                lost=sum(edge.lost_count for edge in node.edges),
+                overruns=node.overrun_count,
+                missed_deadlines=node.missed_deadline_count,
+                gc_pause_max_s=node.gc_pause_max_s,
+            )
+        )
+    return node_rows, edge_rows
+
+
+def _handled(node: NodeHealth) -> int:
+    return node.tick_count + sum(edge.received_count for edge in node.edges)

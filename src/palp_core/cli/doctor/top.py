@@ -1,0 +1,166 @@
+"""``palp top``."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import GraphOption, JsonOption, until_ctrl_c
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import rich.console
+
+    from palp_core.cli.doctor.snapshot import EdgeRow, NodeRow
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+__all__ = ["top"]
+
+HEALTH_PATIENCE_S = 2.5
+NODE_TITLES = ("NODE", "STATE", "CPU %", "MEMORY", "RATE Hz", "P99 ms", "LOST", "OVERRUNS", "MISSED", "PID")
+EDGE_TITLES = (
+    "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
+    "P50 ms", "P99 ms", "MAX ms",
+)  # fmt: skip
+Sample = tuple["list[NodeRow]", "list[EdgeRow]"]
+
+
+def top(
+    *,
+    once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
+    period: Annotated[
+        float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
+    ] = 1.0,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show live how the nodes of a graph do: state, processor, memory, rate, latency, what is lost.
+
+    RATE counts a node's timer ticks and the messages that it handled. Below, each edge with its reader's own
+    account. In a graph composed into one process, processor and memory are that process's.
+    """
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    running = RunningGraph.find(graph)
+    with until_ctrl_c():
+        samples = _samples(running, period)
+        if as_json or once or not sys.stdout.isatty():
+            sample = next(samples)
+            if as_json:
+                clock = running.record.clock
+                print_json(
+                    {"graph": running.record.graph, "clock": clock, "nodes": sample[0], "edges": sample[1]}
+                )
+            else:
+                _print(sample)
+            return
+        _show_live(running, samples)
+    note(f"graph '{running.record.graph}' has ended")
+
+
+def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
+    """Yield a sample each period while the graph runs, from its health topic where that speaks."""
+    from threading import Event
+
+    from palp_core.cli.doctor.snapshot import HealthReader, rows, snapshot
+
+    reader = HealthReader(graph)
+    try:
+        before = reader.read(HEALTH_PATIENCE_S) if graph.record.clock == "wall" else None
+        by_topic = before is not None
+        before = before or snapshot(graph)
+        while graph.alive:
+            if by_topic:
+                after = reader.read(HEALTH_PATIENCE_S)
+            else:
+                Event().wait(period_s)
+                after = None
+            by_topic = after is not None
+            after = after or snapshot(graph)
+            yield rows(before, after)
+            before = after
+    finally:
+        reader.close()
+
+
+def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    nodes: list[tuple[str, ...]] = [
+        (
+            node.name,
+            node.state if node.responsive else "SILENT",
+            _number(node.cpu_percent, 1),
+            f"{node.memory_bytes / 1e6:.1f} MB",
+            _number(node.rate_hz, 1),
+            _milliseconds(node.latency_p99_s),
+            str(node.lost),
+            str(node.overruns),
+            str(node.missed_deadlines),
+            str(node.pid),
+        )
+        for node in sample[0]
+    ]
+    edges: list[tuple[str, ...]] = [
+        (
+            edge.topic,
+            edge.reader,
+            _number(edge.rate_hz, 1),
+            str(edge.received),
+            str(edge.lost),
+            str(edge.repeated),
+            str(edge.late),
+            str(edge.dropped),
+            _milliseconds(edge.latency_p50_s),
+            _milliseconds(edge.latency_p99_s),
+            _milliseconds(edge.latency_max_s),
+        )
+        for edge in sample[1]
+    ]
+    return nodes, edges
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _milliseconds(value_s: float | None) -> str:
+    return "-" if value_s is None else f"{value_s * 1e3:.3f}"
+
+
+def _print(sample: Sample) -> None:
+    nodes, edges = _cells(sample)
+    print_table([NODE_TITLES, *nodes])
+    if edges:
+        print_text("")
+        print_table([EDGE_TITLES, *edges])
+
+
+def _show_live(graph: RunningGraph, samples: Iterator[Sample]) -> None:
+    from rich.live import Live
+
+    with Live(screen=True, auto_refresh=False) as live:
+        for sample in samples:
+            live.update(_picture(graph, sample), refresh=True)
+
+
+def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    tables = []
+    for titles, lines in zip((NODE_TITLES, EDGE_TITLES), _cells(sample), strict=True):
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        for title in titles:
+            table.add_column(
+                title, justify="left" if title in ("NODE", "STATE", "TOPIC", "READER") else "right"
+            )
+        for line in lines:
+            bad = "SILENT" in line or (line[titles.index("LOST")] != "0")
+            table.add_row(*line, style="red" if bad else "")
+        tables.append(table)
+    head = f"{graph.record.graph}  ({graph.record.clock} clock, process {graph.record.pid})   Ctrl-C ends"
+    return Group(Text(head, style="bold"), Text(""), tables[0], Text(""), tables[1])

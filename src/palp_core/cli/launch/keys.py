@@ -1,0 +1,102 @@
+"""``palp keys``: this host's key pair, and who is let in."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import socket
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Keys for graphs that reach beyond this host.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.command("generate")
+def generate(
+    *,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="What others call this host; default: its name."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the pair that is there.")] = False,
+) -> None:
+    """Make this host's pair: the secret stays here, the public file is handed to other hosts."""
+    from palp_core.graph.network.keys import KeyFolder
+
+    keys = KeyFolder()
+    own = keys.generate(
+        name or re.sub(r"[^A-Za-z0-9_.-]", "_", socket.gethostname()).strip("_.-")[:63], force=force
+    )
+    file = keys.public_file(own)
+    print_text(f"{file}")
+    note(
+        f"public key of '{own.name}': {own.public}\n"
+        f"copy that file to the other host; there: palp keys allow {file.name}"
+    )
+
+
+@app.command("allow")
+def allow(
+    what: Annotated[
+        str, typer.Argument(metavar="FILE_OR_KEY", help="Public key file of a host, or its key, quoted.")
+    ],
+    *,
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="NAME", help="To call the host; default: its own name.")
+    ] = None,
+) -> None:
+    """Let the owner of a public key in; running graphs know it at once."""
+    from palp_core.graph.network.keys import KeyFolder
+
+    name, key = KeyFolder().allow(what, name)
+    print_text(f"allowed {name}: {key}")
+
+
+@app.command("deny")
+def deny(
+    what: Annotated[
+        str, typer.Argument(metavar="NAME_OR_KEY", help="Who was let in, as `palp keys list` shows it.")
+    ],
+) -> None:
+    """Let somebody in no longer; a node of that host is cut off from running graphs."""
+    from palp_core.graph.network.keys import KeyFolder
+
+    name, key = KeyFolder().deny(what)
+    print_text(f"denied {name}: {key}")
+
+
+@app.command("list")
+def list_keys(*, as_json: JsonOption = False) -> None:
+    """Show this host's public key and who is let in; never the secret."""
+    from palp_core.graph.network.keys import KeyFolder
+
+    keys = KeyFolder()
+    own, allowed, spoiled = keys.own(), keys.allowed(), keys.spoiled()
+    if as_json:
+        print_json(
+            {
+                "folder": str(keys.path),
+                "own": None if own is None else {"name": own.name, "public": own.public},
+                "allowed": [{"name": name, "public": key} for name, key in allowed.items()],
+                "spoiled": spoiled,
+            }
+        )
+        return
+    if own is None:
+        print_text(f"no pair in {shlex.quote(str(keys.path))}; make one: palp keys generate")
+    else:
+        print_table([("own", own.name, own.public)])
+    print_table([("allowed", name, key) for name, key in allowed.items()])
+    for name in spoiled:
+        note(f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in")

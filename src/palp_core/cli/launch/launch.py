@@ -1,0 +1,154 @@
+"""``palp launch``."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.output import note, print_text
+from palp_core.errors import GraphError, NodeError, PalpError
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.lockstep.conductor import Observer
+
+__all__ = ["launch"]
+
+
+def launch(
+    file: Annotated[Path, typer.Argument(help="Launch file.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
+    ] = None,
+    *,
+    check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
+    print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
+    show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
+    compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
+    ] = None,
+    digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
+    listen: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
+    ] = None,
+) -> None:
+    """Check a launch file, run its graph, end it cleanly.
+
+    The exit status is the run's: 0 if it came to its end, 1 if a node failed, 2 if the launch file has
+    mistakes, 130 on Ctrl-C.
+    """
+    overrides = arguments or []
+    if show_args:
+        from palp_core.graph.description.file_reader import read
+        from palp_core.graph.description.launch_file import arguments_text
+
+        print_text(arguments_text(read(file, overrides)))
+        return
+    if check or print_:
+        from palp_core.graph.description.check import resolved_yaml
+        from palp_core.graph.launch.graph import check_file
+
+        checked = check_file(file, overrides)
+        print_text(
+            resolved_yaml(checked).rstrip()
+            if print_
+            else f"{file}: no mistake: {len(checked.nodes)} nodes, {len(checked.topics)} topics"
+        )
+        return
+    if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
+        os.environ["PYTHONHASHSEED"] = "0"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record, listen=listen))
+
+
+@contextlib.contextmanager
+def _recordings_said(graph: Graph) -> Iterator[None]:
+    """Say what became of a graph's recordings, however it ends."""
+    try:
+        yield
+    finally:
+        if graph.recordings.text:
+            print_text(graph.recordings.text)
+
+
+def _run(
+    file: Path,
+    overrides: list[str],
+    *,
+    compose: bool,
+    digest: Path | None,
+    record: Path | None,
+    listen: str | None,
+) -> int:
+    from palp_core.graph.supervision.fork_start import start_fork_server
+
+    started = start_fork_server()  # it warms up while this process imports what it needs
+    from palp_core.cli.launch.view import LaunchView
+    from palp_core.cli.rig.safety import stop_key
+    from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.lockstep.digest import TopicDigest
+    from palp_core.graph.supervision.interrupt import Interrupted
+
+    digests = TopicDigest() if digest is not None else None
+    if digest is not None:
+        try:
+            digest.touch()  # now rather than after hours
+        except OSError as error:
+            raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
+    view = LaunchView()
+    observers: list[Observer] = [view] if digests is None else [view, digests]
+
+    def observe(now_ns: int, frame: bytes) -> None:
+        for observer in observers:
+            observer(now_ns, frame)
+
+    graph = Graph(
+        file,
+        compose=compose,
+        observe=observe,
+        overrides=overrides,
+        started=started,
+        listen=listen,
+        record=record,
+    )
+    try:
+        with _recordings_said(graph), graph:
+            graph.door.speak(note)
+            view.start(graph.checked)
+            key = stop_key(graph)
+            try:
+                summary = graph.run()
+            finally:
+                key.stop()
+                view.stop()
+                if digests is not None and digest is not None:
+                    digest.write_text(json.dumps(digests.result(), indent=1) + "\n", encoding="utf-8")
+    except Interrupted as stop:
+        sys.stderr.write(f"{stop}; every node has ended\n")
+        return 128 + int(stop.signal)
+    except NodeError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    except PalpError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    pace = (
+        f"{summary.clock_s / summary.wall_s:.0f} times real time" if summary.clock == "sim" else "real time"
+    )
+    print_text(
+        f"{summary.graph} ended after {summary.clock_s:.1f} s on its clock, "
+        f"{summary.wall_s:.1f} s of wall time ({pace})"
+    )
+    if summary.report:
+        print_text(summary.report)
+    if not graph.recordings.complete:
+        return 1
+    return summary.exit_code if 0 <= summary.exit_code < 256 else 1

@@ -1,0 +1,102 @@
+"""``palp run``: one node alone, or added to a graph that runs elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from palp_core.cli.output import note
+from palp_core.errors import GraphError, NodeError
+
+__all__ = ["pairs", "run", "value_of"]
+
+
+def run(
+    target: Annotated[
+        str, typer.Argument(metavar="MODULE:CLASS", help="As in nodes.torque:Torque, or path.py:Class.")
+    ],
+    *,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", "-n", metavar="NAME", help="Running name; default: from the class."),
+    ] = None,
+    params: Annotated[
+        list[str] | None,
+        typer.Option("--param", "-p", metavar="NAME:=VALUE", help="A parameter; repeat for more."),
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--remap",
+            "-r",
+            metavar="PORT:=/NODE/PORT",
+            help="Wire an input to a topic of the graph, or an output into a port it declares external.",
+        ),
+    ] = None,
+    join: Annotated[
+        str | None,
+        typer.Option(
+            "--join", metavar="tcp://HOST:PORT", help="Join the graph launched with --listen there."
+        ),
+    ] = None,
+    server_key: Annotated[
+        str | None,
+        typer.Option(
+            "--server-key",
+            metavar="KEY",
+            help="Public key of that host: the key, its file, or the name it is allowed by here.",
+        ),
+    ] = None,
+) -> None:
+    """Run one node on the machine's clock, or add it to a graph that runs elsewhere.
+
+    The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join.
+    """
+    from palp_core.graph.network.keys import KeyFolder
+    from palp_core.graph.network.run_node import Address, run_node
+    from palp_core.graph.supervision.interrupt import Interrupted
+
+    if server_key is not None and join is None:
+        raise GraphError("--server-key belongs to --join tcp://HOST:PORT")
+    try:
+        code = run_node(
+            target,
+            name=name,
+            params={port: value_of(text) for port, text in pairs("-p", params).items()},
+            wires=pairs("-r", remap),
+            address=Address.of(join, server_key, KeyFolder()) if join is not None else None,
+            say=note,
+        )
+    except Interrupted as stop:
+        note(f"{stop}; the node has ended")
+        code = 128 + int(stop.signal)
+    except NodeError as error:
+        note(str(error))
+        code = 1
+    sys.exit(code if 0 <= code < 256 else 1)
+
+
+def pairs(option: str, given: list[str] | None) -> dict[str, str]:
+    """Split ``name:=value``.
+
+    Raises:
+        GraphError: It is not of that form, or a name is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in given or []:
+        name, sign, value = text.partition(":=")
+        if not sign or not name:
+            raise GraphError(f"{option} {text}: write name:=value")
+        if name in found:
+            raise GraphError(f"{option} {name} is given twice; keep one")
+        found[name] = value
+    return found
+
+
+def value_of(text: str) -> Any:
+    """Return a value as YAML reads it."""
+    from palp_core.graph.description.yaml_tree import parse_scalar
+
+    return parse_scalar(text)

@@ -1,0 +1,114 @@
+"""``palp swap``: let another class take a running node's place."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import GraphError
+
+__all__ = ["swap"]
+
+FIRST_STEP = 10
+
+
+def swap(
+    node: NodeArgument,
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[MODULE:CLASS]",
+            help="The new node's class, or FILE.py:CLASS; leave it out with --reload.",
+            show_default=False,
+        ),
+    ] = None,
+    params: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME:=VALUE...]", help="Its parameters.", show_default=False),
+    ] = None,
+    *,
+    reload: Annotated[
+        bool, typer.Option("--reload", help="The same class, from its file as it is now.")
+    ] = False,
+    shadow: Annotated[
+        float,
+        typer.Option(
+            "--shadow",
+            metavar="S",
+            min=0.0,
+            max=86400.0,
+            help="First let both work for so long on the graph's clock, hear only the old one, and compare.",
+        ),
+    ] = 0.0,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Try every step, or the shadow, and change nothing.")
+    ] = False,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            "--timeout", metavar="S", min=0.1, max=3600.0, help="Seconds for all of it but the shadow."
+        ),
+    ] = 10.0,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Let another class take a running node's place; nothing is lost or repeated.
+
+    The old node works until the new one is ready, then hands over everything at one instant. If anything
+    fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
+    13 connect, 14 state, 15 shadow, 16 hand over, 17 take over).
+    """
+    from palp_core.cli.launch.run import pairs, value_of
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.swap.swap import STEPS
+
+    given = list(params or [])
+    if target is not None and ":=" in target:
+        given, target = [target, *given], None
+    if (target is None) is not reload:
+        raise GraphError(
+            "name the new class, as in nodes.policy_uniform:Uniform, or --reload the one that runs"
+        )
+    if target is not None and not all(target.rpartition(":")[::2]):
+        raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
+    run = _absolute(target) if target is not None else ""
+    options: dict[str, Any] = {"params": {k: value_of(v) for k, v in pairs("parameter", given).items()}}
+    running = RunningGraph.find(graph)
+    try:
+        answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
+    except KeyboardInterrupt:
+        note(f"the launcher goes on with the swap; what came of it is told by: palp node info {node}")
+        sys.exit(INTERRUPTED)
+    if as_json:
+        print_json(answer)
+    failed = answer.get("failed")
+    if failed:
+        note(f"/{failed['node']} goes on as it was: {failed['step']}: {failed['text']}")
+        sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
+    if not as_json:
+        _print(answer["report"])
+
+
+def _absolute(target: str) -> str:
+    module, _, name = target.rpartition(":")
+    return f"{Path(module).resolve()}:{name}" if module.endswith(".py") else target
+
+
+def _print(report: dict[str, Any]) -> None:
+    shadow = report["shadow"]
+    if shadow:
+        print_text(shadow["text"])
+    if not report["switched"]:
+        who = f"{report['after']} could take over from {report['before']}"
+        print_text(f"/{report['node']}: {who}; nothing was changed")
+        return
+    print_text(
+        f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
+        f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited, "
+        f"{report['duration_s'] * 1e3:.0f} ms in all"
+    )

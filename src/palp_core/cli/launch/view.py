@@ -1,0 +1,96 @@
+"""What ``palp launch`` shows while a graph runs: each phase's progress, live score, speed."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.messages.builtin import Progress
+from palp_core.graph.messages.frame import parse, topic_of
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import schema_of
+
+if TYPE_CHECKING:
+    import rich.progress
+
+    from palp_core.graph.description.checked import CheckedGraph
+
+__all__ = ["LaunchView"]
+
+REDRAW_NS = 100_000_000
+PLAIN_NS = 5_000_000_000
+
+
+class LaunchView:
+    """Shows :class:`Progress` messages: bars on a terminal, a line every few seconds elsewhere."""
+
+    def __init__(self) -> None:
+        self._topics: set[bytes] = set()
+        self._bars: rich.progress.Progress | None = None
+        self._tasks: dict[str, rich.progress.TaskID] = {}
+        self._start_ns = monotonic_ns()
+        self._next_ns = 0
+        self._phase = ""
+        self._lockstep = False
+
+    def start(self, graph: CheckedGraph) -> None:
+        """Begin to show a graph."""
+        type_hash = f"{schema_of(Progress).type_hash:016x}"
+        self._topics = {name.encode() for name, t in graph.topics.items() if t.type_hash == type_hash}
+        self._start_ns = monotonic_ns()
+        self._lockstep = graph.clock == "sim"
+        if sys.stdout.isatty():
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as Bars
+
+            self._bars = Bars(
+                TextColumn("{task.description:<12}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[note]}"),
+                TimeElapsedColumn(),
+            )
+            self._bars.start()
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        """Look at one frame of the graph."""
+        if topic_of(frame) not in self._topics:
+            return
+        wall_ns = monotonic_ns()
+        progress = decode(Progress, parse(frame).payload)
+        last = progress.done_count >= progress.total_count
+        if wall_ns < self._next_ns and progress.phase == self._phase and not last:
+            return
+        self._next_ns = wall_ns + (REDRAW_NS if self._bars is not None else PLAIN_NS)
+        self._phase = progress.phase
+        self._show(progress, self._note(progress, now_ns, wall_ns))
+
+    def _note(self, progress: Progress, now_ns: int, wall_ns: int) -> str:
+        wall_s = max(wall_ns - self._start_ns, 1) / 1e9
+        notes = [progress.text] if progress.text else []
+        if progress.score_defined:
+            notes.append(f"{progress.score:.0%} right")
+        if self._lockstep:
+            notes.append(f"{now_ns / 1e9 / wall_s:.0f} x real time")
+        if progress.busy_s and self._lockstep:
+            notes.append(f"{progress.busy_s / wall_s:.0f} s of work per s")
+        return ", ".join(notes)
+
+    def _show(self, progress: Progress, note: str) -> None:
+        if self._bars is None:
+            sys.stdout.write(
+                f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip() + "\n"
+            )
+            sys.stdout.flush()
+            return
+        task = self._tasks.get(progress.phase)
+        if task is None:
+            task = self._bars.add_task(progress.phase, total=progress.total_count, note=note)
+            self._tasks[progress.phase] = task
+        self._bars.update(task, completed=progress.done_count, total=progress.total_count, note=note)
+
+    def stop(self) -> None:
+        """Leave the terminal as it was."""
+        if self._bars is not None:
+            self._bars.stop()

@@ -1,0 +1,200 @@
+"""Try a device from the command line: is it there, and what does it deliver?"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from palp_core.cli.rig.device_catalogue import kind_of
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.protocols import EmgBlock, TorqueBlock
+from palp_core.palpation.devices.registry import open_device
+from palp_core.palpation.devices.ring.maestro_link import MaestroLink
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
+from palp_core.palpation.devices.torque.ati import AtiTorque
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
+from palp_core.palpation.devices.wire import aerotech as wire
+from palp_core.palpation.devices.wire import maestro as maestro_wire
+
+__all__ = ["probe", "unverified", "watch"]
+
+_LONGEST_S = 5.0
+_LISTEN_S = 0.5
+
+
+def probe(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
+
+    Args:
+        device: Its name.
+        options: Of its driver.
+
+    Raises:
+        DeviceError: No such device or option, or it does not answer.
+    """
+    kind = kind_of(device)
+    if kind == "stage":
+        return _probe_stage(dict(options))
+    if kind == "ring":
+        return _probe_ring(dict(options))
+    row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
+    if not row["samples"]:
+        raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
+    if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
+        raise DeviceError(
+            f"{device}: {row['state']}: what it sends makes no sense; check that it is one, and its rates"
+        )
+    return row
+
+
+def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
+    """Return which parameters nobody has checked on the device, and what is to be checked of each.
+
+    Raises:
+        DeviceError: No such device or option, or ``verified`` names what needs no verification.
+    """
+    driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
+    return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
+
+
+def watch(
+    device: str, options: Mapping[str, Any], seconds: float, every_s: float
+) -> Iterator[dict[str, Any]]:
+    """Yield what a sensor delivered in each stretch of time.
+
+    Args:
+        device: Its name.
+        options: Of its driver.
+        seconds: How long; 0 for ever.
+        every_s: Length of a stretch.
+
+    Raises:
+        DeviceError: It is no sensor, does not answer, or a time is no length of time.
+    """
+    kind = kind_of(device)
+    if kind in ("stage", "ring"):
+        raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")
+    check_range(device, "seconds", seconds, 0.0, 1e9)
+    check_range(device, "every_s", every_s, 1e-3, 1e6)
+    sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
+    state: Any = WrenchState() if kind == "torque" else EmgSourceState()
+    rng, pause = np.random.default_rng(0), Event()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnverifiedWarning)  # it is asked for: unverified()
+        sensor.open(time.monotonic_ns(), state, rng)
+    try:
+        _await_first(device, sensor, pause)
+        end_ns = time.monotonic_ns() + round(seconds * 1e9) if seconds else 0
+        while not end_ns or time.monotonic_ns() < end_ns:
+            pause.wait(every_s)
+            now_ns = time.monotonic_ns()
+            block = sensor.drain(now_ns, state, rng)
+            row = _row(block, str(sensor.health(now_ns).condition), every_s, sensor.rate_hz)
+            yield {**row, **_identity(sensor)}
+    finally:
+        sensor.close()
+
+
+def _await_first(device: str, sensor: Any, pause: Event) -> None:
+    until_ns = time.monotonic_ns() + round(_LONGEST_S * 1e9)
+    while not (health := sensor.health(time.monotonic_ns())).ok:
+        if time.monotonic_ns() > until_ns:
+            raise DeviceError(
+                f"{device}: no data within {_LONGEST_S:g} s: {health.condition}: {health.cause};"
+                " check that it measures, and its rate and baud rate"
+            )
+        pause.wait(0.01)
+
+
+def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float, nominal_hz: float) -> dict[str, Any]:
+    count = len(block.times_ns)
+    row: dict[str, Any] = {
+        "state": condition,
+        "samples": count,
+        "rate_hz": count / every_s,
+        "nominal_hz": nominal_hz,
+        "gaps": int(np.count_nonzero(block.gap)),
+        "drift_ppm": block.clock.drift * 1e6,
+        "jitter_us": block.clock.residual_s * 1e6,
+    }
+    if isinstance(block, TorqueBlock):
+        names = ("fx_n", "fy_n", "fz_n", "tx_n_m", "ty_n_m", "tz_n_m")
+        columns = dict(zip(names, block.wrench.T, strict=True))
+        row["faulty"] = int(np.count_nonzero(block.faulty))
+    else:
+        columns = {"fds_v": block.fds_v, "edc_v": block.edc_v}
+    for name, values in columns.items():
+        row[name] = float(np.mean(values)) if count else 0.0
+        row[f"{name}_sd"] = float(np.std(values)) if count else 0.0
+    return row
+
+
+def _identity(sensor: Any) -> dict[str, Any]:
+    """Return what a sensor says of itself."""
+    if not isinstance(sensor, AtiTorque):
+        return {}
+    told = sensor.sensor
+    return {"serial_number": told.serial_number, "firmware": ".".join(map(str, told.firmware))}
+
+
+def _probe_stage(options: dict[str, Any]) -> dict[str, Any]:
+    if "url" not in options:
+        raise DeviceError("aerotech: where is it? give url:=/dev/ttyUSB0 or url:=socket://HOST:8000")
+    stage: Any = open_device("stage", "aerotech", **options)
+    link = AerotechLink(stage.url, stage.baud, stage.timeout_s)
+    try:
+        return {axis: _axis(link, axis) for axis in stage.axes}
+    finally:
+        link.close()
+
+
+def _axis(link: AerotechLink, axis: str) -> str:
+    """Return how an axis does, in words; nothing but questions is sent."""
+    status = wire.Status(link.bits(f"AXISSTATUS({axis})"))
+    fault = wire.Fault(link.bits(f"AXISFAULT({axis})"))
+    words = [
+        "enabled" if status & wire.Status.ENABLED else "disabled",
+        "homed" if status & wire.Status.HOMED else "not homed",
+        "moving" if status & wire.Status.MOVING else "at rest",
+        f"at {link.number(f'PFBKPROG({axis})'):g} mm",
+        f"fault {fault.words}",
+    ]
+    try:
+        low, high = (
+            link.number(f"GETPARM({axis}, {number})")
+            for number in (wire.Parameter.SOFT_LIMIT_LOW, wire.Parameter.SOFT_LIMIT_HIGH)
+        )
+        words.append(f"soft limits {low:g} to {high:g} mm")
+    except Refused:
+        words.append("does not tell its soft limits")
+    return ", ".join(words)
+
+
+def _probe_ring(options: dict[str, Any]) -> dict[str, Any]:
+    if "url" not in options:
+        raise DeviceError("maestro: where is it? give url:=/dev/ttyACM0")
+    ring: Any = open_device("ring", "maestro", **options)
+    link = MaestroLink(ring.url, ring.crc, ring.timeout_s, ring.servo)
+    try:
+        link.distrust()  # the line must be silent while nobody asks
+        counts, pulse_us = link.position(ring.feedback), link.position(ring.servo) / 4.0
+        if counts > maestro_wire.LARGEST_INPUT or pulse_us > maestro_wire.LONGEST_US:
+            raise DeviceError(
+                f"maestro: feedback {counts} counts, pulse {pulse_us:g} us: no Maestro says that;"
+                " check the port, the baud rate and that crc is what it is set to"
+            )
+        return {
+            "feedback": f"{counts} counts, {ring.ring_m(counts) * 1e3:.2f} mm by the present calibration",
+            "pulse": f"{pulse_us:.2f} us",
+        }
+    finally:
+        link.close()

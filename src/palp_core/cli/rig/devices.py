@@ -1,0 +1,155 @@
+"""``palp devices``: which devices there are, whether one answers, emulated ones, and what one measures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palp_core.cli.options import JsonOption, until_ctrl_c
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import DeviceError
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Devices: which there are, try them, emulate them.", no_args_is_help=True, rich_markup_mode=None
+)
+
+RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
+KINDS = ("stage", "ring", "torque", "emg")
+DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help="Its name, as list prints it.")]
+OptionsArgument = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[name:=value]...", help="Options of its driver, as in a launch file."),
+]
+
+
+@app.command("list")
+def list_devices(*, as_json: JsonOption = False) -> None:
+    """List the devices that have a driver, with what their drivers take."""
+    from palp_core.cli.rig.device_catalogue import describe
+
+    found = describe()
+    if as_json:
+        print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
+        return
+    wide = max(len(device.name) for device in found)
+    for device in found:
+        print_text(f"{device.name:<{wide}}  {device.kind:<6}  {device.link}")
+
+
+@app.command("probe")
+def probe(
+    device: DeviceArgument,
+    options: OptionsArgument = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
+    from palp_core.cli.rig.device_probe import probe as look
+    from palp_core.cli.rig.device_probe import unverified
+
+    given = _options(options)
+    try:
+        with until_ctrl_c():
+            found = look(device, given)
+            open_points = unverified(device, given)
+    except DeviceError as error:
+        if as_json:
+            print_json({"device": device, "answers": False, "text": str(error)})
+        else:
+            note(str(error))
+        sys.exit(1)
+    if as_json:
+        print_json({"device": device, "answers": True, **found, "unverified": open_points})
+        return
+    print_text(f"{device} answers")
+    for name, value in found.items():
+        print_text(f"  {name}: {_number(value)}")
+    for name, check in open_points.items():
+        print_text(f"  not verified: {name}: {check}")
+
+
+@app.command("emulate")
+def emulate(
+    devices: Annotated[
+        list[str] | None, typer.Argument(metavar="[DEVICE]...", help="Which; default: a whole rig.")
+    ] = None,
+    *,
+    host: Annotated[str, typer.Option(help="Address of their TCP ports.")] = "127.0.0.1",
+    phantoms: Annotated[Path | None, typer.Option(help="YAML file of phantoms by code.")] = None,
+    seed: Annotated[int, typer.Option(help="Of their random numbers.")] = 1,
+) -> None:
+    """Start emulated devices; print their options, then obey lines such as 'fault ati silence'."""
+    from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
+    from palp_core.palpation.devices.emulator.__main__ import serve
+    from palp_core.palpation.devices.emulator.axis import AxisSettings
+    from palp_core.palpation.devices.emulator.world import WorldSettings
+
+    raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
+    world = WorldSettings(seed=seed, phantoms="" if phantoms is None else str(phantoms), z_axis=raised)
+    settings = RigSettings(world=world, host=host)
+    rig = EmulatedRig(settings, devices) if devices else EmulatedRig(settings)
+    with until_ctrl_c(), rig:
+        for name, options in rig.options.items():
+            print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
+        if rig.stop_url:
+            print_text(f"aerotech's second port: {rig.stop_url}")
+        sys.stdout.flush()
+        serve(rig, sys.stdin, sys.stdout)
+
+
+@app.command("monitor")
+def monitor(
+    device: DeviceArgument,
+    options: OptionsArgument = None,
+    *,
+    seconds: Annotated[float, typer.Option("--for", metavar="S", help="How long; 0: until Ctrl-C.")] = 0.0,
+    every: Annotated[float, typer.Option(metavar="S", min=0.05, help="How often a line.")] = 1.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
+    from palp_core.cli.rig.device_probe import unverified, watch
+
+    given, said = _options(options), False
+    with until_ctrl_c():
+        for row in watch(device, given, seconds, every):
+            if not said:
+                said = True
+                for name, check in unverified(device, given).items():
+                    note(f"not verified: {name}: {check}")
+            if as_json:
+                print_json(row)
+            else:
+                print_text("  ".join(f"{name} {_number(value)}" for name, value in row.items()))
+            sys.stdout.flush()
+
+
+def _options(words: list[str] | None) -> dict[str, Any]:
+    """Return options as values.
+
+    Raises:
+        DeviceError: One is not of the form ``name:=value``.
+    """
+    from palp_core.cli.text.message_yaml import parse_yaml
+
+    found: dict[str, Any] = {}
+    for word in words or []:
+        name, mark, value = word.partition(":=")
+        if not mark or not name:
+            raise DeviceError(f"'{word}' is no option; write it as in url:=/dev/ttyACM0")
+        found[name] = parse_yaml(value, name)
+    return found
+
+
+def _text(value: Any) -> str:
+    """Return a value so that a shell and YAML read it again."""
+    return str(value) if isinstance(value, str) else "'" + json.dumps(value) + "'"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

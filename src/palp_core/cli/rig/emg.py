@@ -1,0 +1,188 @@
+"""``palp emg``: recorded EMG to co-contraction, bursts and levels, with what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
+
+FsOption = Annotated[
+    float | None, typer.Option("--fs", metavar="HZ", min=1.0, help="Sampling rate; default: the file's.")
+]
+FdsOption = Annotated[
+    str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: name, or number from 0.")
+]
+EdcOption = Annotated[
+    str | None, typer.Option("--edc", metavar="COL", help="Extensor's column: name, or number from 0.")
+]
+UnitOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNIT",
+        help="V, mV, uV, nV or counts, of every file; default: what each states, else a guess.",
+    ),
+]
+
+
+@app.command("analyse")
+def analyse(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A recording, or a folder subject/phase/trial.")
+    ],
+    *,
+    fs: FsOption = None,
+    fds: FdsOption = None,
+    edc: EdcOption = None,
+    unit: UnitOption = None,
+    mvc: Annotated[
+        Path | None, typer.Option(help="Recording of the MVC; a bag or a folder may hold its own.")
+    ] = None,
+    rest: Annotated[
+        Path | None, typer.Option(help="Recording at rest; default: the quietest twentieth.")
+    ] = None,
+    window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 50.0,
+    prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
+    distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.2,
+    band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
+    rails: Annotated[
+        tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
+    ] = None,
+    swept: Annotated[
+        bool, typer.Option("--sweep", help="Bursts and lambda_2 over windows, prominences and distances.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Analyse a recording, or a folder of them; exit status 1 if a trial of the folder failed."""
+    from palp_core.errors import PalpError
+    from palp_core.palpation.identification.emg import batch as emg_batch
+    from palp_core.palpation.identification.emg.files import is_recording
+    from palp_core.palpation.identification.emg.trial import Choices, run_trial, trial_record
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
+
+    settings = EmgSettings(
+        low_hz=band_hz[0],
+        high_hz=band_hz[1],
+        window_s=window_ms / 1e3,
+        prominence=prominence,
+        distance_s=distance_s,
+        rails=rails,
+    )
+    choices = Choices(fs, fds, edc, unit)
+    if out is not None:
+        _make(out)
+    if file.is_dir() and not is_recording(file):
+        if swept:
+            raise PalpError("--sweep is for one recording; name a trial of the folder")
+        records = emg_batch.run_folder(file, mvc, choices, settings, note)
+        result = emg_batch.write_batch(records, out) if out else {"trials": records}
+        if as_json:
+            print_json(result)
+        else:
+            names = ("subject", "phase", "trial", "burst_count", "flags")
+            print_table([names, *([_text(one.get(name)) for name in names] for one in records)])
+        _say_where(out)
+        if any(one["error"] for one in records):
+            raise typer.Exit(1)
+        return
+    trial = run_trial(file, mvc, choices, settings, rest)
+    record = emg_batch.write_trial(trial, out) if out else trial_record(trial)
+    if swept:
+        record["sweep"] = emg_batch.sweep_trial(trial, out)
+    if as_json:
+        print_json(record)
+    else:
+        shown = (
+            "file",
+            "mvc",
+            "fds",
+            "edc",
+            "rate_hz",
+            "unit",
+            "duration_s",
+            "cocontraction_mean",
+            "burst_count",
+            "lambda_2",
+            "mvc_ratio",
+            "clipped",
+            "lost",
+            "above_mvc",
+            "clamped",
+            "flags",
+            "notes",
+        )
+        print_table([[name, _text(record[name])] for name in shown])
+        if swept:
+            heads = list(record["sweep"][0])
+            print_table([heads, *([_text(row[head]) for head in heads] for row in record["sweep"])])
+    _say_where(out)
+
+
+@app.command("import")
+def import_file(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
+    *,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what the file would be taken for.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Write time_s, fds, edc there as CSV.")] = None,
+    fs: FsOption = None,
+    fds: FdsOption = None,
+    edc: EdcOption = None,
+    unit: UnitOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say which columns, rate and unit a recording has, and why; with --out, write it as plain CSV."""
+    from palp_core.errors import PalpError
+    from palp_core.palpation.identification.emg.emg_import import write_plain
+    from palp_core.palpation.identification.emg.trial import Choices, import_report
+
+    choices = Choices(fs, fds, edc, unit)
+    report = import_report(file, choices)
+    if as_json:
+        print_json(report)
+    else:
+        print_text(f"{report['file']}: {report['format']}")
+        heads = ("name", "samples", "missing", "min", "max", "rate_hz", "unit")
+        print_table([heads, *([_text(one[head]) for head in heads] for one in report["columns"])])
+        found = report["guess"] or {}
+        print_table([[name, _text(value)] for name, value in found.items()])
+        for line in report["notes"]:
+            print_text(f"note: {line}")
+    if report["problem"]:
+        raise PalpError(str(report["problem"]))
+    if not dry_run:
+        if out is None:
+            raise PalpError("nothing to do: give --dry-run to look, or --out FILE.csv to write")
+        write_plain(file, out, choices)
+        note(f"written: {out}")
+
+
+def _make(out: Path) -> None:
+    from palp_core.errors import PalpError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+
+
+def _say_where(out: Path | None) -> None:
+    if out is not None:
+        note(f"written: {out / 'quality.html'}")
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "-"
+    if value is None or value == "":
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

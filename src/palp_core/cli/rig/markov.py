@@ -1,0 +1,132 @@
+"""``palp markov``: the strategy of stiffness levels, learnt from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Strategies of stiffness levels, learnt from EMG.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Strategies of stiffness levels, learnt from EMG."""
+
+
+@app.command("fit")
+def fit(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE...",
+            help="Recordings or bags of EMG, or folders subject/phase/trial; MM=FILE states the depth.",
+            show_default=False,
+        ),
+    ],
+    *,
+    mvc: Annotated[Path | None, typer.Option(help="Recording of the MVC; default: each file's own.")] = None,
+    fs: Annotated[float | None, typer.Option("--fs", metavar="HZ", min=1.0, help="Sampling rate.")] = None,
+    fds: Annotated[str | None, typer.Option("--fds", metavar="COL", help="Flexor's column.")] = None,
+    edc: Annotated[str | None, typer.Option("--edc", metavar="COL", help="Extensor's column.")] = None,
+    unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="V, mV, uV, nV or counts; default: as palp emg.")
+    ] = None,
+    window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 150.0,
+    prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
+    distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.4,
+    prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
+    mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
+    seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for chain.json, chart (PNG), tables (CSV, JSON) and page.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Learn the chain of co-contraction levels, with intervals; exit status 1 if a trial failed."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from palp_core.errors import PalpError
+    from palp_core.palpation.identification.emg import markov_fit
+    from palp_core.palpation.identification.emg.trial import Choices
+
+    settings = replace(
+        markov_fit.SETTINGS, window_s=window_ms / 1e3, prominence=prominence, distance_s=distance_s
+    )
+    if out is not None:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+    found = markov_fit.fit(
+        [markov_fit.source_of(word) for word in files],
+        mvc,
+        Choices(fs, fds, edc, unit),
+        settings,
+        np.random.default_rng(seed),
+        prior_count=prior,
+        mass=mass,
+        tell=note,
+    )
+    if out is not None:
+        from palp_core.palpation.identification.emg.markov_page import write_fit
+
+        record = write_fit(found, out)
+    else:
+        record = markov_fit.fit_record(found)
+    if as_json:
+        print_json(record)
+    else:
+        for chain in record["chains"]:
+            _print_chain(record["levels"], chain)
+    if out is not None:
+        note(f"written: {out / 'index.html'}; the Markov policy loads {out / 'chain.json'}")
+    if any(one["error"] for one in record["trials"]):
+        raise typer.Exit(1)
+
+
+def _print_chain(levels: list[float], chain: dict[str, Any]) -> None:
+    of = "all depths" if chain["depth_mm"] is None else f"{chain['depth_mm']:g} mm"
+    print_text(f"{of}: {chain['transitions']} transitions in {chain['trials']} trials")
+    heads = [f"{level:g}" for level in levels]
+    rows = [
+        [f"{level:g}", *(f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(*line, strict=True))]
+        for level, line in reversed(
+            list(zip(levels, zip(chain["matrix"], chain["low"], chain["high"], strict=True), strict=True))
+        )
+    ]
+    print_table([["next \\ present", *heads], *rows])
+    values = "  ".join(_eigenvalue(one) for one in chain["eigenvalues"])
+    seen = chain["observed"]
+    print_table(
+        [
+            ["eigenvalues", values],
+            ["relaxation time, steps", _interval(chain["relaxation_time_steps"])],
+            ["Kemeny's constant, steps", _interval(chain["kemeny_steps"])],
+            ["stationary law", "  ".join(_interval(share) for share in chain["stationary"])],
+            [
+                "as observed",
+                f"{'irreducible' if seen['irreducible'] else 'reducible'}, "
+                f"{seen['closed_classes']} closed classes, period {seen['period']}",
+            ],
+            ["never visited, never left", f"{seen['levels_never_visited']}, {seen['levels_never_left']}"],
+        ]
+    )
+    print_text("")
+
+
+def _interval(value: dict[str, float]) -> str:
+    return f"{value['value']:.3f} ({value['low']:.3f} to {value['high']:.3f})"
+
+
+def _eigenvalue(one: dict[str, Any]) -> str:
+    turn = f"{one['imaginary']:+.4f}i" if abs(one["imaginary"]) > 1e-9 else ""
+    return f"{one['real']:.4f}{turn}"

@@ -1,0 +1,160 @@
+"""``palp scene``: which model answers a scene and why, what comes out, and the contact forces of any rung."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+if TYPE_CHECKING:
+    from palp_core.palpation.mechanics.scene.choice import SceneChoice
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Scenes: which model, why, and what comes out.", no_args_is_help=True)
+
+
+class Rung(StrEnum):
+    """The ladder of contact models, coarse to fine."""
+
+    L0 = "l0"
+    L1 = "l1"
+    L2 = "l2"
+    L3 = "l3"
+    L4 = "l4"
+    L5 = "l5"
+
+
+FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_default=False)]
+JsonOption = Annotated[bool, typer.Option("--json", help="For machines, in SI.")]
+RungOption = Annotated[
+    Rung | None, typer.Option(case_sensitive=False, help="This rung, whatever the tolerance.")
+]
+
+
+@app.command("explain")
+def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
+    """Say which rung a scene needs and why, with bound, evidence and cost; computes no contact."""
+    from palp_core.palpation.mechanics.scene.choice import choose_rung
+    from palp_core.palpation.mechanics.scene.file import read_scene
+
+    scene = read_scene(file)
+    choice = choose_rung(scene)
+    if as_json:
+        print_json(
+            {
+                "rung": choice.rung,
+                "bound": choice.bound,
+                "output": scene.tolerance.output,
+                "tolerance": scene.tolerance.relative,
+                "reason": choice.reason,
+                "evidence": choice.method.evidence,
+                "cost_s": choice.method.cost_s,
+                "motion": choice.motion,
+                "candidates": [vars(candidate) for candidate in choice.candidates],
+            }
+        )
+        return
+    print_text(f"rung {choice.rung}: {scene.tolerance.output} {_within(choice.bound)}")
+    print_text(f"why: {choice.reason}")
+    print_text(f"evidence: {choice.method.evidence}")
+    print_text(f"cost: about {choice.method.cost_s:g} s for set-up and a sweep with nothing cached")
+    print_text(f"motion: {choice.motion}")
+    print_text("")
+    _print_candidates(choice)
+
+
+@app.command("run")
+def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = False) -> None:
+    """Sweep a scene at each ring position: torque, angle and normal force against the stage's position."""
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.run import run_scene
+
+    scene = read_scene(file)
+    done = run_scene(scene, rung.value if rung else None)
+    for words in done.guards:
+        note(words)
+    if as_json:
+        print_json(done.as_json())
+        return
+    print_text(f"rung {done.choice.rung}: {scene.tolerance.output} {_within(done.choice.bound)}")
+    print_text(f"why: {done.choice.reason}")
+    print_text(f"motion: {done.choice.motion}")
+    print_text("")
+    rows = [
+        ["r_a, mm", "peak, N mm", "contrast, N mm", "peak at, mm", "largest angle, deg", "largest force, N"]
+    ]
+    for ring_m, peak, contrast, sweep in zip(
+        done.ring_m, done.peak_n_m, done.contrast_n_m, done.sweeps, strict=True
+    ):
+        at = int(abs(sweep.torque_n_m).argmax())
+        rows.append(
+            [
+                f"{ring_m * 1e3:g}",
+                f"{peak * 1e3:.4g}",
+                f"{contrast * 1e3:.4g}",
+                f"{sweep.stage_m[at] * 1e3:.4g}",
+                f"{float(abs(sweep.angle_rad).max()) * 57.29578:.4g}",
+                f"{float(sweep.normal_n.max()):.4g}",
+            ]
+        )
+    print_table(rows)
+
+
+@app.command("table")
+def table(
+    file: FileArgument,
+    *,
+    rung: Annotated[Rung, typer.Option(case_sensitive=False, help="Which rung.")],
+    offsets_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Positions past the bead, in mm.")],
+    indentations_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Depths under the surface, in mm.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Print a rung's contact forces over offsets and indentations."""
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.run import force_table
+
+    offsets, depths = _metres("--offsets-mm", offsets_mm), _metres("--indentations-mm", indentations_mm)
+    found = force_table(read_scene(file), rung.value, offsets, depths)
+    if as_json:
+        print_json(found.as_json())
+        return
+    print_text(f"rung {found.rung}: normal force {_within(found.bound)}; N normal / N lateral")
+    print_table(
+        [
+            ["offset, mm", *(f"{depth * 1e3:g} mm deep" for depth in depths)],
+            *(
+                [f"{s * 1e3:g}", *(f"{n:.5g} / {u:.5g}" for n, u in zip(normal, lateral, strict=True))]
+                for s, normal, lateral in zip(offsets, found.normal_n, found.lateral_n, strict=True)
+            ),
+        ]
+    )
+
+
+def _metres(option: str, text: str) -> list[float]:
+    """Return comma-separated millimetres as metres."""
+    try:
+        values = [float(part) * 1e-3 for part in text.split(",") if part.strip()]
+    except ValueError as error:
+        raise typer.BadParameter(f"{option} takes numbers of millimetres with commas, as in 0,4,8") from error
+    if not values:
+        raise typer.BadParameter(f"{option} needs at least one number of millimetres")
+    return values
+
+
+def _print_candidates(choice: SceneChoice) -> None:
+    rows = [["rung", "stated error", "set-up and a sweep", "verdict"]]
+    rows += [[c.rung, _percent(c.bound), f"{c.cost_s:g} s", c.verdict] for c in choice.candidates]
+    print_table(rows)
+
+
+def _percent(share: float | None) -> str:
+    return "no stated bound" if share is None else f"{100.0 * share:.2g} %"
+
+
+def _within(share: float | None) -> str:
+    return "without a stated bound" if share is None else f"within {_percent(share)}"

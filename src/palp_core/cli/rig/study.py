@@ -1,0 +1,55 @@
+"""``palp study``: the paper re-run, speed against accuracy, and where methods fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.options import INTERRUPTED
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Studies: the paper re-run, speed against accuracy, where methods fail.", no_args_is_help=True
+)
+
+
+@app.command("list")
+def list_studies(*, as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
+    """List the studies."""
+    from palp_core.palpation.studies.catalogue import STUDIES
+
+    if as_json:
+        print_json([{"name": one.name, "question": one.question} for one in STUDIES.values()])
+        return
+    print_table([[one.name, one.question] for one in STUDIES.values()])
+
+
+@app.command("run")
+def run(
+    name: Annotated[str, typer.Argument(help="Name of the study; see `palp study list`.")],
+    *,
+    out: Annotated[Path, typer.Option(help="Folder for charts, tables and the page.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Few values: minutes instead of an hour.")] = False,
+    workers: Annotated[int, typer.Option(help="Local processes, where the study can use them.")] = 1,
+    dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
+) -> None:
+    """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
+    from palp_core.errors import PalpError
+    from palp_core.palpation.studies.catalogue import study
+
+    chosen = study(name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+    note(f"{chosen.name}: {chosen.question}")
+    try:
+        page = chosen.run(out, quick=quick, workers=workers, dask=dask)
+    except KeyboardInterrupt:
+        note(chosen.stopped(out))
+        raise typer.Exit(INTERRUPTED) from None
+    print_text(str(page))

@@ -1,0 +1,146 @@
+"""Messages as people read them, by the JSON Schema that the running graph has of each topic."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from palp_core.errors import GraphError
+from palp_core.graph.problems import hint
+
+__all__ = ["Shortening", "csv_line", "decoded", "is_array", "parse_path", "pick", "readable", "shortened"]
+
+Path = tuple[str | int, ...]
+_STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(-?\d+)\]")
+
+
+class Shortening(NamedTuple):
+    """How much of a message is shown.
+
+    Attributes:
+        length: Elements of an array, characters of a text; None: all.
+        arrays: Show the elements of arrays.
+        texts: Show texts.
+    """
+
+    length: int | None = 128
+    arrays: bool = True
+    texts: bool = True
+
+
+def is_array(schema: dict[str, Any]) -> bool:
+    """Tell whether a field is a numeric array, which travels as bytes."""
+    return bool(schema.get("x-dtype") == "<f8")
+
+
+def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a message as plain values.
+
+    Raises:
+        GraphError: The payload is not the map that the schema says.
+    """
+    import msgspec
+
+    try:
+        message = msgspec.msgpack.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise GraphError(f"a {schema.get('title', 'message')} that is not msgpack: {error}") from error
+    if not isinstance(message, dict):
+        raise GraphError(f"a {schema.get('title', 'message')} that is no map but {type(message).__name__}")
+    plain: dict[str, Any] = readable(message, schema)
+    return plain
+
+
+def readable(value: Any, schema: dict[str, Any]) -> Any:
+    """Turn numeric arrays into lists and other bytes into hexadecimal text, by the schema."""
+    if isinstance(value, bytes):
+        if is_array(schema) and len(value) % 8 == 0:
+            import numpy as np
+
+            return np.frombuffer(value, dtype="<f8").tolist()
+        return value.hex()
+    if isinstance(value, dict):
+        properties = schema.get("properties", {})
+        return {name: readable(item, properties.get(name, {})) for name, item in value.items()}
+    if isinstance(value, list):
+        return [readable(item, schema.get("items", {})) for item in value]
+    return value
+
+
+def parse_path(text: str, schema: dict[str, Any]) -> Path:
+    """Read a field's path, as in ``pose.position[2]``, and check it against a schema.
+
+    Raises:
+        GraphError: Not a path, or no such field; the nearest name is in the message.
+    """
+    steps: list[str | int] = []
+    end = 0
+    for match in _STEP.finditer(text):
+        if match.start() != end:
+            break
+        end = match.end()
+        name, index = match.groups()
+        steps.append(int(index) if name is None else name)
+    if not steps or end != len(text):
+        raise GraphError(f"'{text}' is no field; write it as in a.b or a[0].b")
+    at, title = schema, schema.get("title", "the message")
+    for step in steps:
+        if isinstance(step, int):
+            if at.get("type") != "array" and not is_array(at):
+                raise GraphError(f"field '{text}': only an array has elements")
+            at = at.get("items", {})
+            continue
+        known = at.get("properties", {})
+        if step not in known:
+            raise GraphError(f"{title} has no field '{step}'{hint(step, known)}")
+        at, title = known[step], known[step].get("title", f"{title}.{step}")
+    return tuple(steps)
+
+
+def pick(message: Any, path: Sequence[str | int]) -> Any:
+    """Return what a path leads to.
+
+    Raises:
+        GraphError: This message's array is shorter.
+    """
+    for step in path:
+        try:
+            message = message[step]
+        except IndexError:
+            raise GraphError(f"no element {step}: the array has {len(message)}") from None
+    return message
+
+
+def shortened(value: Any, how: Shortening) -> Any:
+    """Return a value with long parts left out, and said to be."""
+    if isinstance(value, dict):
+        return {name: shortened(item, how) for name, item in value.items()}
+    if isinstance(value, str):
+        if not how.texts:
+            return f"<string length: {len(value)}>"
+        return value if how.length is None or len(value) <= how.length else value[: how.length] + "..."
+    if isinstance(value, list):
+        if not how.arrays:
+            return f"<array of {len(value)}>"
+        kept = value if how.length is None else value[: how.length]
+        more = [f"... {len(value) - len(kept)} more"] if len(kept) < len(value) else []
+        return [*(shortened(item, how) for item in kept), *more]
+    return value
+
+
+def csv_line(value: Any) -> str:
+    """Return all values of a message, in order, as one line of comma-separated values."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="").writerow(_leaves(value))
+    return line.getvalue()
+
+
+def _leaves(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return [leaf for item in value.values() for leaf in _leaves(item)]
+    if isinstance(value, list):
+        return [leaf for item in value for leaf in _leaves(item)]
+    return [value]

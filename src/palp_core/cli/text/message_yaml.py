@@ -1,0 +1,113 @@
+"""From what a person types to the map that travels: YAML, checked and packed by a message's JSON Schema."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+from palp_core.cli.text.message_text import is_array
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.problems import Problems, hint
+
+__all__ = ["message_from_yaml", "packed", "parse_yaml"]
+
+_KINDS: dict[str, type] = {"boolean": bool, "integer": int, "number": float, "string": str}
+INT64 = range(-(2**63), 2**63)
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Return what a YAML text says, by YAML 1.2's rules: ``on`` is a text, ``1e-3`` a number.
+
+    Raises:
+        GraphProblems: Not YAML, or a key is given twice; with line and column.
+    """
+    from palp_core.graph.description.yaml_tree import parse_tree, plain_tree
+
+    problems = Problems()
+    tree = parse_tree(text, source, problems)
+    problems.raise_any()
+    return None if tree is None else plain_tree(tree)
+
+
+def message_from_yaml(text: str, schema: dict[str, Any], source: str) -> dict[str, Any]:
+    """Return a message as it travels, from YAML.
+
+    Raises:
+        GraphError: It does not fit the schema; the field is named.
+    """
+    value = parse_yaml(text, source)
+    try:
+        message: dict[str, Any] = packed({} if value is None else value, schema, "")
+    except SchemaMismatch as error:
+        raise GraphError(f"{source}: no {schema.get('title', 'message')}: {error}") from error
+    return message
+
+
+def packed(value: Any, schema: dict[str, Any], where: str) -> Any:
+    """Check a value and pack its arrays; fields that are not given are left to the receiver's defaults.
+
+    Raises:
+        SchemaMismatch: It does not fit; the message begins with the field.
+    """
+    kind = schema.get("type")
+    if is_array(schema):
+        return _array(value, where)
+    if kind == "object":
+        return _object(value, schema, where)
+    if kind == "array":
+        if not isinstance(value, list):
+            raise _unlike(where, "a list, as in [1, 2]", value)
+        return [packed(item, schema.get("items", {}), f"{where}[{i}]") for i, item in enumerate(value)]
+    if kind == "string" and schema.get("contentEncoding"):
+        return _bytes(value, where)
+    if kind not in _KINDS:
+        raise SchemaMismatch(f"{where}: the schema's type '{kind}' is not a message's")
+    if kind == "number":
+        return _number(value, where)
+    if not isinstance(value, _KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
+        raise _unlike(where, {"boolean": "true or false", "integer": "an integer"}.get(kind, "a text"), value)
+    if kind == "integer" and value not in INT64:
+        raise SchemaMismatch(f"{where}: {value} does not fit into 64 bits")
+    return value
+
+
+def _number(value: Any, where: str) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise _unlike(where, "a number", value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise SchemaMismatch(f"{where}: {str(value)[:20]}... is too large for a float") from None
+
+
+def _object(value: Any, schema: dict[str, Any], where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise _unlike(where, "a mapping, as in {index: 1}", value)
+    known = schema.get("properties", {})
+    for name in value:
+        if name not in known:
+            raise SchemaMismatch(f"{_under(where, name)}: no such field{hint(name, known)}")
+    return {name: packed(item, known[name], _under(where, name)) for name, item in value.items()}
+
+
+def _array(value: Any, where: str) -> bytes:
+    if not isinstance(value, list):
+        raise _unlike(where, "a list of numbers, as in [1.0, 2.0]", value)
+    return struct.pack(f"<{len(value)}d", *(_number(item, f"{where}[{i}]") for i, item in enumerate(value)))
+
+
+def _bytes(value: Any, where: str) -> bytes:
+    """Bytes are typed as hexadecimal text, which is also how they are shown."""
+    try:
+        return bytes.fromhex(value)
+    except (TypeError, ValueError):
+        raise _unlike(where, "bytes as hexadecimal text, as in '00ff'", value) from None
+
+
+def _under(where: str, name: str) -> str:
+    return f"{where}.{name}" if where else name
+
+
+def _unlike(where: str, wanted: str, value: Any) -> SchemaMismatch:
+    shown = repr(value) if len(repr(value)) <= 40 else f"{repr(value)[:37]}..."
+    return SchemaMismatch(f"{where or 'the message'}: expected {wanted}, got {shown}")

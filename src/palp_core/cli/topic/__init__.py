@@ -1,0 +1,1 @@
+"""``palp topic`` and ``palp tap``."""

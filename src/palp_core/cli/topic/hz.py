@@ -1,0 +1,100 @@
+"""``palp topic hz``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
+from palp_core.cli.output import print_json, print_text
+
+__all__ = ["hz"]
+
+
+def hz(
+    topics: TopicsArgument,
+    *,
+    window: Annotated[
+        int | None,
+        typer.Option(
+            "--window", "-w", min=1, help="Messages to measure; default: 10000, for one report 100."
+        ),
+    ] = None,
+    filter_: Annotated[
+        str | None, typer.Option("--filter", metavar="EXPR", help="Count only these, as in 'm.index > 3'.")
+    ] = None,
+    wall_time: Annotated[
+        bool, typer.Option("--wall-time", help="The rate on this machine's clock, not the graph's.")
+    ] = False,
+    once: Annotated[bool, typer.Option("--once", help="One report: when the window is full.")] = False,
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one report.")] = 10.0,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Tell the rate of topics, by their own counters.
+
+    Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
+    process is too slow to hear every message. Each reader's own account follows. A report each second, or a
+    single one with --once or --json.
+    """
+    from palp_core.cli.text.filter import message_filter
+    from palp_core.cli.text.message_text import decoded
+    from palp_core.cli.topic.listen import Heard
+    from palp_core.cli.topic.measure import Window, account, measure, reader_lines, readers
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    running = RunningGraph.find(graph)
+    entries = list({name: running.topic(name) for name in topics}.values())
+    length = window or (100 if once or as_json else 10_000)
+    windows = {}
+    for entry in entries:
+        accepts = None
+        if filter_ is not None:
+            condition, schema = message_filter(filter_, entry.json_schema), entry.json_schema
+
+            def accepts(heard: Heard, condition: Any = condition, schema: Any = schema) -> bool:
+                return bool(condition(decoded(heard.frame.payload, schema)))
+
+        windows[entry.name] = Window(length, accepts)
+
+    def report() -> None:
+        accounts = readers(running, entries)
+        for entry in entries:
+            found = windows[entry.name]
+            clock_hz, wall_hz = found.rates_hz()
+            rate_hz = wall_hz if wall_time else clock_hz
+            if as_json:
+                print_json(
+                    {
+                        "topic": entry.name,
+                        "clock": running.record.clock,
+                        "hz": clock_hz,
+                        "wall_hz": wall_hz,
+                        **found.periods_s(),
+                        "messages": found.messages,
+                        "lost": found.lost,
+                        "readers": [account(edge) for edge in accounts[entry.name]],
+                    }
+                )
+                continue
+            if found.messages < 2:
+                continue
+            head = f"{entry.name}: " if len(entries) > 1 else ""
+            rate = f"average rate: {rate_hz:.3f}" if rate_hz else "no rate: all at one instant"
+            pace = running.record.clock == "sim" and not wall_time and wall_hz
+            print_text(head + rate + (f" ({wall_hz:.1f} Hz of wall time)" if pace else ""))
+            low, high, deviation = found.periods_s().values()
+            if low is not None:
+                print_text(
+                    f"\tmin: {low:.6f}s max: {high:.6f}s std dev: {deviation:.6f}s window: {found.messages}"
+                )
+            for line in [*reader_lines(accounts[entry.name]), *_missed(found)]:
+                print_text(line)
+
+    with until_ctrl_c():
+        measure(running, entries, windows, report, once=once or as_json, timeout_s=timeout)
+
+
+def _missed(window: Any) -> list[str]:
+    return [f"\t{window.lost} did not reach this command; the rate counts them"] if window.lost else []

@@ -1,0 +1,195 @@
+"""``palp topic pub``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palp_core.cli import completion
+from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import GraphError
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+__all__ = ["pub"]
+
+RETRY_S = 0.1
+MANY_LATE = 10
+
+
+def pub(
+    topic: Annotated[
+        str,
+        typer.Argument(
+            metavar="TOPIC",
+            help="A port that the launch file declares external, as in /policy/command.",
+            autocompletion=completion.topics,
+            show_default=False,
+        ),
+    ],
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and message.", show_default=False),
+    ] = None,
+    *,
+    stdin: Annotated[
+        bool, typer.Option("--stdin", help="Messages from standard input, --- between.")
+    ] = False,
+    rate: Annotated[
+        float, typer.Option("--rate", "-r", min=1e-3, max=1e4, help="Messages per second.")
+    ] = 1.0,
+    print_every: Annotated[
+        int, typer.Option("--print", "-p", min=0, help="Say every so manyth message; 0: none.")
+    ] = 1,
+    once: Annotated[bool, typer.Option("--once", "-1", help="One message, then end.")] = False,
+    times: Annotated[int, typer.Option("--times", "-t", min=0, help="This many; 0: until Ctrl-C.")] = 0,
+    wait_matching: Annotated[
+        int | None,
+        typer.Option(
+            "--wait-matching-subscriptions", "-w", min=0, max=1, help="1: until the node is active."
+        ),
+    ] = None,
+    max_wait_time_secs: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="Longest such wait; default: without end.")
+    ] = None,
+    timeout: TimeoutOption = 5.0,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Publish into a port that takes messages from outside.
+
+    The message is checked before anything is sent; fields that are not given get the type's defaults. The
+    node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
+    """
+    from palp_core.cli.text.words import type_and_message
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
+    if stdin and text is not None:
+        raise GraphError("give the message either as a word or with --stdin, not both")
+    with until_ctrl_c():
+        running = RunningGraph.find(graph)
+        node, port, schema = _external_port(running, topic, timeout)
+        if kind is not None and kind != schema.get("title"):
+            raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")
+        messages = _messages(text, schema, stdin=stdin)
+        if wait_matching if wait_matching is not None else max_wait_time_secs is not None:
+            _await_active(running, node, max_wait_time_secs)
+        _publish(
+            running, node, port, messages, rate_hz=rate, limit=1 if once else times,
+            timeout_s=timeout, print_every=print_every, as_json=as_json,
+        )  # fmt: skip
+
+
+def _external_port(graph: RunningGraph, topic: str, timeout_s: float) -> tuple[str, str, dict[str, Any]]:
+    """Return node, port and JSON Schema of a port that takes messages from outside.
+
+    Raises:
+        GraphError: There is none of that name, or it has a publisher.
+    """
+    from palp_core.graph.problems import hint
+
+    node, _, port = topic.removeprefix("/").partition("/")
+    if node in graph.node_names:
+        external = graph.ask(node, "info", timeout_s=timeout_s).get("external", [])
+        if port in external:
+            ports = graph.ask(node, "schemas", timeout_s=timeout_s)["ports"]
+            return node, port, ports[port]["types"][0]["json_schema"]
+    name = "/" + topic.removeprefix("/")
+    if any(name == entry.name for entry in graph.record.topics):
+        raise GraphError(
+            f"{name} is published by /{graph.topic(name).node}, and a topic has one publisher; "
+            "publish into a port that the launch file declares external: true"
+        )
+    answers = graph.ask_all("info", timeout_s=timeout_s)
+    known = [f"/{n}/{p}" for n, info in answers.replies.items() for p in info.get("external", [])]
+    raise GraphError(
+        f"no port '{name}' takes messages from outside{hint(name, known)}"
+        + ("" if known else "; declare one in the launch file with external: true")
+    )
+
+
+def _messages(text: str | None, schema: dict[str, Any], *, stdin: bool) -> Iterator[dict[str, Any]]:
+    """Check what is typed; return the same message for ever, or those of standard input."""
+    import itertools
+
+    from palp_core.cli.text.message_yaml import message_from_yaml
+
+    if stdin:
+        return (
+            message_from_yaml(part, schema, f"message {i}") for i, part in enumerate(_documents(), start=1)
+        )
+    return itertools.repeat(message_from_yaml("{}" if text is None else text, schema, "message"))
+
+
+def _documents() -> Iterator[str]:
+    """Yield the documents of standard input as soon as each is complete."""
+    lines: list[str] = []
+    for line in _lines():
+        if line.rstrip() == "---":
+            if "".join(lines).strip():
+                yield "".join(lines)
+            lines = []
+        else:
+            lines.append(line)
+    if "".join(lines).strip():
+        yield "".join(lines)
+
+
+def _lines() -> Iterator[str]:
+    try:
+        yield from sys.stdin
+    except UnicodeDecodeError as error:
+        raise GraphError(f"standard input is not UTF-8 text: {error}") from error
+
+
+def _await_active(graph: RunningGraph, node: str, longest_s: float | None) -> None:
+    from threading import Event
+
+    from palp_core.graph.clock import monotonic_ns
+
+    end_ns = None if longest_s is None else monotonic_ns() + round(longest_s * 1e9)
+    while (state := graph.ask(node, "info")["lifecycle"]) != "active":
+        if end_ns is not None and monotonic_ns() > end_ns:
+            raise GraphError(f"/{node} is {state} and was not active within {longest_s:g} s")
+        Event().wait(RETRY_S)
+
+
+def _publish(
+    graph: RunningGraph,
+    node: str,
+    port: str,
+    messages: Iterator[dict[str, Any]],
+    *,
+    rate_hz: float,
+    limit: int,
+    timeout_s: float,
+    print_every: int,
+    as_json: bool,
+) -> None:
+    """Send on a grid of absolute times, so that the rate does not drift."""
+    from threading import Event
+
+    from palp_core.graph.clock import monotonic_ns
+
+    start_ns, late = monotonic_ns(), 0
+    for index, message in enumerate(messages):
+        wait_s = (start_ns + round(index * 1e9 / rate_hz) - monotonic_ns()) / 1e9
+        late += wait_s < -1.0 / rate_hz
+        if wait_s > 0:
+            Event().wait(wait_s)
+        reply = graph.ask(node, "publish", timeout_s=timeout_s, port=port, message=message)
+        if as_json:
+            print_json({"topic": f"/{node}/{port}", "sequence": reply["sequence"]})
+        elif print_every and (index + 1) % print_every == 0:
+            print_text(f"publishing #{index + 1}: sequence {reply['sequence']}")
+        sys.stdout.flush()
+        if index + 1 == limit:
+            break
+    if late > MANY_LATE:
+        note(f"{late} messages were more than a period late: {rate_hz:g} Hz is too fast for one at a time")

@@ -1,0 +1,1 @@
+"""The MCAP format alone: records, chunks, files."""

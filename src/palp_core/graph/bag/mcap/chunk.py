@@ -1,0 +1,113 @@
+"""Take a chunk apart, after its CRC."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+
+from palp_core.graph.bag.mcap.compression import decompress
+from palp_core.graph.bag.mcap.index_records import ChunkIndex
+from palp_core.graph.bag.mcap.records import MESSAGE, MESSAGE_BYTES, RECORD, RECORD_BYTES, Cursor, Op
+
+__all__ = ["ChunkHead", "RawMessage", "open_chunk", "read_chunk_head", "split_chunk"]
+
+RawMessage = tuple[int, int, int, int, bytes]
+"""Channel, sequence, log time, publish time, payload."""
+ChunkHead = tuple[int, int, int, int, str, memoryview]
+"""First and last log time, size and CRC of the uncompressed records, compression, what is stored."""
+
+_PAYLOAD_OFFSET = MESSAGE_BYTES - RECORD_BYTES
+MESSAGE_OP, DEFINITIONS = int(Op.MESSAGE), (int(Op.SCHEMA), int(Op.CHANNEL))
+_NUMBERS = struct.Struct("<QQQI")
+
+
+def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHead:
+    """Split a chunk's whole record into its fields; of a torn one, take what is there.
+
+    Raises:
+        ValueError: Not a chunk, or its lengths contradict each other.
+    """
+    cursor = Cursor(data)
+    op, length = RECORD.unpack(cursor.raw(RECORD_BYTES))
+    if op != Op.CHUNK:
+        raise ValueError(f"record {op} stands where a chunk should be")
+    start_ns, end_ns, size, crc = _NUMBERS.unpack(cursor.raw(_NUMBERS.size))
+    compression, stored_bytes = cursor.text(), cursor.u64()
+    head_bytes = cursor.offset - RECORD_BYTES
+    if head_bytes + stored_bytes != length:
+        raise ValueError("its lengths contradict each other")
+    stored = cursor.raw(min(stored_bytes, len(data) - cursor.offset) if torn else stored_bytes)
+    return start_ns, end_ns, size, crc, compression, stored
+
+
+def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None) -> bytes:
+    """Return the records of a chunk, given its whole record.
+
+    Args:
+        data: The chunk's record.
+        index: Its entry in a checked summary, which it must match.
+
+    Raises:
+        ValueError: It is not what was written.
+    """
+    start_ns, end_ns, size, crc, compression, stored = read_chunk_head(data)
+    if index is not None:
+        claimed = (start_ns, end_ns, size, compression, len(stored))
+        if claimed != (
+            index.start_ns,
+            index.end_ns,
+            index.uncompressed_bytes,
+            index.compression,
+            index.compressed_bytes,
+        ):
+            raise ValueError("it is not the chunk that the summary describes")
+    records = decompress(compression, stored, size)
+    if crc and zlib.crc32(records) != crc:
+        raise ValueError("the CRC does not match")
+    return records
+
+
+def split_chunk(
+    records: bytes, define: Callable[[int, memoryview], None], *, torn: bool = False
+) -> list[RawMessage]:
+    """Return the messages of a chunk in order; definitions go to ``define``.
+
+    Args:
+        records: The chunk's decompressed records.
+        define: Is given opcode and content of each schema and channel.
+        torn: The last record may be incomplete; it is left out.
+
+    Raises:
+        ValueError: The records do not fill the chunk, or one of them makes no sense.
+    """
+    messages: list[RawMessage] = []
+    append, unpack = messages.append, MESSAGE.unpack_from
+    offset, size = 0, len(records)
+    try:
+        while offset < size:
+            if records[offset] == MESSAGE_OP:
+                _, length, channel, sequence, log_ns, publish_ns = unpack(records, offset)
+                begin = offset + MESSAGE_BYTES
+                offset += RECORD_BYTES + length
+                if offset > size:
+                    break
+                if offset < begin:
+                    raise ValueError("a message is shorter than its head")
+                append((channel, sequence, log_ns, publish_ns, records[begin:offset]))
+            else:
+                op, length = RECORD.unpack_from(records, offset)
+                begin = offset + RECORD_BYTES
+                offset = begin + length
+                if offset > size:
+                    break
+                if op in DEFINITIONS:
+                    define(op, memoryview(records)[begin:offset])
+                elif op == 0:
+                    raise ValueError("record 0")
+    except struct.error as error:
+        if not torn:
+            raise ValueError(str(error)) from error
+    if offset != size and not torn:
+        raise ValueError("its last record is not whole")
+    return messages

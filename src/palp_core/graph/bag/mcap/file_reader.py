@@ -1,0 +1,257 @@
+"""Read one MCAP file: by its summary where that is whole, else by walking through its records.
+
+Nothing is believed unchecked: a summary and every chunk must match their CRC, and a chunk its entry in the
+summary. A file without summary (its writer was killed) is read as far as it goes.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Container, Iterator
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+from palp_core.errors import BagDamaged, BagError
+from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, split_chunk
+from palp_core.graph.bag.mcap.closing import Closing
+from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
+from palp_core.graph.bag.mcap.records import (
+    MAGIC,
+    RECORD,
+    RECORD_BYTES,
+    Attachment,
+    Channel,
+    Metadata,
+    Op,
+    Schema,
+)
+
+__all__ = ["ChunkPlace", "FileReader"]
+
+T = TypeVar("T", Attachment, Metadata)
+_FOOTER_BYTES = RECORD_BYTES + 20
+_PEEK_BYTES = RECORD_BYTES + 6
+
+
+class ChunkPlace(NamedTuple):
+    """Where a chunk's record is; ``entry`` is what the summary says of it, if there is one."""
+
+    offset: int
+    length: int
+    entry: ChunkIndex | None
+
+
+class FileReader(Closing):
+    """Reads one file.
+
+    Args:
+        path: The file.
+
+    Attributes:
+        closed: It has a whole summary: its writer came to its end.
+        schemas, channels: Definitions known so far; all of them if ``closed``.
+        statistics: Counts of the whole file, if ``closed`` and written.
+        chunks: Every chunk found, in file order.
+        problems: What is wrong with the file, in words.
+
+    Raises:
+        BagError: No such file, or one that another tool wrote without chunks.
+        BagDamaged: Not an MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.closed = False
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.statistics: Statistics | None = None
+        self.chunks: list[ChunkPlace] = []
+        self.problems: list[str] = []
+        self._attachments: list[tuple[int, int]] = []
+        self._metadata: list[tuple[int, int]] = []
+        self._damage: BagDamaged | None = None
+        try:
+            self._file = path.open("rb", buffering=1 << 16)
+        except OSError as error:
+            raise BagError(f"{path}: {error.strerror}") from error
+        try:
+            self.size = path.stat().st_size
+            if self._at(0, len(MAGIC)) != MAGIC:
+                raise BagDamaged(path, 0, "not an MCAP file")
+            try:
+                self.closed = self._read_summary()
+            except (ValueError, struct.error) as error:
+                self.problems.append(f"the summary is damaged: {error}")
+            if not self.closed:
+                self._walk()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def messages(
+        self, channels: Container[int] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[list[RawMessage]]:
+        """Iterate messages in file order, chunk by chunk.
+
+        Args:
+            channels: Only these; None: all.
+            start_ns: Only from this log time on.
+            end_ns: Only before this log time.
+
+        Raises:
+            BagDamaged: A chunk is not what was written, or the file ends amid a record; every whole chunk
+                before it has been yielded.
+        """
+        timed = start_ns is not None or end_ns is not None
+        low, high = start_ns or 0, 1 << 64 if end_ns is None else end_ns
+        for place in self.chunks:
+            if (index := place.entry) is not None:
+                if index.end_ns < low or index.start_ns >= high:
+                    continue
+                if channels is not None and index.channels and not any(c in channels for c in index.channels):
+                    continue
+            found = self.read_chunk(place)
+            if timed or channels is not None:
+                found = [m for m in found if low <= m[2] < high and (channels is None or m[0] in channels)]
+            yield found
+        if self._damage is not None:
+            raise self._damage
+
+    def read_chunk(self, place: ChunkPlace) -> list[RawMessage]:
+        """Return a chunk's messages, checked.
+
+        Raises:
+            BagDamaged: It is not what was written.
+        """
+        try:
+            return split_chunk(open_chunk(self._at(place.offset, place.length), place.entry), self._define)
+        except (ValueError, struct.error) as error:
+            raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error
+
+    @property
+    def extras(self) -> list[tuple[int, int]]:
+        """Offset and length of every attachment and metadata record."""
+        return [*self._attachments, *self._metadata]
+
+    def attachments(self) -> dict[str, bytes]:
+        """Return the attachments by name; the last one of a name counts.
+
+        Raises:
+            BagDamaged: One of them does not match its CRC.
+        """
+        found = [self._parsed(Attachment.parse, *place) for place in self._attachments]
+        return {attachment.name: attachment.data for attachment in found}
+
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Return the metadata records by name; the last one of a name counts.
+
+        Raises:
+            BagDamaged: One of them does not match its CRC.
+        """
+        found = [self._parsed(Metadata.parse, *place) for place in self._metadata]
+        return {metadata.name: metadata.values for metadata in found}
+
+    def _at(self, offset: int, size: int) -> bytes:
+        self._file.seek(offset)
+        return self._file.read(min(size, self.size))
+
+    def _define(self, op: int, content: memoryview) -> None:
+        if op == Op.SCHEMA:
+            schema = Schema.parse(content)
+            if self.schemas.setdefault(schema.id, schema) != schema:
+                raise ValueError(f"two definitions of schema {schema.id}")
+        else:
+            channel = Channel.parse(content)
+            if self.channels.setdefault(channel.id, channel) != channel:
+                raise ValueError(f"two definitions of channel {channel.id}")
+
+    def _parsed(self, parse: Callable[[memoryview], T], offset: int, length: int) -> T:
+        try:
+            return parse(memoryview(self._at(offset, length))[RECORD_BYTES:])
+        except (ValueError, struct.error) as error:
+            raise BagDamaged(self.path, offset, str(error)) from error
+
+    def _read_summary(self) -> bool:
+        """Read the summary; return False where the writer did not come to writing it.
+
+        Raises:
+            ValueError: It is not what was written.
+        """
+        end = self.size - len(MAGIC) - _FOOTER_BYTES
+        footer = self._at(max(end, 0), _FOOTER_BYTES + len(MAGIC))
+        if end < len(MAGIC) or footer[-len(MAGIC) :] != MAGIC or footer[0] != Op.FOOTER:
+            return False
+        start, _, crc = struct.unpack_from("<QQI", footer, RECORD_BYTES)
+        if start == 0:
+            return False
+        if not len(MAGIC) <= start <= end:
+            raise ValueError("its footer points outside the file")
+        summary = memoryview(self._at(start, end - start))
+        if crc and zlib.crc32(footer[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != crc:
+            raise ValueError("its CRC does not match")
+        offset = 0
+        while offset < len(summary):
+            op, length = RECORD.unpack_from(summary, offset)
+            content = summary[offset + RECORD_BYTES : offset + RECORD_BYTES + length]
+            offset += RECORD_BYTES + length
+            if op in (Op.SCHEMA, Op.CHANNEL):
+                self._define(op, content)
+            elif op == Op.STATISTICS:
+                self.statistics = Statistics.parse(content)
+            elif op == Op.CHUNK_INDEX:
+                index = ChunkIndex.parse(content)
+                self.chunks.append(ChunkPlace(index.offset, index.length, index))
+            elif op == Op.ATTACHMENT_INDEX:
+                attachment = AttachmentIndex.parse(content)
+                self._attachments.append((attachment.offset, attachment.length))
+            elif op == Op.METADATA_INDEX:
+                metadata = MetadataIndex.parse(content)
+                self._metadata.append((metadata.offset, metadata.length))
+        self.chunks.sort(key=lambda place: place.offset)
+        if not self.chunks and self.statistics is not None and any(self.statistics.counts.values()):
+            raise BagError(f"{self.path}: written without chunks; make them with `mcap sort` first")
+        return True
+
+    def _walk(self) -> None:
+        """Find the chunks, attachments and metadata without a summary."""
+        self.chunks, self._attachments, self._metadata = [], [], []
+        self.schemas, self.channels, self.statistics = {}, {}, None
+        offset = len(MAGIC)
+        while offset < self.size:
+            head = self._at(offset, _PEEK_BYTES)
+            if len(head) < RECORD_BYTES:
+                return self._broken(offset, "the file ends amid a record")
+            op, length = RECORD.unpack_from(head)
+            size = RECORD_BYTES + length
+            if op == 0 or op > Op.DATA_END or (offset == len(MAGIC)) != (op == Op.HEADER):
+                return self._broken(offset, "no record begins here")
+            if offset + size > self.size:
+                return self._broken(offset, "the file ends amid a record")
+            if op == Op.CHUNK:
+                self.chunks.append(ChunkPlace(offset, size, None))
+            elif op == Op.ATTACHMENT:
+                self._attachments.append((offset, size))
+            elif op == Op.METADATA:
+                self._metadata.append((offset, size))
+            elif op == Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
+                return self._broken(offset, "a message index is damaged")
+            elif op == Op.MESSAGE:
+                raise BagError(
+                    f"{self.path}: a message outside any chunk; make chunks with `mcap sort` first"
+                )
+            elif op == Op.DATA_END:
+                if not self.problems:
+                    self.problems.append("the summary is missing")
+                return None
+            offset += size
+        self.problems.append("it was not closed: its writer ended without warning")
+        return None
+
+    def _broken(self, offset: int, why: str) -> None:
+        self._damage = BagDamaged(self.path, offset, why)
+        self.problems.append(f"at byte {offset} of {self.size}: {why}")

@@ -1,0 +1,250 @@
+"""Write one MCAP file, chunk by chunk.
+
+A chunk is closed when it is full or when :meth:`FileWriter.tick` finds it half a second old, and reaches the
+operating system in one write, so whatever happens to this process, every closed chunk is whole in the file.
+A channel's definition stands in the first two chunks that use it and in the summary: no single damage makes
+messages unreadable elsewhere.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.mcap.compression import Compression, compressor
+from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
+from palp_core.graph.bag.mcap.records import (
+    MAGIC,
+    MESSAGE,
+    RECORD,
+    RECORD_BYTES,
+    Attachment,
+    Channel,
+    Metadata,
+    Op,
+    Schema,
+    record,
+    text,
+)
+
+__all__ = ["CHUNK_BYTES", "CHUNK_NS", "FileWriter"]
+
+CHUNK_BYTES = 1 << 20
+CHUNK_NS = 500_000_000
+_DEFINED_TIMES = 2
+_PAYLOAD_OFFSET = MESSAGE.size - RECORD_BYTES
+MESSAGE_OP = int(Op.MESSAGE)
+
+
+class FileWriter:
+    """Writes one file; the caller says when time has passed.
+
+    Args:
+        path: The file, which must not exist.
+        compression: Of the chunks.
+        chunk_bytes: A chunk is closed when it holds this much, before compression.
+        chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given.
+
+    Raises:
+        BagError: The file exists.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        compression: Compression = "zstd",
+        chunk_bytes: int = CHUNK_BYTES,
+        chunk_ns: int = CHUNK_NS,
+    ) -> None:
+        self.path = path
+        self.written_bytes = 0
+        self.counts: dict[int, int] = {}
+        self.start_ns = self.end_ns = 0
+        self._compression, self._compress = compressor(compression)
+        self._chunk_bytes = chunk_bytes
+        self._chunk_ns = chunk_ns
+        self._crc = 0
+        self._schemas: dict[int, bytes] = {}
+        self._channels: dict[int, tuple[int, bytes]] = {}
+        self._chunks: list[ChunkIndex] = []
+        self._attachments: list[AttachmentIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._defined: dict[int, int] = {}
+        self._buffer = bytearray()
+        self._index: dict[int, tuple[list[int], list[int]]] = {}
+        self._tick_ns: int | None = None
+        self._opened_ns: int | None = None
+        try:
+            self._file = path.open("xb", buffering=0)
+        except FileExistsError as error:
+            raise BagError(f"{path} exists already: choose another name") from error
+        self._put(MAGIC + record(Op.HEADER, text(""), text("palp")))
+
+    def add_schema(self, schema: Schema) -> None:
+        """Make a schema known; its id is 1 or more."""
+        self._schemas[schema.id] = schema.pack()
+
+    def add_channel(self, channel: Channel) -> None:
+        """Make a channel known; its schema must be."""
+        if channel.schema_id not in self._schemas:
+            raise BagError(f"{channel.topic}: its schema {channel.schema_id} is not known to {self.path}")
+        self._channels[channel.id] = (channel.schema_id, channel.pack())
+        self.counts[channel.id] = 0
+
+    def has(self, channel: int) -> bool:
+        """Say whether a channel is known."""
+        return channel in self._channels
+
+    def write(
+        self, channel: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
+    ) -> None:
+        """Add a message; of the sequence, 32 bits are kept.
+
+        Raises:
+            BagError: An unknown channel, or a number that the format cannot hold.
+        """
+        buffer = self._buffer
+        try:
+            head = MESSAGE.pack(
+                MESSAGE_OP, _PAYLOAD_OFFSET + len(payload), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns
+            )
+        except struct.error as error:
+            raise BagError(f"{self.path}: a message at {log_ns} ns, stamped {publish_ns}: {error}") from error
+        index = self._index.get(channel)
+        if index is None:
+            index = self._define(channel)
+        index[0].append(log_ns)
+        index[1].append(len(buffer))
+        buffer += head
+        buffer += payload
+        if len(buffer) >= self._chunk_bytes:
+            self.close_chunk()
+
+    def tick(self, now_ns: int) -> None:
+        """Say what time it is, on any monotonic clock; call it at least every 0.1 s."""
+        if self._index:
+            if self._opened_ns is None:  # the chunk was begun after the last tick
+                self._opened_ns = now_ns if self._tick_ns is None else self._tick_ns
+            if now_ns - self._opened_ns >= self._chunk_ns:
+                self.close_chunk()
+        self._tick_ns = now_ns
+
+    def close_chunk(self) -> None:
+        """Write the open chunk, if anything is in it."""
+        if not self._index:
+            return
+        buffer, compression = self._buffer, text(self._compression)
+        start_ns = min(min(times) for times, _ in self._index.values())
+        end_ns = max(max(times) for times, _ in self._index.values())
+        data = self._compress(buffer)
+        head = struct.pack("<QQQI", start_ns, end_ns, len(buffer), zlib.crc32(buffer))
+        size = struct.pack("<Q", len(data))
+        length = len(head) + len(compression) + len(size) + len(data)
+        parts: list[Any] = [RECORD.pack(Op.CHUNK, length), head, compression, size, data]
+        place = begin = self.written_bytes + RECORD_BYTES + length
+        channels = {}
+        for channel, (times, offsets) in self._index.items():
+            pairs = np.array((times, offsets), dtype="<u8").T.tobytes()
+            channels[channel] = place
+            parts.append(record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(pairs)), pairs))
+            place += len(parts[-1])
+            self.counts[channel] += len(times)
+        self.start_ns = start_ns if not self._chunks else min(self.start_ns, start_ns)
+        self.end_ns = max(self.end_ns, end_ns)
+        index = ChunkIndex(
+            start_ns,
+            end_ns,
+            self.written_bytes,
+            begin - self.written_bytes,
+            channels,
+            place - begin,
+            self._compression,
+            len(data),
+            len(buffer),
+        )
+        self._put(b"".join(parts))
+        self._chunks.append(index)
+        self._buffer = bytearray()
+        self._index = {}
+        self._opened_ns = None
+
+    def attach(self, attachment: Attachment) -> None:
+        """Add an attachment; it is in the file at once."""
+        data = attachment.pack()
+        a = attachment
+        self._attachments.append(
+            AttachmentIndex(
+                self.written_bytes, len(data), a.log_ns, a.create_ns, len(a.data), a.name, a.media_type
+            )
+        )
+        self._put(data)
+
+    def note(self, metadata: Metadata) -> None:
+        """Add a metadata record; it is in the file at once."""
+        data = metadata.pack()
+        self._metadata.append(MetadataIndex(self.written_bytes, len(data), metadata.name))
+        self._put(data)
+
+    def close(self) -> None:
+        """Write the last chunk and the summary, and wait until the disk has them."""
+        if self._file.closed:
+            return
+        self.close_chunk()
+        self._put(record(Op.DATA_END, struct.pack("<I", self._crc)))
+        start = self.written_bytes
+        statistics = Statistics(
+            self.start_ns,
+            self.end_ns,
+            len(self._schemas),
+            len(self._attachments),
+            len(self._metadata),
+            len(self._chunks),
+            self.counts,
+        )
+        groups = [
+            (Op.SCHEMA, list(self._schemas.values())),
+            (Op.CHANNEL, [packed for _, packed in self._channels.values()]),
+            (Op.STATISTICS, [statistics.pack()]),
+            (Op.CHUNK_INDEX, [chunk.pack() for chunk in self._chunks]),
+            (Op.ATTACHMENT_INDEX, [index.pack() for index in self._attachments]),
+            (Op.METADATA_INDEX, [index.pack() for index in self._metadata]),
+        ]
+        summary = bytearray()
+        offsets = b""
+        for op, packed in groups:
+            if packed:
+                body = b"".join(packed)
+                offsets += record(Op.SUMMARY_OFFSET, struct.pack("<BQQ", op, start + len(summary), len(body)))
+                summary += body
+        offset_start = start + len(summary)
+        summary += offsets
+        summary += RECORD.pack(Op.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
+        summary += struct.pack("<I", zlib.crc32(summary)) + MAGIC
+        self._put(bytes(summary))
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+    def _define(self, channel: int) -> tuple[list[int], list[int]]:
+        if channel not in self._channels:
+            raise BagError(f"{self.path} has no channel {channel}: add it before writing to it")
+        index: tuple[list[int], list[int]] = ([], [])
+        self._index[channel] = index
+        times = self._defined.get(channel, 0)
+        if times < _DEFINED_TIMES:
+            self._defined[channel] = times + 1
+            schema, packed = self._channels[channel]
+            self._buffer += self._schemas[schema] + packed
+        return index
+
+    def _put(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            view = view[self._file.write(view) :]
+        self._crc = zlib.crc32(data, self._crc)
+        self.written_bytes += len(data)

@@ -1,0 +1,222 @@
+"""Find every intact chunk of a damaged file, whatever is broken around it."""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, read_chunk_head, split_chunk
+from palp_core.graph.bag.mcap.file_reader import FileReader
+from palp_core.graph.bag.mcap.records import (
+    MAGIC,
+    RECORD,
+    RECORD_BYTES,
+    Attachment,
+    Channel,
+    Metadata,
+    Op,
+    Schema,
+)
+
+__all__ = ["Salvage", "salvage"]
+
+_CHUNK = re.compile(
+    rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
+    re.DOTALL,
+)
+"""How a chunk begins: opcode, a length below 2**40, times, size, CRC, the name of a compression."""
+
+
+class Salvage(msgspec.Struct, kw_only=True):
+    """What is intact in a file.
+
+    Attributes:
+        chunks: Offset and length of every chunk whose CRC matches.
+        torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
+        damaged_chunk_count: Chunks that are not what was written.
+        damaged_bytes: Bytes that belong to nothing intact.
+    """
+
+    path: Path
+    chunks: list[tuple[int, int]] = []
+    torn: int = -1
+    damaged_chunk_count: int = 0
+    damaged_bytes: int = 0
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    attachments: dict[str, Attachment] = {}
+    metadata: dict[str, Metadata] = {}
+
+    def messages(self) -> Iterator[list[RawMessage]]:
+        """Iterate the messages of the intact chunks, in file order."""
+        with self.path.open("rb") as file:
+            for offset, length in self.chunks:
+                file.seek(offset)
+                yield split_chunk(open_chunk(file.read(length)), _ignore)
+
+    def torn_messages(self) -> list[RawMessage]:
+        """Return the whole messages of the chunk that is cut off; no CRC vouches for them."""
+        if self.torn < 0:
+            return []
+        with self.path.open("rb") as file:
+            file.seek(self.torn)
+            data = file.read()
+        try:
+            return split_chunk(bytes(read_chunk_head(data, torn=True)[5]), self.define, torn=True)
+        except (ValueError, struct.error):
+            return []
+
+    def define(self, op: int, content: memoryview) -> None:
+        """Take a definition; the first of an id counts.
+
+        Raises:
+            ValueError: It makes no sense.
+        """
+        if op == Op.SCHEMA:
+            schema = Schema.parse(content)
+            self.schemas.setdefault(schema.id, schema)
+        else:
+            channel = Channel.parse(content)
+            self.channels.setdefault(channel.id, channel)
+
+
+def salvage(path: Path) -> Salvage:
+    """Look through a whole file, by its summary if that is intact, else record by record.
+
+    Where no record begins, the search goes on for the next thing that looks like a chunk and has a CRC that
+    matches.
+
+    Raises:
+        BagError: No such file.
+    """
+    found = Salvage(path=path)
+    try:
+        if path.stat().st_size == 0:
+            return found
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            intact = _by_summary(found, path, data)
+            if intact is None:
+                intact = _by_search(found, data)
+            found.damaged_bytes = len(data) - intact
+    except OSError as error:
+        raise BagError(f"{path}: {error.strerror}") from error
+    return found
+
+
+def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
+    """Take what an intact summary names; return the intact bytes, or None if there is no such summary."""
+    try:
+        reader = FileReader(path)
+    except BagError:
+        return None
+    with reader:
+        if not reader.closed:
+            return None
+        found.schemas, found.channels = dict(reader.schemas), dict(reader.channels)
+        broken = 0
+        for place in reader.chunks:
+            if not _take_chunk(found, data, place.offset, place.length):
+                found.damaged_chunk_count += 1
+                broken += place.length
+        for offset, length in reader.extras:
+            if not _take_extra(found, data, offset, length):
+                broken += length
+    return len(data) - broken
+
+
+def _by_search(found: Salvage, data: mmap.mmap) -> int:
+    """Walk from record to record, search where none begins; return the intact bytes."""
+    offset = len(MAGIC) if data[: len(MAGIC)] == MAGIC else 0
+    intact = offset + (len(MAGIC) if data[-len(MAGIC) :] == MAGIC else 0)
+    doubt = offset  # behind the last thing that a CRC vouches for
+    while True:
+        length = _record_length(data, offset)
+        if length is None:
+            if _is_torn(data, offset):
+                found.torn = offset
+            offset = _next_chunk(data, doubt)
+            length = _record_length(data, offset)
+            if length is None:
+                return intact
+        op = data[offset]
+        if op == Op.CHUNK:
+            good = proven = _take_chunk(found, data, offset, length)
+            found.damaged_chunk_count += not good
+        else:
+            proven = op == Op.ATTACHMENT and _take_extra(found, data, offset, length)
+            good = (
+                proven or op not in (Op.ATTACHMENT, Op.METADATA) or _take_extra(found, data, offset, length)
+            )
+        if good:
+            intact += length
+            found.torn = -1 if op == Op.CHUNK else found.torn
+        doubt = offset + (length if proven else 1)
+        offset += length
+
+
+def _next_chunk(data: mmap.mmap, start: int) -> int:
+    """Return where the next intact chunk begins, or -1."""
+    for match in _CHUNK.finditer(data, start):
+        length = _record_length(data, match.start())
+        if length is not None:
+            try:
+                open_chunk(data[match.start() : match.start() + length])
+            except (ValueError, struct.error):
+                continue
+            return match.start()
+    return -1
+
+
+def _record_length(data: mmap.mmap, offset: int) -> int | None:
+    """Return the length of the record that begins here, or None if none can."""
+    if offset < 0 or offset + RECORD_BYTES > len(data):
+        return None
+    op, length = RECORD.unpack_from(data, offset)
+    whole = RECORD_BYTES + int(length)
+    return whole if 0 < op <= Op.DATA_END and offset + whole <= len(data) else None
+
+
+def _take_chunk(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+    schemas, channels = dict(found.schemas), dict(found.channels)
+    try:
+        split_chunk(open_chunk(data[offset : offset + length]), found.define)
+    except (ValueError, struct.error):
+        found.schemas, found.channels = schemas, channels
+        return False
+    found.chunks.append((offset, length))
+    return True
+
+
+def _take_extra(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+    content = memoryview(data[offset + RECORD_BYTES : offset + length])
+    try:
+        if data[offset] == Op.ATTACHMENT:
+            attachment = Attachment.parse(content)
+            found.attachments[attachment.name] = attachment
+        else:
+            metadata = Metadata.parse(content)
+            found.metadata[metadata.name] = metadata
+    except (ValueError, struct.error):
+        return False
+    return True
+
+
+def _is_torn(data: mmap.mmap, offset: int) -> bool:
+    """Say whether an uncompressed chunk begins here that the file's end cuts off."""
+    if offset < 0:
+        return False
+    try:
+        _, _, size, _, compression, stored = read_chunk_head(data[offset:], torn=True)
+    except (ValueError, struct.error):
+        return False
+    return compression == "" and len(stored) < size
+
+
+def _ignore(op: int, content: memoryview) -> None:
+    pass

@@ -1,0 +1,130 @@
+"""``metadata.yaml`` of a bag folder, in the form that rosbag2 gave it (version 9)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import yaml
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.topic import Topic
+
+__all__ = ["FILE_NAME", "FilePart", "bag_files", "in_order", "write_metadata"]
+
+FILE_NAME = "metadata.yaml"
+ROOT = "rosbag2_bagfile_information"
+
+
+class FilePart(msgspec.Struct, frozen=True):
+    """One file of a bag: its name, times and number of messages."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+    message_count: int
+
+
+def write_metadata(
+    folder: Path,
+    topics: Mapping[str, tuple[Topic, str, int]],
+    files: Sequence[FilePart],
+    custom: Mapping[str, str],
+) -> None:
+    """Write the file whole or not at all.
+
+    Args:
+        folder: The bag.
+        topics: Per topic its description, encoding and number of messages.
+        files: In order.
+        custom: Further facts, as text.
+    """
+    filled = [part for part in files if part.message_count]
+    start_ns = min((part.start_ns for part in filled), default=0)
+    end_ns = max((part.end_ns for part in filled), default=0)
+    information: dict[str, Any] = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end_ns - start_ns},
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+        "message_count": sum(count for _, _, count in topics.values()),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": topic.type,
+                    "serialization_format": encoding,
+                    "offered_qos_profiles": [],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": count,
+            }
+            for name, (topic, encoding, count) in sorted(topics.items())
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [part.name for part in files],
+        "files": [
+            {
+                "path": part.name,
+                "starting_time": {"nanoseconds_since_epoch": part.start_ns},
+                "duration": {"nanoseconds": part.end_ns - part.start_ns},
+                "message_count": part.message_count,
+            }
+            for part in files
+        ],
+        "custom_data": dict(custom) or None,
+        "ros_distro": "",
+    }
+    temporary = folder / f".{FILE_NAME}.part"
+    temporary.write_text(yaml.safe_dump({ROOT: information}, sort_keys=False, allow_unicode=True))
+    temporary.replace(folder / FILE_NAME)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the files of a bag in order; a file is a bag of itself.
+
+    What counts is what lies in the folder, so a bag without ``metadata.yaml`` (a crash) is whole as well; a
+    file that ``metadata.yaml`` names and that is gone is an error.
+
+    Raises:
+        BagError: Nothing there, no MCAP file in the folder, or one of them is missing.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise BagError(f"{path}: no such bag; give a bag's folder or an .mcap file")
+    files = in_order(path)
+    if not files:
+        raise BagError(f"{path}: not a bag, no .mcap file is in it")
+    missing = _named(path / FILE_NAME) - {file.name for file in files}
+    if missing:
+        raise BagError(f"{path}: {', '.join(sorted(missing))} is missing; read the other files one by one")
+    return files
+
+
+def in_order(folder: Path) -> list[Path]:
+    """Return the MCAP files of a folder by their numbers."""
+    return sorted(folder.glob("*.mcap"), key=_place)
+
+
+def _place(file: Path) -> tuple[int, str]:
+    number = file.stem.rpartition("_")[2]
+    return (int(number) if number.isdecimal() else -1, file.name)
+
+
+def _named(file: Path) -> set[str]:
+    """Return the files that ``metadata.yaml`` names; damaged or foreign, it names none."""
+    try:
+        names = yaml.safe_load(file.read_text())[ROOT]["relative_file_paths"]
+        return {Path(str(name)).name for name in names}
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return set()

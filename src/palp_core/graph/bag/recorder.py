@@ -1,0 +1,294 @@
+"""Record raw wire frames into a bag, with an account of what is missing."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import BagError, SchemaMismatch
+from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
+from palp_core.graph.bag.mcap.closing import Closing
+from palp_core.graph.bag.topic import Stream, Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
+from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
+from palp_core.graph.messages.schema import json_schema, schema_of
+
+__all__ = ["SUMMARY_NAME", "BagRecorder", "RecordingSummary", "TopicRecording"]
+
+SUMMARY_NAME = "palp/recording.json"
+_KEY_BYTES = 9
+"""NUL, version, kind, reserved and epoch: with the topic before them, what tells one stream from another."""
+_PAYLOAD_BYTES = 1 + HEADER_BYTES
+_REST = struct.Struct("<QqQ")
+
+
+class TopicRecording(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of one topic.
+
+    Attributes:
+        count: Messages in the bag, each once.
+        lost: Messages that were published and are missing, heartbeats considered.
+        gaps: Which.
+        repeated: Messages that came more than once; they are in the bag as they came.
+        refused: Messages that a bag cannot hold: stamped before the graph's start.
+        described: Its message type was known.
+    """
+
+    count: int
+    lost: int
+    gaps: list[Gap] = []
+    repeated: int = 0
+    refused: int = 0
+    described: bool = True
+
+
+class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What a recording holds and what it lacks; it stands in the bag as ``palp/recording.json``."""
+
+    topics: dict[str, TopicRecording]
+    unreadable: int = 0
+    """Frames that are not of this wire version, or no frames at all."""
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is missing."""
+        return not self.unreadable and not any(t.lost or t.refused for t in self.topics.values())
+
+    def text(self) -> str:
+        """Say per topic what is missing."""
+        count = sum(topic.count for topic in self.topics.values())
+        lines = [f"{count} messages on {len(self.topics)} topics"]
+        for name, topic in self.topics.items():
+            if topic.lost:
+                shown = ", ".join(
+                    f"{gap.first}..{gap.last}" + (f" of epoch {gap.epoch}" if gap.epoch else "")
+                    for gap in topic.gaps[:5]
+                )
+                more = f" and {len(topic.gaps) - 5} more gaps" if len(topic.gaps) > 5 else ""
+                lines.append(f"{name}: {topic.lost} missing of {topic.count + topic.lost}: {shown}{more}")
+            if topic.refused:
+                lines.append(f"{name}: {topic.refused} stamped before the graph's start, not recorded")
+        if self.unreadable:
+            lines.append(f"{self.unreadable} frames could not be read")
+        return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
+
+
+class _Route:
+    """Where a stream's messages go."""
+
+    __slots__ = ("account", "payload_offset", "sequence_high", "stream", "topic", "type_hash")
+
+    def __init__(
+        self,
+        topic: str,
+        stream: int,
+        account: EpochAccount,
+        payload_offset: int,
+        type_hash: int,
+        sequence_high: int,
+    ) -> None:
+        self.topic = topic
+        self.stream = stream
+        self.account = account
+        self.payload_offset = payload_offset
+        self.type_hash = type_hash
+        self.sequence_high = sequence_high
+
+
+class BagRecorder(Closing):
+    """Takes every frame that is published, as an observer of a graph does.
+
+    Args:
+        writer: The bag; the recorder closes it.
+        topics: What is known of the topics; one that is not listed is recorded without a schema.
+        select: Which topics to record; None: all.
+        from_start: The recorder was there before the first message: sequence 1 must be in the bag.
+        attachments: Files to keep with the recording: launch file, parameters, versions, git state.
+
+    Attributes:
+        missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
+            messages to :meth:`fill`.
+        moved: Is told what a publisher that is replaced says of the new place.
+    """
+
+    def __init__(
+        self,
+        writer: BagWriter,
+        topics: Iterable[Topic] = (),
+        *,
+        select: Callable[[str], bool] | None = None,
+        from_start: bool = True,
+        attachments: Mapping[str, bytes] | None = None,
+    ) -> None:
+        self._writer = writer
+        self._topics = {topic.name: topic for topic in topics}
+        self._select = select
+        self._accounts: dict[str, TopicAccount] = {}
+        self._from_start = from_start
+        self._routes: dict[bytes, _Route] = {}
+        self._refused: dict[str, int] = {}
+        self._unreadable = 0
+        self._summary: RecordingSummary | None = None
+        self.missed: Callable[[str, int, int, int], None] = lambda *_: None
+        self.moved: Callable[[Frame], None] = lambda *_: None
+        for name, data in (attachments or {}).items():
+            writer.attach(name, data, media_type_of(name))
+
+    def knows(self, topic: str) -> bool:
+        """Tell whether anything of a topic was heard."""
+        return topic in self._accounts
+
+    @property
+    def taken(self) -> int:
+        """Messages recorded so far."""
+        return sum(account.count for account in self._accounts.values())
+
+    def describe(self, topic: Topic) -> None:
+        """Make a topic known that appeared later."""
+        self._topics[topic.name] = topic
+
+    def begin(self, topic: str, epoch: int, first: int) -> None:
+        """Expect a topic to begin with a sequence, whatever is heard first."""
+        account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
+        account.epochs.setdefault(epoch, EpochAccount(epoch, first))
+
+    def fill(self, now_ns: int, frame: bytes) -> None:
+        """Record a frame that was asked for, if it is missing still.
+
+        Raises:
+            SchemaMismatch: It is no frame.
+        """
+        parsed = parse(frame)
+        account = self._accounts.get(parsed.topic)
+        if account is not None and account.epoch(parsed.epoch).lacks(parsed.sequence):
+            self(now_ns, frame)
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        """Record a frame.
+
+        Args:
+            now_ns: Now, on the graph's clock.
+            frame: As on the wire.
+        """
+        end = frame.find(0)
+        route = self._routes.get(frame[: end + _KEY_BYTES])
+        if route is None:
+            self._meet(now_ns, frame, end)
+            return
+        try:
+            sequence, stamp_ns, type_hash = _REST.unpack_from(frame, end + _KEY_BYTES)
+        except struct.error:
+            self._unreadable += 1
+            return
+        if (
+            type_hash != route.type_hash
+            or sequence >> 32 != route.sequence_high
+            or stamp_ns < 0
+            or now_ns < 0
+        ):
+            self._meet(now_ns, frame, end)
+            return
+        account = route.account
+        if sequence == account.next:
+            account.next = sequence + 1
+            account.count += 1
+        else:
+            self._look_for_gap(route.topic, account, sequence - 1)
+            account.add(sequence)
+        self._writer.write(
+            route.stream, sequence, now_ns, stamp_ns, memoryview(frame)[route.payload_offset :]
+        )
+
+    def tick(self, now_ns: int) -> None:
+        """Say what time it is on the machine's monotonic clock, at least every 0.1 s."""
+        self._writer.tick(now_ns)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Keep one more file with the recording, such as changed parameters."""
+        self._writer.attach(name, data, media_type_of(name))
+
+    def summary(self) -> RecordingSummary:
+        """Return the account so far."""
+        topics = {}
+        for name, account in sorted(self._accounts.items()):
+            refused = self._refused.get(name, 0)
+            topics[name] = TopicRecording(
+                count=account.count,
+                lost=account.lost,
+                gaps=account.gaps,
+                repeated=account.repeated,
+                refused=refused,
+                described=name in self._topics,
+            )
+        return RecordingSummary(topics=topics, unreadable=self._unreadable)
+
+    def close(self) -> RecordingSummary:
+        """Complete the bag and return the account; it is in the bag as well."""
+        if self._summary is None:
+            self._summary = self.summary()
+            data = msgspec.json.encode(self._summary)
+            self._writer.attach(SUMMARY_NAME, data, "application/json", every_file=False)
+            self._writer.close()
+        return self._summary
+
+    def _meet(self, now_ns: int, frame: bytes, end: int) -> None:
+        """Take a frame that is not the next one of a known stream."""
+        try:
+            parsed = parse(frame)
+        except SchemaMismatch:
+            self._unreadable += 1
+            return
+        if self._select is not None and not self._select(parsed.topic):
+            return
+        account = self._accounts.setdefault(parsed.topic, TopicAccount(from_start=self._from_start))
+        epoch = account.epoch(parsed.epoch)
+        self._look_for_gap(parsed.topic, epoch, parsed.sequence - (parsed.kind == Kind.DATA))
+        if parsed.kind != Kind.DATA:
+            epoch.expect(parsed.sequence)
+            if parsed.kind == Kind.MOVED:
+                self.moved(parsed)
+            return
+        type_hash = f"{parsed.type_hash:016x}"
+        topic = self._topics.get(parsed.topic)
+        if topic is None:
+            topic = _builtin(parsed.topic, parsed.type_hash)
+            if topic is not None:
+                self._topics[parsed.topic] = topic
+        if topic is None or (topic.type_hash and topic.type_hash != type_hash):
+            topic = Topic(name=parsed.topic, type_hash=type_hash)
+        high = parsed.sequence >> 32
+        number = self._writer.stream(Stream(topic=topic, epoch=parsed.epoch, sequence_high=high))
+        route = _Route(parsed.topic, number, epoch, end + _PAYLOAD_BYTES, parsed.type_hash, high)
+        self._routes[frame[: end + _KEY_BYTES]] = route
+        try:
+            self._writer.write(number, parsed.sequence, now_ns, parsed.stamp_ns, parsed.payload)
+        except BagError:
+            self._refused[parsed.topic] = self._refused.get(parsed.topic, 0) + 1
+            epoch.expect(parsed.sequence)
+        else:
+            epoch.add(parsed.sequence)
+
+    def _look_for_gap(self, topic: str, account: EpochAccount, last: int) -> None:
+        """Say what is missing up to a sequence, before it is in the account."""
+        if account.next is not None and last >= account.next:
+            self.missed(topic, account.epoch, account.next, last)
+
+
+def _builtin(name: str, type_hash: int) -> Topic | None:
+    """Return the description of a topic that carries one of the runtime's own messages."""
+    for kind in (Order, Progress, NodeEvent, GraphEvent, GraphHealth):
+        schema = schema_of(kind)
+        if schema.type_hash == type_hash:
+            described = json_schema(schema)
+            return Topic(name=name, type=schema.name, type_hash=f"{type_hash:016x}", json_schema=described)
+    return None
+
+
+def media_type_of(name: str) -> str:
+    """Return the media type of an attachment by its name."""
+    known = {".yaml": "application/yaml", ".json": "application/json", ".txt": "text/plain"}
+    return known.get(Path(name).suffix, "application/octet-stream")

@@ -1,0 +1,125 @@
+"""What a bag knows about a topic, and how that stands in an MCAP channel.
+
+A channel holds the messages of one topic, one epoch of its publisher and one message type: a restart begins
+a new channel, so that its sequence from 1 reads neither as repeats nor as a gap. A sequence has 64 bits on
+the wire and 32 in MCAP; the channel carries the upper half.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.bag.mcap.records import Channel, Schema
+
+__all__ = ["ANY_SCHEMA", "Stream", "Topic"]
+
+ANY_SCHEMA: dict[str, Any] = {"type": "object"}
+MESSAGE_ENCODING = "msgpack"
+SCHEMA_ENCODING = "jsonschema"
+
+
+class Topic(msgspec.Struct, frozen=True, kw_only=True):
+    """One topic.
+
+    Attributes:
+        name: As in ``/torque/block``.
+        type: Name of the message type; "" if unknown.
+        type_hash: 16 hexadecimal digits; "" if unknown.
+        json_schema: What the message is made of.
+        latched_depth: How many last messages a late reader is owed (transient local); each file of a split
+            bag begins with them.
+    """
+
+    name: str
+    type: str = ""
+    type_hash: str = ""
+    json_schema: dict[str, Any] = msgspec.field(default_factory=lambda: dict(ANY_SCHEMA))
+    latched_depth: int = 0
+
+
+class Stream(msgspec.Struct, frozen=True, kw_only=True):
+    """One channel: messages of a topic within an epoch.
+
+    Attributes:
+        epoch: How often its publisher was restarted before.
+        sequence_high: Upper 32 bits of every sequence.
+        repeated: It repeats latched messages that stand in an earlier file of the bag.
+        encoding: Of the messages.
+        schema_encoding: Of the schema; a foreign one is kept in ``foreign_schema``.
+    """
+
+    topic: Topic
+    epoch: int = 0
+    sequence_high: int = 0
+    repeated: bool = False
+    encoding: str = MESSAGE_ENCODING
+    schema_encoding: str = SCHEMA_ENCODING
+    foreign_schema: bytes = b""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells one stream from another."""
+        return (
+            self.topic.name,
+            self.topic.type,
+            self.topic.type_hash,
+            self.epoch,
+            self.sequence_high,
+            self.repeated,
+            self.encoding,
+        )
+
+    def schema(self, id_: int) -> Schema:
+        """Return the schema's record."""
+        data = self.foreign_schema
+        if self.schema_encoding == SCHEMA_ENCODING:
+            data = json.dumps(self.topic.json_schema, separators=(",", ":")).encode()
+        return Schema(id_, self.topic.type, self.schema_encoding, data)
+
+    def channel(self, id_: int, schema_id: int) -> Channel:
+        """Return the channel's record."""
+        metadata = {"epoch": str(self.epoch)}
+        if self.topic.type_hash:
+            metadata["type_hash"] = self.topic.type_hash
+        if self.topic.latched_depth:
+            metadata["latched_depth"] = str(self.topic.latched_depth)
+        if self.sequence_high:
+            metadata["sequence_high"] = str(self.sequence_high)
+        if self.repeated:
+            metadata["repeated"] = "true"
+        return Channel(id_, schema_id, self.topic.name, self.encoding, metadata)
+
+    @classmethod
+    def of(cls, channel: Channel, schema: Schema | None) -> Stream:
+        """Return the stream that a channel's records stand for; they may be another tool's.
+
+        Raises:
+            ValueError: Numbers or a schema that cannot be read.
+        """
+        metadata = channel.metadata
+        json_schema, foreign = ANY_SCHEMA, b""
+        if schema is not None and schema.encoding == SCHEMA_ENCODING:
+            json_schema = json.loads(schema.data) if schema.data else ANY_SCHEMA
+            if not isinstance(json_schema, dict):
+                raise ValueError(f"{channel.topic}: its schema is not an object")
+        elif schema is not None:
+            foreign = schema.data
+        topic = Topic(
+            name=channel.topic,
+            type="" if schema is None else schema.name,
+            type_hash=metadata.get("type_hash", ""),
+            json_schema=json_schema,
+            latched_depth=int(metadata.get("latched_depth", "0")),
+        )
+        return cls(
+            topic=topic,
+            epoch=int(metadata.get("epoch", "0")),
+            sequence_high=int(metadata.get("sequence_high", "0")),
+            repeated=metadata.get("repeated") == "true",
+            encoding=channel.message_encoding,
+            schema_encoding=SCHEMA_ENCODING if schema is None else schema.encoding,
+            foreign_schema=foreign,
+        )

@@ -1,0 +1,201 @@
+"""Write a bag: a folder ``NAME`` with ``NAME_0.mcap``, ``NAME_1.mcap`` ... and ``metadata.yaml``."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.mcap.closing import Closing
+from palp_core.graph.bag.mcap.compression import Compression
+from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, CHUNK_NS, FileWriter
+from palp_core.graph.bag.mcap.records import Attachment, Metadata
+from palp_core.graph.bag.metadata import FilePart, write_metadata
+from palp_core.graph.bag.topic import Stream, Topic
+
+__all__ = ["BagWriter"]
+
+_NEVER = 1 << 63
+MAX_CHANNELS = 0xFFFF
+
+
+class BagWriter(Closing):
+    """Writes a bag, in as many files as its limits ask for.
+
+    Every file stands alone: it repeats the definitions, the attachments and, on channels marked
+    ``repeated``, the last messages of latched topics.
+
+    Args:
+        folder: The bag, which must not exist.
+        compression: Of the chunks.
+        max_bytes: Begin another file when one has this many bytes; 0: never.
+        max_duration_ns: Begin another file when one spans this much log time; 0: never.
+        chunk_bytes: Size of a chunk before compression.
+        chunk_ns: Age of a chunk on the clock that ``tick`` is given.
+        custom: Facts for ``metadata.yaml``.
+
+    Raises:
+        BagError: The folder exists.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        *,
+        compression: Compression = "zstd",
+        max_bytes: int = 0,
+        max_duration_ns: int = 0,
+        chunk_bytes: int = CHUNK_BYTES,
+        chunk_ns: int = CHUNK_NS,
+        custom: Mapping[str, str] | None = None,
+    ) -> None:
+        self.folder = Path(folder)
+        self._compression: Compression = compression
+        self._max_bytes = max_bytes or _NEVER
+        self._max_duration_ns = max_duration_ns
+        self._chunk_bytes = min(chunk_bytes, max_bytes) if max_bytes else chunk_bytes
+        self._chunk_ns = chunk_ns
+        self._custom = dict(custom or {})
+        self._streams: list[Stream] = []
+        self._ids: dict[tuple[Any, ...], int] = {}
+        self._extras: list[Attachment | Metadata] = []
+        self._latched: dict[int, deque[tuple[int, int, int, bytes]]] = {}
+        self._latched_topics: dict[str, deque[tuple[int, int, int, bytes]]] = {}
+        self._parts: list[FilePart] = []
+        self._totals: dict[int, int] = {}
+        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
+        self._tick_ns: int | None = None
+        self._closed = False
+        self._split_ns = self._split_bytes = _NEVER
+        try:
+            self.folder.mkdir(parents=True)
+        except FileExistsError as error:
+            raise BagError(f"{self.folder} exists already: choose another name") from error
+        except OSError as error:
+            raise BagError(f"{self.folder} cannot be made: {error.strerror}") from error
+        self._open()
+
+    def stream(self, stream: Stream) -> int:
+        """Return the number of a stream, by which messages are written.
+
+        Raises:
+            BagError: More streams than a bag can hold.
+        """
+        number = self._ids.get(stream.key)
+        if number is None:
+            number = len(self._streams) + 1
+            if number > MAX_CHANNELS:
+                raise BagError(f"{self.folder}: more than {MAX_CHANNELS} streams")
+            self._streams.append(stream)
+            self._ids[stream.key] = number
+            self._add(number)
+            if stream.topic.latched_depth and not stream.repeated:
+                name, depth = stream.topic.name, stream.topic.latched_depth
+                self._latched[number] = self._latched_topics.setdefault(name, deque(maxlen=depth))
+        return number
+
+    def write(
+        self, stream: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
+    ) -> None:
+        """Add a message.
+
+        Args:
+            stream: Number from :meth:`stream`.
+            sequence: Its place in its topic and epoch.
+            log_ns: When it was recorded, on the graph's clock.
+            publish_ns: When it was published, on the graph's clock.
+            payload: The bytes as on the wire.
+
+        Raises:
+            BagError: A time before the graph's start.
+        """
+        file = self._file
+        if log_ns >= self._split_ns or file.written_bytes >= self._split_bytes:
+            file = self._split(log_ns)
+        if self._max_duration_ns and self._split_ns == _NEVER:
+            self._split_ns = log_ns + self._max_duration_ns
+        file.write(stream, sequence, log_ns, publish_ns, payload)
+        if stream in self._latched:
+            self._latched[stream].append((stream, sequence, publish_ns, bytes(payload)))
+
+    def tick(self, now_ns: int) -> None:
+        """Say what time it is on a monotonic clock, at least every 0.1 s; a chunk too old is closed."""
+        self._tick_ns = now_ns
+        self._file.tick(now_ns)
+
+    def flush(self) -> None:
+        """Close the open chunk now."""
+        self._file.close_chunk()
+
+    def attach(
+        self, name: str, data: bytes, media_type: str = "application/octet-stream", *, every_file: bool = True
+    ) -> None:
+        """Add an attachment, to this file and to each later one."""
+        attachment = Attachment(name, data, media_type)
+        self._file.attach(attachment)
+        if every_file:
+            self._extras.append(attachment)
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record, to this file and to each later one."""
+        metadata = Metadata(name, dict(values))
+        self._file.note(metadata)
+        self._extras.append(metadata)
+
+    def close(self) -> None:
+        """Complete the last file and ``metadata.yaml``; both are on the disk afterwards."""
+        if self._closed:
+            return
+        self._closed = True
+        self._close_file()
+        topics: dict[str, tuple[Topic, str, int]] = {}
+        for number, stream in enumerate(self._streams, start=1):
+            if not stream.repeated:
+                count = self._totals.get(number, 0) + topics.get(stream.topic.name, (None, "", 0))[2]
+                topics[stream.topic.name] = (stream.topic, stream.encoding, count)
+        write_metadata(self.folder, topics, self._parts, self._custom)
+
+    def _open(self) -> None:
+        path = self.folder / f"{self.folder.name}_{len(self._parts)}.mcap"
+        self._file = FileWriter(path, self._compression, self._chunk_bytes, self._chunk_ns)
+        self._split_ns = _NEVER
+        for number in range(1, len(self._streams) + 1):
+            self._add(number)
+        for extra in self._extras:
+            if isinstance(extra, Attachment):
+                self._file.attach(extra)
+            else:
+                self._file.note(extra)
+        self._split_bytes = self._max_bytes + self._file.written_bytes
+        if self._tick_ns is not None:
+            self._file.tick(self._tick_ns)
+
+    def _add(self, number: int) -> None:
+        stream = self._streams[number - 1]
+        schema = stream.schema(number)
+        schema_id = self._schema_ids.setdefault((schema.name, schema.encoding, schema.data), number)
+        self._file.add_schema(msgspec.structs.replace(schema, id=schema_id))
+        self._file.add_channel(stream.channel(number, schema_id))
+
+    def _split(self, log_ns: int) -> FileWriter:
+        self._close_file()
+        self._open()
+        for history in self._latched_topics.values():
+            for number, sequence, publish_ns, payload in history:
+                repeated = self.stream(msgspec.structs.replace(self._streams[number - 1], repeated=True))
+                self._file.write(repeated, sequence, log_ns, publish_ns, payload)
+        return self._file
+
+    def _close_file(self) -> None:
+        file = self._file
+        file.close()
+        count = 0
+        for number, written in file.counts.items():
+            self._totals[number] = self._totals.get(number, 0) + written
+            if not self._streams[number - 1].repeated:
+                count += written
+        self._parts.append(FilePart(file.path.name, file.start_ns, file.end_ns, count))

@@ -1,0 +1,206 @@
+"""Arguments of a launch file: declared under ``args``, given as ``name:=value`` or by an including file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
+from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, parse_scalar
+from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
+from palp_core.graph.problems import Mark, Problems, hint
+
+__all__ = ["Argument", "Given", "assign", "declare", "from_command_line", "show", "unknown_keys"]
+
+_KEYS = ("default", "choices", "help")
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One declared argument.
+
+    Attributes:
+        name: As in ``name:=value``.
+        mark: Where it is declared.
+        default: Its default; UNKNOWN when it must be given.
+        choices: All values it may have; empty when any of its type will do.
+        help: What it means.
+        sound: Its declaration has no mistake.
+    """
+
+    name: str
+    mark: Mark
+    default: Any = UNKNOWN
+    choices: tuple[Any, ...] = ()
+    help: str = ""
+    sound: bool = True
+
+    @property
+    def kind(self) -> type | None:
+        """Type of its values, or None when neither default nor choices tell."""
+        example = self.default if self.default is not UNKNOWN else next(iter(self.choices), UNKNOWN)
+        return None if example is UNKNOWN else type(example)
+
+
+@dataclass(frozen=True)
+class Given:
+    """A value given for an argument.
+
+    Attributes:
+        value: The value.
+        mark: Where it is given; None for the command line.
+        text: As typed on the command line.
+        origin: The caller's argument that decides it, if the value is just that.
+    """
+
+    value: Any
+    mark: Mark | None = None
+    text: str | None = None
+    origin: str | None = None
+
+
+def unknown_keys(mapping: Mapping, known: Iterable[str], what: str, problems: Problems) -> dict[str, Entry]:
+    """Return the known entries of a mapping; report the others at their line, with the nearest known name."""
+    names = tuple(known)
+    for name, entry in mapping.items.items():
+        if name not in names:
+            problems.add(entry.mark, f"{what} has no key '{name}'{hint(name, names)}")
+    return {name: entry for name, entry in mapping.items.items() if name in names}
+
+
+def declare(entry: Entry | None, scope: Scope, problems: Problems) -> dict[str, Argument]:
+    """Read the ``args`` of a launch file."""
+    if entry is None:
+        return {}
+    if not isinstance(entry.value, Mapping):
+        problems.add(entry.value.mark, "args must map each name to {default, choices, help}")
+        return {}
+    return {name: _declare(name, item, scope, problems) for name, item in entry.value.items.items()}
+
+
+def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argument:
+    before = len(problems)
+    if not name.isidentifier():
+        problems.add(entry.mark, f"'{name}' cannot be an argument's name; use letters, digits and _")
+    if not isinstance(entry.value, Mapping):
+        problems.add(entry.value.mark, f"argument '{name}' must be a mapping; write {name}: {{default: ...}}")
+        return Argument(name, entry.mark, sound=False)
+    fields = unknown_keys(entry.value, _KEYS, f"argument '{name}'", problems)
+    default: Any = UNKNOWN
+    if "default" in fields:
+        default = evaluate(fields["default"].value, scope, problems)
+        if default is not UNKNOWN and type(default) not in _KINDS:
+            message = f"the default of argument '{name}' must be text, a number, true or false"
+            problems.add(fields["default"].value.mark, message)
+            default = UNKNOWN
+    choices = _choices(name, default, fields.get("choices"), scope, problems)
+    text = ""
+    if "help" in fields:
+        tree = fields["help"].value
+        text = tree.text if isinstance(tree, Scalar) else ""
+    if default is not UNKNOWN and choices and default not in choices:
+        message = f"the default {show(default)} of argument '{name}' is not one of its choices"
+        problems.add(fields["default"].value.mark, message + hint(str(default), map(str, choices)))
+    return Argument(name, entry.mark, default, choices, text, sound=len(problems) == before)
+
+
+def _choices(
+    name: str, default: Any, entry: Entry | None, scope: Scope, problems: Problems
+) -> tuple[Any, ...]:
+    if entry is None:
+        return ()
+    if not isinstance(entry.value, TreeSequence) or not entry.value.items:
+        problems.add(entry.value.mark, f"choices of argument '{name}' must be a list of values; write [a, b]")
+        return ()
+    found: list[Any] = []
+    for item in entry.value.items:
+        value = evaluate(item, scope, problems)
+        kind = type(found[0]) if default is UNKNOWN and found else type(default)
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) not in _KINDS or (kind in _KINDS and type(value) is not kind):
+            message = (
+                f"choice {show(value)} of argument '{name}' must be {_KINDS.get(kind, 'text or a number')}"
+            )
+            problems.add(item.mark, message + ", as its default is")
+            continue
+        found.append(value)
+    return tuple(found)
+
+
+def from_command_line(overrides: Sequence[str], mark: Mark, problems: Problems) -> dict[str, Given]:
+    """Read ``name:=value`` words; of two for one name the last counts, as in ROS 2."""
+    given = {}
+    for word in overrides:
+        name, separator, text = word.partition(":=")
+        if not separator or not name:
+            problems.add(mark, f"'{word}' on the command line is not an argument; write name:=value")
+            continue
+        given[name] = Given(parse_scalar(text), text=text)
+    return given
+
+
+def assign(
+    arguments: dict[str, Argument], given: dict[str, Given], caller: Mark, scope: Scope, problems: Problems
+) -> None:
+    """Give every argument its value in the scope; report what does not fit, is missing or unknown.
+
+    Args:
+        arguments: Declared arguments.
+        given: Values for some of them.
+        caller: Where an unknown name is reported when it comes from the command line.
+        scope: Receives the values; a wrong or missing one becomes UNKNOWN.
+        problems: Receives the mistakes.
+    """
+    for name, value in given.items():
+        if name not in arguments:
+            where = value.mark or caller
+            problems.add(where, f"no argument '{name}' in {scope.file.name}{hint(name, arguments)}")
+    for name, argument in arguments.items():
+        chosen = argument.default
+        if name in given:
+            chosen = _fit(argument, given[name], problems)
+        elif argument.default is UNKNOWN and argument.sound:
+            choices = f" (one of {', '.join(map(show, argument.choices))})" if argument.choices else ""
+            problems.add(
+                caller, f"argument '{name}' has no default and is not given; pass {name}:=value{choices}"
+            )
+        scope.values[name] = chosen
+        origin = given[name].origin if name in given else None
+        scope.origins[name] = origin or f"{scope.file}:{name}"
+
+
+def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
+    value, kind = given.value, argument.kind
+    if value is UNKNOWN:
+        return UNKNOWN
+    if kind is str and given.text is not None and not isinstance(value, str):
+        value = given.text
+    if kind is float and type(value) is int:
+        value = float(value)
+    where = given.mark or argument.mark
+    shown = show(given.value)
+    if type(value) not in _KINDS or (kind is not None and type(value) is not kind):
+        wanted = _KINDS.get(kind or object, "text, a number, true or false")
+        choices = f" (one of {', '.join(map(show, argument.choices))})" if argument.choices else ""
+        is_text = " (text)" if isinstance(given.value, str) else ""
+        problems.add(
+            where, f"argument '{argument.name}' is given as {shown}{is_text}; it must be {wanted}{choices}"
+        )
+        return UNKNOWN
+    if argument.choices and value not in argument.choices:
+        choices = ", ".join(map(show, argument.choices))
+        match = hint(str(value), map(str, argument.choices))
+        match = match if "did you mean" in match else ""
+        problems.add(
+            where, f"argument '{argument.name}' is given as {shown}; it must be one of {choices}{match}"
+        )
+        return UNKNOWN
+    return value
+
+
+def show(value: Any) -> str:
+    """Return a value as a launch file's author writes it, text in quotes."""
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -1,0 +1,170 @@
+"""A checked graph: everything the supervisor, the conductor and the tools need to know, as plain data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import yaml
+
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.recording.recorder_node import RECORDER
+
+__all__ = ["CheckedGraph", "Reading", "TopicInfo", "recorders_apart", "resolved_yaml"]
+
+
+class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
+    """What a topic carries.
+
+    Attributes:
+        node: Who publishes it.
+        port: On which port.
+        type: Name of the message type.
+        type_hash: 16 hexadecimal digits.
+        qos: What the publisher offers.
+    """
+
+    node: str
+    port: str
+    type: str
+    type_hash: str
+    ros_text: str
+    json_schema: dict[str, Any]
+    qos: Qos = Qos()
+
+
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
+    """One wired input.
+
+    Attributes:
+        topic: What it reads; for a client, the service's topic.
+        qos: What it requests.
+        stated: The part of ``qos`` that the launch file states.
+        action: What the supervisor does when the edge breaks its promise.
+        external: The messages come from outside the graph, on a topic of the reader's.
+    """
+
+    topic: str
+    qos: Qos = Qos()
+    stated: dict[str, Any] = {}
+    action: str = "warn"
+    external: bool = False
+
+
+class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
+    """A launch file whose every part has been checked.
+
+    Attributes:
+        graph: Its name.
+        file: The launch file, absolute.
+        workspace: Folder that goes first on the nodes' module path, absolute.
+        clock: ``sim`` or ``wall``.
+        seed: Of its random numbers.
+        args: Arguments of the launch file with their values.
+        nodes: Nodes in the file's order, the included ones first.
+        recorders: Entries of the file that record the graph.
+        readings: Wired inputs by node and port.
+        edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
+            travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
+        topics: What each topic carries, read or not.
+        docs: First line of each node class's docstring, by node.
+        report: ``module:function`` to run at the end; "" for none.
+        listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
+    """
+
+    graph: str
+    file: str
+    workspace: str
+    clock: str
+    seed: int
+    args: dict[str, Any]
+    nodes: list[NodeSpec]
+    readings: dict[str, dict[str, Reading]]
+    edges: dict[str, list[list[str]]]
+    topics: dict[str, TopicInfo]
+    docs: dict[str, str] = {}
+    report: str = ""
+    listen: str = ""
+    recorders: list[NodeSpec] = []
+
+    @property
+    def readers(self) -> dict[str, list[int]]:
+        """Per topic, the places in the list of the nodes that read it."""
+        index_of = {spec.name: i for i, spec in enumerate(self.nodes)}
+        return {topic: [index_of[node] for node, _ in ends] for topic, ends in self.edges.items()}
+
+    @property
+    def spawned(self) -> list[NodeSpec]:
+        """The nodes whose processes are the launcher's."""
+        return [spec for spec in self.nodes if not spec.joined]
+
+    @property
+    def expected(self) -> list[NodeSpec]:
+        """The others: those that join from other hosts."""
+        return [spec for spec in self.nodes if spec.joined]
+
+
+def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
+    """Return a graph whose recorders are no longer among its nodes: they take no part in its time."""
+    return msgspec.structs.replace(
+        graph,
+        nodes=[spec for spec in graph.nodes if spec.run != RECORDER],
+        recorders=[spec for spec in graph.nodes if spec.run == RECORDER],
+    )
+
+
+def resolved_yaml(graph: CheckedGraph) -> str:
+    """Return a checked graph as a launch file without arguments, selections and includes.
+
+    Loading it again gives the same nodes and wires.
+    """
+    given = "".join(f" {name}:={_show(value)}" for name, value in graph.args.items())
+    tree: dict[str, Any] = {"graph": graph.graph, "clock": graph.clock, "seed": graph.seed, "nodes": {}}
+    for spec in (*graph.nodes, *graph.recorders):
+        node: dict[str, Any] = {"run": spec.run}
+        if spec.params:
+            node["params"] = spec.params
+        if spec.inputs:
+            node["inputs"] = {port: _wire(reading) for port, reading in graph.readings[spec.name].items()}
+        if spec.restart != "never":
+            rule = {"when": spec.restart, "max_restarts": spec.max_restarts, "backoff_s": spec.backoff_s}
+            node["restart"] = rule
+        if spec.shutdown_on_exit:
+            node["on_exit"] = "shutdown"
+        if spec.cpus:
+            node["cpus"] = spec.cpus
+        if spec.joined:
+            node["joined"] = True
+        if spec.realtime_priority:
+            node["realtime_priority"] = spec.realtime_priority
+        tree["nodes"][spec.name] = node
+    if graph.report:
+        tree["report"] = graph.report
+    if graph.listen:
+        tree["listen"] = graph.listen
+    text: str = yaml.dump(
+        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
+    )
+    return f"# {graph.file}{given}\n{text}"
+
+
+def _wire(reading: Reading) -> Any:
+    source = reading.topic.removeprefix("/")
+    more = dict(reading.stated)
+    if reading.action != "warn":
+        more["on_event"] = reading.action
+    if reading.external:
+        return {"external": True, **more}
+    return {"from": source, **more} if more else source
+
+
+def _show(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes each part of the graph as its own block."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True

@@ -1,0 +1,74 @@
+"""Read one wire of a launch file: whence, what it asks for, and what happens if it does not get it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palp_core.graph.description.arguments import unknown_keys
+from palp_core.graph.description.launch_file import InputEntry
+from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
+from palp_core.graph.description.values import NAME, flat, read_flag, read_number, read_word
+from palp_core.graph.description.yaml_tree import Entry, Mapping
+from palp_core.graph.problems import Problems, nearest
+
+__all__ = ["read_wire"]
+
+_CHOICES = {
+    "reliability": ("best_effort", "reliable"),
+    "durability": ("volatile", "transient_local"),
+    "liveliness": ("automatic", "manual_by_topic"),
+}
+_NUMBERS = {"depth": int, "deadline_ms": float, "lifespan_ms": float, "lease_ms": float}
+_ACTIONS = ("warn", "restart", "shutdown")
+
+
+def read_wire(entry: Entry, what: str, scope: Scope, problems: Problems) -> InputEntry | None:
+    """Return a wire, or None after reporting what is wrong with it."""
+    source, stated, action = entry.value, {}, "warn"
+    if isinstance(source, Mapping):
+        known = ("from", "external", "on_event", *_CHOICES, *_NUMBERS)
+        fields = unknown_keys(source, known, what, problems)
+        if "on_event" in fields:
+            action = (
+                read_word(fields["on_event"].value, f"on_event of {what}", _ACTIONS, scope, problems)
+                or "warn"
+            )
+        stated = _qos(
+            what,
+            {name: item for name, item in fields.items() if name in _CHOICES or name in _NUMBERS},
+            scope,
+            problems,
+        )
+        if "external" in fields and read_flag(
+            fields["external"].value, f"external of {what}", scope, problems
+        ):
+            if "from" in fields:
+                message = f"{what} is external and comes from a node; remove one of both"
+                problems.add(fields["from"].mark, message)
+                return None
+            return InputEntry(entry.mark, entry.mark, "", "", stated, action, external=True)
+        if "from" not in fields:
+            if nearest("from", set(source.items) - set(fields)) is None:
+                message = f"{what} does not say where it comes from; add from: node/port, or external: true"
+                problems.add(entry.mark, message)
+            return None
+        source = fields["from"].value
+    text = evaluate(source, scope, problems)
+    if text is UNKNOWN:
+        return None
+    parts = text.split("/") if isinstance(text, str) else []
+    if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
+        problems.add(source.mark, f"{what} comes from '{flat(text)}'; write node/port")
+        return None
+    return InputEntry(entry.mark, source.mark, parts[0], parts[1], stated, action)
+
+
+def _qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) -> dict[str, Any]:
+    stated: dict[str, Any] = {}
+    for name, entry in fields.items():
+        if name in _CHOICES:
+            stated[name] = read_word(entry.value, f"{name} of {what}", _CHOICES[name], scope, problems)
+        else:
+            low = 1 if name == "depth" else 0
+            stated[name] = read_number(entry.value, f"{name} of {what}", _NUMBERS[name], low, scope, problems)
+    return {name: value for name, value in stated.items() if value is not None}

@@ -1,0 +1,255 @@
+"""Look at node classes, in the process that may import them, and say what they declare as plain data.
+
+The launcher never imports a workspace's modules: a child runs :func:`describe` and sends back its answer.
+What is wrong with a module is part of that, with the line of its source, and never an exception.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import pkgutil
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal
+
+import msgspec
+
+from palp_core.errors import BagError
+from palp_core.graph.description.describe_params import param_errors
+from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.node.loading import enter_workspace, load_module
+from palp_core.graph.node.node import Node, declaration_of
+from palp_core.graph.node.param_description import ParamDescription, describe_params
+from palp_core.graph.node.params import load_params
+from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
+from palp_core.graph.problems import hint, nearest
+
+__all__ = ["DescribeRequest", "NodeDescription", "PortDescription", "TypeDescription", "describe"]
+
+_LIBRARY = Path(__file__).resolve().parents[2]
+
+
+class DescribeRequest(msgspec.Struct, frozen=True):
+    """Ask what a node class declares and whether parameters fit it.
+
+    Attributes:
+        run: ``module:Class`` or ``path.py:Class``; for a function ``module:function``.
+        params: Parameters to try.
+        kind: ``function`` asks only whether a function exists.
+        name: Under which the node runs; some classes' ports depend on it and on the parameters.
+    """
+
+    run: str
+    params: dict[str, Any] = {}
+    kind: Literal["node", "function"] = "node"
+    name: str = ""
+
+
+class TypeDescription(msgspec.Struct, frozen=True):
+    """A message type: its name, hash (16 hexadecimal digits), ROS text and JSON Schema."""
+
+    name: str
+    type_hash: str
+    ros_text: str
+    json_schema: dict[str, Any]
+
+
+class PortDescription(msgspec.Struct, frozen=True):
+    """A port.
+
+    Attributes:
+        kind: What it is.
+        types: Its message; of a service and a client, request and reply.
+        qos: What it offers or requests; that of a service is the default.
+        optional: An input that may stay unwired.
+    """
+
+    name: str
+    kind: Literal["sub", "pub", "srv", "client"]
+    types: list[TypeDescription]
+    qos: Qos
+    optional: bool = False
+
+
+class NodeDescription(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node class declares.
+
+    Attributes:
+        run: As asked.
+        error: Why there is nothing more to say; None when all is well.
+        doc: First line of the class's docstring.
+        param_errors: What is wrong with the parameters tried, by name; "" for all of them together.
+    """
+
+    run: str
+    error: str | None = None
+    doc: str = ""
+    ports: dict[str, PortDescription] = {}
+    params: dict[str, ParamDescription] = {}
+    param_errors: dict[str, str] = {}
+    moves: bool = False
+    simulates: bool = False
+    records: bool = False
+
+
+def describe(requests: Sequence[DescribeRequest], workspace: Path) -> list[NodeDescription]:
+    """Describe node classes, with the workspace first on the module path.
+
+    What modules print while they are imported goes to standard error.
+    """
+    enter_workspace(str(workspace))
+    with contextlib.redirect_stdout(sys.stderr):
+        return [_describe(request, workspace) for request in requests]
+
+
+class _Refusal(Exception):
+    """There is nothing to describe; its text says why."""
+
+
+def _describe(request: DescribeRequest, workspace: Path) -> NodeDescription:
+    module_name, _, name = request.run.rpartition(":")
+    try:
+        module = _module(module_name, workspace)
+        if request.kind == "function":
+            _function(module, module_name, name)
+            return NodeDescription(run=request.run)
+        return _node(_class(module, module_name, name).shaped(request.name, request.params), request)
+    except (_Refusal, BagError) as refusal:
+        return NodeDescription(run=request.run, error=str(refusal))
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a workspace's module may raise anything
+        return NodeDescription(run=request.run, error=_located(error, workspace))
+
+
+def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
+    declared = declaration_of(cls)
+    errors = param_errors(declared, request.params)
+    if not errors:
+        errors = cls.examine(load_params(declared, request.params, declared.params.__name__))
+    ports = [
+        *declared.subs.values(),
+        *declared.pubs.values(),
+        *declared.services.values(),
+        *declared.clients.values(),
+    ]
+    return NodeDescription(
+        run=request.run,
+        doc=(cls.__doc__ or "").strip().partition("\n")[0],
+        ports={port.name: _port(port) for port in ports},
+        params=describe_params(declared.params),
+        param_errors=errors,
+        moves=cls.moves,
+        simulates=cls.simulates,
+        records=cls.records,
+    )
+
+
+def _port(port: Port) -> PortDescription:
+    match port:
+        case Sub():
+            return PortDescription(port.name, "sub", [_type(port.message)], port.qos, port.optional)
+        case Pub():
+            return PortDescription(port.name, "pub", [_type(port.message)], port.qos)
+        case Srv():
+            return PortDescription(port.name, "srv", [_type(port.request), _type(port.reply)], Qos())
+        case Client():
+            return PortDescription(port.name, "client", [_type(port.request), _type(port.reply)], Qos())
+    raise AssertionError(port)
+
+
+def _type(message: type[Message]) -> TypeDescription:
+    schema = schema_of(message)
+    return TypeDescription(schema.name, f"{schema.type_hash:016x}", ros_text(schema), json_schema(schema))
+
+
+def _module(name: str, workspace: Path) -> ModuleType:
+    if name.endswith(".py"):
+        return _module_at(workspace / name, workspace)
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if name != missing and not name.startswith(f"{missing}."):
+            raise
+        raise _Refusal(f"no module '{name}' in {workspace}{_near_module(name, workspace)}") from error
+    wanted = workspace.joinpath(*name.split(".")).with_suffix(".py")
+    if wanted.is_file() and module.__file__ is not None and not wanted.samefile(module.__file__):
+        package = name.partition(".")[0]
+        message = f"'{name}' was imported from {module.__file__}, not from the workspace"
+        raise _Refusal(f"{message}; add an empty {package}/__init__.py to the workspace")
+    return module
+
+
+def _module_at(path: Path, workspace: Path) -> ModuleType:
+    if not path.is_file():
+        others = [other.name for other in path.parent.glob("*.py")]
+        match = nearest(path.name, others)
+        raise _Refusal(f"no file {path}" + (f"; did you mean '{match}'?" if match else "; check the path"))
+    return load_module(str(path), str(workspace))
+
+
+def _near_module(name: str, workspace: Path) -> str:
+    known = [f"nodes.{path.stem}" for path in (workspace / "nodes").glob("*.py") if path.stem != "__init__"]
+    parent = name.rpartition(".")[0]
+    with contextlib.suppress(Exception, SystemExit):
+        found = importlib.util.find_spec(parent) if parent else None
+        if found is not None and found.submodule_search_locations is not None:
+            known += [
+                f"{parent}.{module.name}" for module in pkgutil.iter_modules(found.submodule_search_locations)
+            ]
+    return hint(name, known)
+
+
+def _class(module: ModuleType, module_name: str, name: str) -> type[Node]:
+    found = getattr(module, name, None)
+    if isinstance(found, type) and issubclass(found, Node) and found is not Node:
+        return found
+    classes = [
+        key
+        for key, value in vars(module).items()
+        if isinstance(value, type) and issubclass(value, Node) and value is not Node
+    ]
+    if found is not None:
+        nodes = f" (nodes there: {', '.join(classes)})" if classes else ""
+        raise _Refusal(f"'{name}' in {module_name} is not a node; derive it from palp_core.Node{nodes}")
+    raise _Refusal(f"no class '{name}' in {module_name}{hint(name, classes)}")
+
+
+def _function(module: ModuleType, module_name: str, name: str) -> None:
+    if not callable(getattr(module, name, None)):
+        functions = [
+            key for key, value in vars(module).items() if callable(value) and not key.startswith("_")
+        ]
+        raise _Refusal(f"no function '{name}' in {module_name}{hint(name, functions)}")
+
+
+def _located(error: BaseException, workspace: Path) -> str:
+    """Return an exception's text with the line of the workspace's source that raised it."""
+    if isinstance(error, SystemExit):
+        text = f"the module ends the process when it is imported (exit status {error.code}); remove that call"
+    else:
+        text = f"{type(error).__name__}: {error}"
+    if isinstance(error, SyntaxError) and error.filename:
+        text = f"SyntaxError: {error.msg}"
+        return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if _is_within(frame.filename, workspace)]
+    place = (own or frames)[-1]
+    return f"{_short(place.filename, workspace)}:{place.lineno}: {text}"
+
+
+def _is_within(file: str, workspace: Path) -> bool:
+    path = Path(file)
+    foreign = "site-packages" in path.parts or path.is_relative_to(_LIBRARY)
+    return path.is_relative_to(workspace) and not foreign
+
+
+def _short(file: str, workspace: Path) -> str:
+    path = Path(file)
+    return str(path.relative_to(workspace)) if path.is_relative_to(workspace) else file

@@ -1,0 +1,211 @@
+"""Read one node of a launch file: what runs, its parameters, its wires, what happens when it ends."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, TypeVar
+
+from palp_core.graph.description.arguments import Argument, unknown_keys
+from palp_core.graph.description.input_reader import read_wire
+from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located, Restart, Variant
+from palp_core.graph.description.selection import Selection, assignments, read_selection
+from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
+from palp_core.graph.description.values import NAME, flat, read_flag, read_number, read_word
+from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
+from palp_core.graph.problems import Problems, nearest
+
+__all__ = ["NodeReader"]
+
+_RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
+_KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
+_RESTART = ("never", "on_failure")
+HIGHEST_PRIORITY = 99
+RESERVED = {
+    "graph": "/graph/events and /graph/health are the launcher's",
+    "merged": "merged.log has the lines of all nodes",
+}
+T = TypeVar("T", int, float)
+
+
+class NodeReader:
+    """Reads the nodes of one launch file.
+
+    Args:
+        scope: What its substitutions see.
+        arguments: Its declared arguments.
+        workspace: Folder in which a path in ``run`` becomes a module name.
+        problems: Receives the mistakes.
+    """
+
+    def __init__(
+        self, scope: Scope, arguments: dict[str, Argument], workspace: Path, problems: Problems
+    ) -> None:
+        self._scope = scope
+        self._arguments = arguments
+        self._workspace = workspace
+        self._problems = problems
+        self._hidden = False
+
+    def read(self, name: str, entry: Entry) -> GraphNode:
+        """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
+        before, self._hidden = len(self._problems), False
+        if NAME.fullmatch(name) is None:
+            advice = "use letters, digits and _, at most 32"
+            self._problems.add(entry.mark, f"'{name}' cannot be a node's name; {advice}")
+        if name in ("graph", "gateway"):
+            message = f"'{name}' cannot be a node's name: it is the launcher's own; choose another"
+            self._problems.add(entry.mark, message)
+        if not isinstance(entry.value, Mapping):
+            self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
+            return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)
+        what = f"node '{name}'"
+        fields = unknown_keys(entry.value, _KEYS, what, self._problems)
+        if "run" not in fields and nearest("run", set(entry.value.items) - set(fields)) is None:
+            self._problems.add(entry.mark, f"{what} does not say what to run; add run: module:Class")
+        variants, present = self._variants(what, fields)
+        restart = self._restart(what, fields["restart"].value) if "restart" in fields else Restart()
+        shutdown = "on_exit" in fields and self._word(
+            fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
+        )
+        cpus, priority = self._scheduling(what, fields)
+        joined = "joined" in fields and read_flag(
+            fields["joined"].value, f"joined of {what}", self._scope, self._problems
+        )
+        complete = len(self._problems) == before and not self._hidden
+        return GraphNode(
+            name, entry.mark, variants, present, restart, bool(shutdown), complete, cpus, priority, joined
+        )
+
+    def _variants(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[Variant, ...], Variant | None]:
+        run = self._select(f"run of {what}", fields.get("run"))
+        params = self._select(f"params of {what}", fields.get("params"))
+        inputs = self._select(f"inputs of {what}", fields.get("inputs"))
+        runs = {b: self._run(f"run of {what}", t) for b, t in run.branches.items()}
+        values = {b: self._params(what, t) for b, t in params.branches.items()}
+        wires = {b: self._inputs(what, t) for b, t in inputs.branches.items()}
+        variants, present = [], None
+        for assignment, is_present in assignments([run, params, inputs]):
+            target = Selection(run.choice, runs).under(assignment)
+            if target is None:
+                continue
+            variant = Variant(
+                assignment,
+                target,
+                Selection(params.choice, values).under(assignment) or {},
+                Selection(inputs.choice, wires).under(assignment) or {},
+            )
+            variants.append(variant)
+            present = variant if is_present else present
+        return tuple(variants), present
+
+    def _select(self, what: str, entry: Entry | None) -> Selection[Tree]:
+        if entry is None:
+            return Selection(None, {})
+        read = read_selection(entry.value, what, self._scope, self._arguments, self._problems)
+        return read if read is not None else Selection(None, {})
+
+    def _run(self, what: str, tree: Tree) -> Located | None:
+        if isinstance(tree, Mapping):
+            message = (
+                f"{what} is a mapping; write module:Class, or {{select: $(var name), branch: module:Class}}"
+            )
+            wrong = nearest("select", tree.items)
+            self._problems.add(
+                tree.items[wrong].mark if wrong else tree.mark,
+                f"{what} has no key '{wrong}'; did you mean 'select'?" if wrong else message,
+            )
+            return None
+        text = self._evaluate(tree)
+        if text is UNKNOWN:
+            return None
+        found = _RUN.fullmatch(text) if isinstance(text, str) else None
+        if found is None:
+            self._problems.add(tree.mark, f"{what} is '{text}'; write module:Class or path.py:Class")
+            return None
+        return Located(self._target(found["module"], found["name"]), tree.mark)
+
+    def _target(self, module: str, name: str) -> str:
+        """Return a path in the workspace as a module, another path as an absolute one."""
+        if not module.endswith(".py"):
+            return f"{module}:{name}"
+        path = (self._scope.file.parent / module).resolve()
+        if path.is_relative_to(self._workspace):
+            parts = path.relative_to(self._workspace).with_suffix("").parts
+            if all(part.isidentifier() for part in parts):
+                return f"{'.'.join(parts)}:{name}"
+        return f"{path}:{name}"
+
+    def _params(self, what: str, tree: Tree) -> dict[str, Located]:
+        if not isinstance(tree, Mapping):
+            if not _is_empty(tree):
+                self._problems.add(tree.mark, f"params of {what} must map each parameter to its value")
+            return {}
+        found = {}
+        for name, entry in tree.items.items():
+            value = self._evaluate(entry.value)
+            if value is not UNKNOWN:
+                found[name] = Located(value, entry.mark)
+        return found
+
+    def _inputs(self, what: str, tree: Tree) -> dict[str, InputEntry]:
+        if not isinstance(tree, Mapping):
+            if not _is_empty(tree):
+                self._problems.add(tree.mark, f"inputs of {what} must map each port to node/port")
+            return {}
+        read = {port: self._input(f"input '{port}' of {what}", entry) for port, entry in tree.items.items()}
+        return {port: wire for port, wire in read.items() if wire is not None}
+
+    def _input(self, what: str, entry: Entry) -> InputEntry | None:
+        wire = read_wire(entry, what, self._scope, self._problems)
+        self._hidden = self._hidden or (wire is None)
+        return wire
+
+    def _scheduling(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[int, ...], int]:
+        cpus: tuple[int, ...] = ()
+        if "cpus" in fields:
+            value = self._evaluate(fields["cpus"].value)
+            if isinstance(value, list) and all(type(core) is int and core >= 0 for core in value):
+                cpus = tuple(value)
+            elif value is not UNKNOWN:
+                message = f"cpus of {what} is '{flat(value)}'; write a list of core numbers, as in [0, 1]"
+                self._problems.add(fields["cpus"].value.mark, message)
+        priority = 0
+        if "realtime_priority" in fields:
+            tree = fields["realtime_priority"].value
+            priority = self._number(tree, f"realtime_priority of {what}", int, 1) or 0
+            if priority > HIGHEST_PRIORITY:
+                self._problems.add(tree.mark, f"realtime_priority of {what} is at most {HIGHEST_PRIORITY}")
+        return cpus, priority
+
+    def _restart(self, what: str, tree: Tree) -> Restart:
+        what = f"restart of {what}"
+        if not isinstance(tree, Mapping):
+            return Restart(self._word(tree, what, _RESTART) or "never")
+        fields = unknown_keys(tree, ("when", "max_restarts", "backoff_s"), what, self._problems)
+        rule = Restart()
+        when: str | None = "on_failure"
+        if "when" in fields:
+            when = self._word(fields["when"].value, f"when in {what}", _RESTART)
+        limit, backoff = rule.max_restarts, rule.backoff_s
+        if "max_restarts" in fields:
+            limit = self._number(fields["max_restarts"].value, f"max_restarts in {what}", int, 0) or 0
+        if "backoff_s" in fields:
+            backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0) or 0.0
+        return Restart(when or "never", limit, backoff)
+
+    def _evaluate(self, tree: Tree) -> Any:
+        """Return plain values; what an earlier mistake hides leaves the node incomplete."""
+        value = evaluate(tree, self._scope, self._problems)
+        self._hidden = self._hidden or value is UNKNOWN
+        return value
+
+    def _word(self, tree: Tree, what: str, words: tuple[str, ...]) -> str | None:
+        return read_word(tree, what, words, self._scope, self._problems)
+
+    def _number(self, tree: Tree, what: str, kind: type[T], low: int) -> T | None:
+        return read_number(tree, what, kind, low, self._scope, self._problems)
+
+
+def _is_empty(tree: Tree) -> bool:
+    return isinstance(tree, Scalar) and tree.value is None

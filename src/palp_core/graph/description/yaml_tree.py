@@ -1,0 +1,233 @@
+"""A YAML file as a tree in which every key and value knows its line and column.
+
+Plain scalars are read by YAML 1.2's core rules: only ``true`` and ``false`` are booleans (``on`` and ``no``
+are text) and ``1e-3`` is a number. A key that is given twice is an error.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
+
+__all__ = [
+    "Entry",
+    "Mapping",
+    "Plain",
+    "Scalar",
+    "Sequence",
+    "Tree",
+    "parse_scalar",
+    "parse_tree",
+    "plain_tree",
+    "read_tree",
+]
+
+Plain: TypeAlias = str | int | float | bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A single value.
+
+    Attributes:
+        mark: Where it begins.
+        value: What YAML reads it as.
+        text: As written, without quotes.
+        quoted: It was written in quotes or as a block.
+    """
+
+    mark: Mark
+    value: Plain
+    text: str
+    quoted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A value in a mapping, with the place of its key."""
+
+    mark: Mark
+    value: Tree
+
+
+@dataclass(frozen=True, slots=True)
+class Mapping:
+    """Keys and values, in the file's order."""
+
+    mark: Mark
+    items: dict[str, Entry]
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """A list of values."""
+
+    mark: Mark
+    items: tuple[Tree, ...]
+
+
+Tree: TypeAlias = Scalar | Mapping | Sequence
+
+_TAG = "tag:yaml.org,2002:"
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's composer with the scalar rules of YAML 1.2's core schema."""
+
+    yaml_implicit_resolvers = {}
+
+
+for _name, _pattern, _first in (
+    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789"),
+    (
+        "float",
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        "-+.0123456789",
+    ),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+):
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})\\Z"), list(_first))
+
+
+def _plain(tag: str, text: str) -> Plain:
+    match tag.removeprefix(_TAG):
+        case "str":
+            return text
+        case "int":
+            return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
+        case "float":
+            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+        case "bool":
+            return text.lower() == "true"
+        case "null":
+            return None
+    raise ValueError(f"the tag {tag} has no meaning here")
+
+
+class _Converter:
+    def __init__(self, file: str, problems: Problems) -> None:
+        self.file = file
+        self.problems = problems
+        self._open: set[int] = set()
+
+    def mark(self, node: yaml.Node) -> Mark:
+        return Mark(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def convert(self, node: yaml.Node) -> Tree:
+        mark = self.mark(node)
+        if id(node) in self._open:
+            self.problems.add(mark, "an alias refers to itself; write the value out")
+            return Scalar(mark, None, "")
+        self._open.add(id(node))
+        try:
+            if isinstance(node, yaml.MappingNode):
+                return self._mapping(node, mark)
+            if isinstance(node, yaml.SequenceNode):
+                return Sequence(mark, tuple(self.convert(item) for item in node.value))
+            return self._scalar(node, mark)
+        finally:
+            self._open.discard(id(node))
+
+    def _scalar(self, node: yaml.Node, mark: Mark) -> Scalar:
+        quoted = getattr(node, "style", None) is not None
+        try:
+            return Scalar(mark, _plain(node.tag, node.value), node.value, quoted)
+        except ValueError as error:
+            self.problems.add(mark, f"'{node.value}' cannot be read: {error}")
+            return Scalar(mark, None, node.value, quoted)
+
+    def _mapping(self, node: yaml.MappingNode, mark: Mark) -> Mapping:
+        items: dict[str, Entry] = {}
+        for key, value in node.value:
+            place = self.mark(key)
+            if not isinstance(key, yaml.ScalarNode):
+                self.problems.add(
+                    place, "a key must be a single word; put the list or mapping on the value's side"
+                )
+            elif key.value in items:
+                first = items[key.value].mark
+                self.problems.add(
+                    place, f"key '{key.value}' is given twice (first at line {first.line}); remove one"
+                )
+            else:
+                items[key.value] = Entry(place, self.convert(value))
+        return Mapping(mark, items)
+
+
+def read_tree(path: Path, problems: Problems) -> Tree:
+    """Read a YAML file.
+
+    Duplicate keys are added to ``problems``; the first of them counts.
+
+    Raises:
+        GraphProblems: The file cannot be read or is not YAML.
+    """
+    file = str(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise GraphProblems(
+            [Problem(file, 1, 1, f"cannot be read: {error.strerror}; check the path")]
+        ) from error
+    except UnicodeDecodeError as error:
+        raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
+    tree = parse_tree(text, file, problems)
+    if tree is None:
+        raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])
+    return tree
+
+
+def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
+    """Read YAML from a text that came from ``file``; None if there is nothing in it.
+
+    Duplicate keys are added to ``problems``; the first of them counts.
+
+    Raises:
+        GraphProblems: It is not YAML.
+    """
+    try:
+        root = _Loader(text).get_single_node()
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        column = error.position - before.rfind("\n")
+        message = f"character {error.character!r} is not allowed in YAML; remove it"
+        raise GraphProblems([Problem(file, before.count("\n") + 1, column, message)]) from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        message = f"not valid YAML: {error.problem or error}"
+        if error.context and error.context_mark:
+            message += f", {error.context} (line {error.context_mark.line + 1})"
+        raise GraphProblems(
+            [Problem(file, line, column, message + "; check indentation, quotes, colons")]
+        ) from error
+    return None if root is None else _Converter(file, problems).convert(root)
+
+
+def plain_tree(tree: Tree) -> Plain | list[Any] | dict[str, Any]:
+    """Return a tree as Python's own values, without their places."""
+    if isinstance(tree, Mapping):
+        return {name: plain_tree(entry.value) for name, entry in tree.items.items()}
+    if isinstance(tree, Sequence):
+        return [plain_tree(item) for item in tree.items]
+    return tree.value
+
+
+def parse_scalar(text: str) -> Plain:
+    """Return what YAML reads a text as; what is not a single YAML value stays text.
+
+    >>> parse_scalar("1e-3"), parse_scalar("on"), parse_scalar("'5'"), parse_scalar("a: b")
+    (0.001, 'on', '5', 'a: b')
+    """
+    try:
+        node = _Loader(text).get_single_node()
+        return _plain(node.tag, node.value) if isinstance(node, yaml.ScalarNode) else text
+    except (yaml.YAMLError, ValueError):
+        return text

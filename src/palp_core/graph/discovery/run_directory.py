@@ -1,0 +1,201 @@
+"""The folder of a run: sockets, logs, and ``graph.json``, by which the command line finds a running graph."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import shutil
+import stat
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.clock import unix_ns
+from palp_core.graph.problems import hint
+
+__all__ = [
+    "NodeEntry",
+    "RunDirectory",
+    "RunRecord",
+    "TopicEntry",
+    "base_folder",
+    "find_running",
+    "locked",
+    "running",
+    "runs",
+]
+
+KEEP_ENDED = 10
+LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
+
+
+class NodeEntry(msgspec.Struct, frozen=True):
+    """A node of a running graph."""
+
+    name: str
+    run: str
+    pid: int
+    publish: str
+    serve: str
+
+
+class TopicEntry(msgspec.Struct, frozen=True):
+    """A topic of a running graph."""
+
+    name: str
+    type: str
+    type_hash: str
+    node: str
+    publish: str
+    json_schema: dict[str, Any]
+
+
+class RunRecord(msgspec.Struct, frozen=True):
+    """What ``graph.json`` holds: ``serve`` is where the launcher answers, ``listen`` where others call."""
+
+    graph: str
+    file: str
+    clock: str
+    pid: int
+    start_unix_ns: int
+    serve: str
+    nodes: list[NodeEntry]
+    topics: list[TopicEntry]
+    listen: str = ""
+
+
+def base_folder() -> Path:
+    """Return the folder of this user's run directories."""
+    own = f"palp-{os.getuid()}"
+    for folder, name in ((os.environ.get("XDG_RUNTIME_DIR"), "palp"), (os.environ.get("TMPDIR"), own)):
+        if folder and os.access(folder, os.W_OK | os.X_OK):
+            base = Path(folder).absolute() / name
+            if len(os.fsencode(base)) <= LONGEST_BASE:
+                return base
+    return Path("/tmp") / own
+
+
+class RunDirectory:
+    """A folder only its owner can enter; created anew for each run, and locked while the run lasts.
+
+    Raises:
+        GraphError: The folder belongs to somebody else or cannot be written to.
+    """
+
+    def __init__(self, graph: str) -> None:
+        base = base_folder()
+        try:
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            owned = base.lstat()
+            if owned.st_uid != os.getuid() or not stat.S_ISDIR(owned.st_mode):
+                raise GraphError(
+                    f"{base} is not a folder of this user; set XDG_RUNTIME_DIR to a folder of your own"
+                )
+            base.chmod(0o700)
+            _prune()
+            prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
+            self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
+            self._lock = os.open(self.path, os.O_RDONLY)
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            (self.path / "log").mkdir()
+        except OSError as error:
+            raise GraphError(
+                f"no run directory in {base}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of your own"
+            ) from error
+
+    def log(self, node: str) -> Path:
+        """Return the log file of a node."""
+        return self.path / "log" / f"{node}.log"
+
+    def write(self, record: RunRecord) -> None:
+        """Make the graph visible to the command line."""
+        temporary = self.path / "graph.json.part"
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(record)))
+        temporary.rename(self.path / "graph.json")
+
+    def remove(self) -> None:
+        """Remove the folder with its logs."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self.release()
+
+    def release(self) -> None:
+        """Leave the folder with its logs to later runs, which remove it when it is one of many."""
+        if self._lock >= 0:
+            os.close(self._lock)
+        self._lock = -1
+
+
+def record_for(
+    graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[TopicEntry]
+) -> RunRecord:
+    """Return the record of a graph that this process supervises."""
+    return RunRecord(graph, file, clock, os.getpid(), unix_ns(), serve, nodes, topics)
+
+
+def _read(folder: Path) -> RunRecord | None:
+    with contextlib.suppress(OSError, msgspec.MsgspecError):
+        return msgspec.json.decode((folder / "graph.json").read_bytes(), type=RunRecord)
+    return None
+
+
+def runs() -> list[tuple[Path, RunRecord, bool]]:
+    """Return every run of this user with a record: folder, record, whether it lives; the latest first."""
+    found = [(folder, record, locked(folder)) for folder in _folders() if (record := _read(folder))]
+    return sorted(found, key=lambda run: -run[1].start_unix_ns)
+
+
+def running() -> list[RunRecord]:
+    """Return the running graphs of this user, the latest first."""
+    return [record for _, record, lives in runs() if lives]
+
+
+def find_running(name: str | None = None) -> RunRecord:
+    """Return the running graph, the latest if there are several.
+
+    Raises:
+        GraphError: None runs, or none of that name.
+    """
+    known = running()
+    found = [record for record in known if name is None or record.graph == name]
+    if found:
+        return found[0]
+    if name is not None and known:
+        raise GraphError(f"no graph named '{name}' is running{hint(name, (r.graph for r in known))}")
+    what = f"no graph named '{name}' is running" if name else "no graph is running"
+    raise GraphError(f"{what}; start one with: palp launch FILE")
+
+
+def _folders() -> list[Path]:
+    base = base_folder()
+    return [folder for folder in base.iterdir() if (folder / "log").is_dir()] if base.is_dir() else []
+
+
+def _prune() -> None:
+    """Remove the folders of runs long ended, all but the latest few (their logs may still be wanted)."""
+    ended = []
+    for folder in _folders():
+        with contextlib.suppress(OSError):  # another launch may be removing it just now
+            if not locked(folder):
+                ended.append((folder.stat().st_mtime, folder))
+    for _, folder in sorted(ended, reverse=True)[KEEP_ENDED:]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def locked(folder: Path) -> bool:
+    """Tell whether a run holds its folder: the lock goes with the process that has it, however that ends."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: two who ask do not see each other
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False

@@ -1,0 +1,301 @@
+"""A running graph as tools see it: found by its run directory, asked over its nodes' own sockets."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, find_running, locked
+from palp_core.graph.problems import hint
+
+__all__ = ["LAUNCHER", "REPLY_TIMEOUT_S", "Answers", "Edge", "RunningGraph", "Service", "hidden"]
+
+REPLY_TIMEOUT_S = 5.0
+SWAP_MARGIN_S = 10.0
+CHANGES_OF_HANDS = 10
+LAUNCHER = "graph"  # the name under which the launcher publishes and answers
+
+Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
+
+
+class Service(NamedTuple):
+    """A service of a running node: its name, ``/<node>/<port>``, and the types of request and reply."""
+
+    name: str
+    node: str
+    port: str
+    request: str
+    reply: str
+
+
+class Edge(NamedTuple):
+    """One input of a running node, and the account that its reader keeps."""
+
+    node: str
+    topic: str
+    account: dict[str, Any]
+
+
+class Answers(NamedTuple):
+    """What the nodes of a graph said, by name, and why the others did not."""
+
+    replies: dict[str, dict[str, Any]]
+    silent: dict[str, GraphError]
+
+
+def hidden(name: str) -> bool:
+    """Tell whether a name is one of those that are not listed: a part of it begins with an underscore.
+
+    >>> hidden("/relay/_order"), hidden("/relay/amplified")
+    (True, False)
+    """
+    return any(part.startswith("_") for part in name.split("/"))
+
+
+class RunningGraph:
+    """A running graph.
+
+    Args:
+        record: What its ``graph.json`` holds.
+        request: Sends a request to an endpoint and waits so many seconds for the reply; None if none comes.
+    """
+
+    def __init__(self, record: RunRecord, request: Request | None = None) -> None:
+        self.record = record
+        self._request = request or _ask
+
+    @classmethod
+    def find(cls, name: str | None = None) -> RunningGraph:
+        """Return the running graph of that name, the latest if there are several.
+
+        Raises:
+            GraphError: None runs, or none of that name.
+        """
+        return cls(find_running(name))
+
+    @property
+    def folder(self) -> Path:
+        """The run directory."""
+        return Path(self.record.serve.removeprefix("ipc://")).parent
+
+    @property
+    def alive(self) -> bool:
+        """Whether the graph still runs."""
+        return locked(self.folder)
+
+    @property
+    def node_names(self) -> list[str]:
+        """Running names, in graph order."""
+        return [node.name for node in self.record.nodes]
+
+    def node(self, name: str) -> NodeEntry:
+        """Return a node by its name, with or without the slash.
+
+        Raises:
+            GraphError: There is none; the nearest name is in the message.
+        """
+        for entry in self.record.nodes:
+            if entry.name == name.removeprefix("/"):
+                return entry
+        if name.removeprefix("/") == LAUNCHER:  # it publishes and answers as a node does
+            return NodeEntry(LAUNCHER, "", self.record.pid, "", self.record.serve)
+        known = [f"/{known}" for known in self.node_names]
+        raise GraphError(f"no node '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
+
+    def topic(self, name: str) -> TopicEntry:
+        """Return a topic by its name.
+
+        Raises:
+            GraphError: There is none; the nearest name is in the message.
+        """
+        rooted = _rooted(name)
+        node = rooted.split("/")[1]
+        own = self._hidden_topics([node]) if hidden(rooted) and node in self.node_names else []
+        for entry in [*self.record.topics, *own]:
+            if entry.name == rooted:
+                return entry
+        names = [topic.name for topic in (*self.record.topics, *own)]
+        known = [one for one in names if not hidden(one) or hidden(name)]
+        raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
+
+    def topics(self, *, include_hidden: bool = False) -> list[TopicEntry]:
+        """Return the topics, in graph order; the nodes themselves tell of the hidden ones."""
+        shown = [topic for topic in self.record.topics if not hidden(topic.name)]
+        return [*shown, *self._hidden_topics(self.node_names)] if include_hidden else shown
+
+    def _hidden_topics(self, nodes: Iterable[str]) -> list[TopicEntry]:
+        """Return what the runtime publishes for each node, of palp's own types."""
+        from palp_core.graph.messages import builtin
+        from palp_core.graph.messages.schema import json_schema, schema_of
+
+        found = []
+        for name, info in self.ask_all("info", nodes).replies.items():
+            for topic, output in info.get("outputs", {}).items():
+                kind = getattr(builtin, output["type"], None)
+                if hidden(topic) and kind is not None:
+                    schema = schema_of(kind)
+                    told = (f"{schema.type_hash:016x}", name, self.node(name).publish, json_schema(schema))
+                    found.append(TopicEntry(topic, schema.name, *told))
+        return found
+
+    def ask(
+        self,
+        node: str,
+        operation: str,
+        *,
+        timeout_s: float = REPLY_TIMEOUT_S,
+        retries: int = 0,
+        **fields: Any,
+    ) -> dict[str, Any]:
+        """Ask a node to do something; a repetition carries the same id, so that it is done only once.
+
+        Raises:
+            GraphError: No such node, it refuses, or it does not answer in time.
+        """
+        entry = self.node(node)
+        request = {"op": operation, "node": entry.name, "id": uuid.uuid4().hex, **fields}
+        reply = None
+        for _ in range(retries + 1):
+            reply = self._reply(entry.serve, request, timeout_s)
+            if reply is not None:
+                break
+        if reply is None:
+            tried = f" in any of {retries + 1} attempts" if retries else ""
+            raise GraphError(
+                f"/{entry.name} did not answer '{operation}' within {timeout_s:g} s{tried}: "
+                f"{self.whereabouts(entry)}"
+            )
+        if "error" in reply:
+            raise GraphError(f"/{entry.name}: {str(reply['error']).removeprefix(f'{entry.name}: ')}")
+        return reply
+
+    def _reply(self, serve: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        """Ask; a node that has changed hands meanwhile is asked again."""
+        reply = self._request(serve, request, timeout_s)
+        for _ in range(CHANGES_OF_HANDS):
+            if reply is None or not reply.get("again"):
+                break
+            reply = self._request(serve, request, timeout_s)
+        return reply
+
+    def swap(self, node: str, run: str = "", *, timeout_s: float = 10.0, **options: Any) -> dict[str, Any]:
+        """Let another class take a node's place; see :class:`palp_core.graph.swap.swap.SwapRequest`.
+
+        Returns:
+            What came of it: ``report``, or ``failed`` with the step that failed and why; then the old node
+            goes on.
+
+        Raises:
+            GraphError: No such node, or the launcher does not answer.
+        """
+        wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
+        wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
+        request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
+        reply = None
+        for _ in range(math.ceil(wait_s)):  # by the same id it is done once; a launcher that ends is noticed
+            reply = self._request(self.record.serve, request, 1.0)
+            if reply is not None or not self.alive:
+                break
+        if reply is None:
+            raise GraphError(f"/{LAUNCHER} did not answer: {self.whereabouts(self.node(LAUNCHER))}")
+        if "error" in reply:
+            raise GraphError(str(reply["error"]))
+        return {key: value for key, value in reply.items() if key in ("report", "failed")}
+
+    def ask_all(
+        self,
+        operation: str,
+        nodes: Iterable[str] = (),
+        *,
+        timeout_s: float = REPLY_TIMEOUT_S,
+        **fields: Any,
+    ) -> Answers:
+        """Ask several nodes (default: all) at the same time, so that a stuck one costs its own time only."""
+        from concurrent.futures import ThreadPoolExecutor
+
+        names = list(nodes) or self.node_names
+
+        def one(name: str) -> dict[str, Any] | GraphError:
+            try:
+                return self.ask(name, operation, timeout_s=timeout_s, **fields)
+            except GraphError as error:
+                return error
+
+        with ThreadPoolExecutor(max_workers=min(len(names), 32)) as pool:
+            answers = dict(zip(names, pool.map(one, names), strict=True))
+        return Answers(
+            {name: answer for name, answer in answers.items() if isinstance(answer, dict)},
+            {name: answer for name, answer in answers.items() if isinstance(answer, GraphError)},
+        )
+
+    def process_of(self, entry: NodeEntry) -> int:
+        """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""
+        composed = Path(entry.serve).stem == "composition"
+        return self.record.pid if composed or entry.name == LAUNCHER else entry.pid
+
+    def whereabouts(self, entry: NodeEntry) -> str:
+        """Say why a node may be silent, and what to look at."""
+        import psutil
+
+        pid = self.process_of(entry)
+        if pid == 0:
+            return "it has joined from elsewhere; look there, and at the connection"
+        log = self.folder / "log" / f"{entry.name if entry.pid else 'composition'}.log"
+        try:
+            status = psutil.Process(pid).status()
+        except psutil.NoSuchProcess:
+            return f"its process {pid} is gone; see {log}"
+        if status == psutil.STATUS_STOPPED:
+            return f"its process {pid} is stopped; continue it with: kill -CONT {pid}"
+        return f"its process {pid} runs, but a handler may not return; see {log}"
+
+    def services(self, answers: Answers, *, include_hidden: bool = False) -> list[Service]:
+        """Return the services that nodes told of in their ``info``."""
+        found = [
+            Service(f"/{node}/{port}", node, port, *types)
+            for node, info in answers.replies.items()
+            for port, types in info.get("services", {}).items()
+        ]
+        return [service for service in found if include_hidden or not hidden(service.name)]
+
+    def service(self, name: str, timeout_s: float = REPLY_TIMEOUT_S) -> Service:
+        """Return a service by its name, from the word of its node.
+
+        Raises:
+            GraphError: No such node or service, or the node does not answer.
+        """
+        node, _, port = _rooted(name)[1:].partition("/")
+        if node in self.node_names:
+            known = self.services(Answers({node: self.ask(node, "info", timeout_s=timeout_s)}, {}))
+        else:
+            known = self.services(self.ask_all("info", timeout_s=timeout_s))
+        for service in known:
+            if service.node == node and service.port == port:
+                return service
+        names = [service.name for service in known]
+        raise GraphError(f"no service '{name}' in graph '{self.record.graph}'{hint(_rooted(name), names)}")
+
+    def edges(self, answers: Answers, topic: str | None = None) -> list[Edge]:
+        """Return the inputs that nodes told of in their ``info``; of one topic if it is named."""
+        return [
+            Edge(node, name, account)
+            for node, info in answers.replies.items()
+            for name, account in info.get("inputs", {}).items()
+            if topic is None or name == topic
+        ]
+
+
+def _ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+    from palp_core.graph.transport.publisher_socket import (
+        ask,  # a quarter of a second that `palp node list` does without
+    )
+
+    return ask(endpoint, request, timeout_s)
+
+
+def _rooted(name: str) -> str:
+    return name if name.startswith("/") else f"/{name}"

@@ -1,0 +1,295 @@
+"""A graph from its launch file to its end; what ``palp launch`` does, for Python.
+
+::
+
+    with Graph("launch/sim.yaml", policy="markov") as graph:
+        summary = graph.run()
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import msgspec
+
+from palp_core.errors import GraphError, PalpError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.check import CheckedGraph, load
+from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
+from palp_core.graph.launch.swap_crew import swap_crew
+from palp_core.graph.lockstep.conductor import Conductor, Crew, Observer
+from palp_core.graph.network.no_door import NoDoor
+from palp_core.graph.process.channel import Done
+from palp_core.graph.recording.provenance import launch_facts
+from palp_core.graph.recording.recorders import Recordings
+from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.fork_start import ServerProcess
+from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
+from palp_core.graph.supervision.launcher_node import GraphBus
+from palp_core.graph.supervision.run_record import announcement
+from palp_core.graph.swap.swap import Swapper, SwapRequest
+
+if TYPE_CHECKING:
+    from palp_core.graph.network.gateway_handle import Door
+    from palp_core.graph.supervision.supervisor import Supervisor
+
+__all__ = ["Graph", "RunSummary", "check_file"]
+
+POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
+
+
+def _checked(path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory) -> CheckedGraph:
+    return load(path, overrides, lambda requests, where: server.describe(requests, where, folder.path))
+
+
+def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
+    """Check a launch file as a whole without starting anything.
+
+    Raises:
+        GraphProblems: Every problem of the file, each with its place.
+    """
+    folder = RunDirectory(Path(path).stem)
+    server = ForkServer()
+    try:
+        return _checked(Path(path), overrides, server, folder)
+    finally:
+        server.close()
+        folder.remove()
+
+
+class Graph:
+    """A checked graph, started on entry and ended on exit.
+
+    Args:
+        path: The launch file.
+        compose: All nodes in this process (simulated time only).
+        observe: Is shown every frame in lockstep, and progress messages on the wall clock.
+        started: A fork server's process that was started before.
+        overrides: Arguments as the command line has them, ``name:=value``.
+        listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
+        record: Record every topic into this bag, which must not exist.
+        args: Arguments as Python values.
+
+    Raises:
+        GraphProblems: The launch file has problems.
+        NodeError: A node failed.
+        Interrupted: Ctrl-C, SIGTERM or a closed terminal.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        compose: bool = False,
+        observe: Observer | None = None,
+        overrides: Sequence[str] = (),
+        started: ServerProcess | None = None,
+        listen: str | None = None,
+        record: Path | None = None,
+        **args: Any,
+    ) -> None:
+        self.path = Path(path)
+        self._listen, self._record = listen, record
+        self.recordings = Recordings()
+        self.door: Door | NoDoor = NoDoor()
+        self._started = started
+        self._compose = compose
+        self._observe = observe or (lambda *_: None)
+        self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
+        self._stack = contextlib.ExitStack()
+        self._interrupt = Interrupt()
+        self._conductor: Conductor | None = None
+        self._supervisor: Supervisor | None = None
+        self._instant_count = 0
+        self.summary: RunSummary | None = None
+
+    def __enter__(self) -> Self:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._interrupt)
+            self.directory = RunDirectory(self.path.stem)
+            stack.callback(self.directory.release)
+            server = ForkServer(self._interrupt, self._started)
+            stack.callback(server.close)
+            try:
+                self.checked = _checked(self.path, self._overrides, server, self.directory)
+                if self._compose and self.checked.clock != "sim":
+                    raise GraphError(
+                        f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
+                    )
+                self.recordings = Recordings(self.checked, self._record)
+                self._open_door(stack)
+            except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
+                server.close()
+                self.directory.remove()
+                raise
+            stack.callback(self.recordings.close)
+            self.bus = GraphBus(str(self.directory.path), self._now_ns)
+            stack.callback(self.bus.close)
+            self.bus.guests = lambda: self.door.health.values()
+            self.bus.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
+            self.bus.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
+            self.bus.answer("launch", lambda _: launch_facts(self.checked))
+            if self._compose:
+                from palp_core.graph.lockstep.composition import composed
+
+                server.close()
+                self._crew: Crew = stack.enter_context(composed(self.checked, self.directory))
+            else:
+                self._crew = self._supervisor = self._supervised(stack, server)
+                self._supervisor.renewed, self._supervisor.between = self._announce, self._serve
+            crew = swap_crew(self._crew, self.directory.path, Path(self.checked.workspace), self._elapse)
+            self.swaps = Swapper(self.checked, crew, self._now_ns, self._swapped, self.bus.report)
+            self.bus.answer("swap", self.swaps.answer, deferred=True)
+            self._announce()
+            self.recordings.begin(self.directory.path, self.bus, self._supervisor)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, _: type[BaseException] | None, error: BaseException | None, *__: object) -> None:
+        self._stack.close()
+        if error is None and self.summary is not None and self.summary.exit_code == 0:
+            self.directory.remove()  # otherwise its logs may be wanted
+
+    def _now_ns(self) -> int:
+        """Return the time on the graph's clock; 0 before it starts."""
+        if self._conductor is not None:
+            return self._conductor.now_ns
+        start_ns = self._supervisor.start_ns if self._supervisor is not None else 0
+        return monotonic_ns() - start_ns if start_ns else 0
+
+    def _supervised(self, stack: contextlib.ExitStack, server: ForkServer) -> Supervisor:
+        from palp_core.graph.supervision.supervisor import Supervisor
+
+        supervisor = Supervisor(
+            self.checked.spawned,
+            self.checked.clock,
+            self.checked.workspace,
+            self.directory.path,
+            server,
+            self._interrupt,
+            self._show,
+            self.bus,
+        )
+        stack.callback(supervisor.close)
+        self.door.follow(supervisor)
+        supervisor.start()
+        return supervisor
+
+    def _open_door(self, stack: contextlib.ExitStack) -> None:
+        if (address := self._listen or self.checked.listen) or self.checked.expected:
+            from palp_core.graph.network.gateway_handle import open_door
+
+            report = lambda *event, **data: self.bus.report(*event, **data)  # noqa: E731
+            self.door = open_door(address, self.checked, self.directory.path, report, self._announce)
+            stack.callback(self.door.close, "the graph has failed", finished=False)
+
+    def _announce(self) -> None:
+        """Say where everything is, to those who look into the run directory and to those who ask."""
+        pids = {m.spec.name: m.pid for m in self._supervisor.members} if self._supervisor is not None else {}
+        self.bus.record = announcement(
+            self.checked, self.path, self.directory.path, pids, self.door, composed=self._compose
+        )
+        self.directory.write(self.bus.record)
+
+    def run(self, until_s: float | None = None) -> RunSummary:
+        """Activate, work until the run ends (or until a time on the graph's clock), and reach the safe state.
+
+        Returns:
+            How it went. The launch file's report has been written if the exit code is 0.
+        """
+        until_ns = None if until_s is None else round(until_s * 1e9)
+        begin_ns = monotonic_ns()
+        if self.checked.clock == "sim":
+            exit_code, clock_s, activations = self._run_lockstep(until_ns)
+        else:
+            exit_code, activations = self._run_wall(until_ns), 0
+            clock_s = (monotonic_ns() - begin_ns) / 1e9
+        checked = self.checked
+        self.summary = summary_of(
+            checked,
+            self.path,
+            composed=self._compose,
+            exit_code=exit_code,
+            clock_s=clock_s,
+            wall_s=(monotonic_ns() - begin_ns) / 1e9,
+            activation_count=activations,
+        )
+        if exit_code == 0 and checked.report and until_s is None:
+            said = report_function(checked.report, checked.workspace)(self.summary)
+            self.summary = msgspec.structs.replace(self.summary, report=said)
+        return self.summary
+
+    def _run_lockstep(self, until_ns: int | None) -> tuple[int, float, int]:
+        checked = self.checked
+        ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
+        conductor = Conductor(self._crew, checked.readers, ends_run, self._show, self._look_up)
+        self._conductor = conductor
+        try:
+            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
+                conductor.activate()
+                exit_code = conductor.run(until_ns)
+        finally:
+            conductor.shutdown(self._end_order())
+        return exit_code, conductor.now_ns / 1e9, conductor.activation_count
+
+    def _show(self, now_ns: int, frame: bytes) -> None:
+        self._observe(now_ns, frame)
+        self.swaps.observe(now_ns, frame)
+        self.recordings.observe(now_ns, frame)
+
+    def _run_wall(self, until_ns: int | None) -> int:
+        assert self._supervisor is not None
+        try:
+            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
+                self.door.activate(start_ns := monotonic_ns())
+                exit_code = self._supervisor.run_wall(until_ns, start_ns)
+                self.door.close("the graph has come to its end", finished=exit_code == 0)
+                return exit_code
+        finally:
+            for index in self._end_order():
+                self._supervisor.shutdown(index, 0)
+
+    def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
+        """Go on with another node in the place of one."""
+        self.checked = checked
+        self._announce()
+        if self._conductor is not None and done is not None:
+            self._conductor.rewire(checked.readers)
+            self._conductor.take_in(index, done)
+
+    def _elapse(self, duration_ns: int) -> None:
+        assert self._conductor is not None
+        self._conductor.run(self._conductor.now_ns + duration_ns)
+
+    def plan_swap(self, at_s: float, node: str, run: str, **params: Any) -> None:
+        """Let another class take a node's place when it is that time on the graph's clock.
+
+        A swap that fails then ends the run: it would not be what it was planned to be.
+        """
+        self.swaps.plan(round(at_s * 1e9), SwapRequest(node=node, run=run, params=params))
+
+    def _serve(self) -> None:
+        """Do what tools have asked for and what is planned."""
+        self.bus.perform()
+        self.swaps.turn()
+
+    def _look_up(self) -> None:
+        """Between two instants: is the end wanted, does anybody ask?"""
+        self._interrupt.check()
+        self._serve()
+        self._instant_count += 1
+        if self._compose and self._instant_count % POLL_INSTANTS == 0:
+            self.bus.poll()  # the supervisor does it where there is one
+
+    def _end_order(self) -> list[int]:
+        """Nodes that move something first, then graph order."""
+        nodes = self.checked.spawned
+        return sorted(range(len(nodes)), key=lambda i: (not nodes[i].moves, i))
+
+
+def _scalar(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

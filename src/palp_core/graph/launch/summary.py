@@ -1,0 +1,66 @@
+"""How a run went, and what its launch file's report function makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.node.loading import load_module
+
+__all__ = ["RunSummary", "report_function", "summary_of"]
+
+
+class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """How a run went; handed to the launch file's report function.
+
+    Attributes:
+        args: The launch file's arguments as resolved.
+        params: Parameters of every node, by node.
+        clock_s: Time on the graph's clock.
+        wall_s: Wall time from activation to the end.
+        activation_count: How often a node was given work, in lockstep.
+        report: What the launch file's report function says in words; "" if there is none.
+    """
+
+    graph: str
+    file: str
+    clock: str
+    seed: int
+    composed: bool
+    args: dict[str, Any]
+    params: dict[str, dict[str, Any]]
+    exit_code: int
+    clock_s: float
+    wall_s: float
+    activation_count: int
+    report: str = ""
+
+
+def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
+    """Return how a run of a graph went.
+
+    Args:
+        checked: The graph, as it was at the end.
+        path: Its launch file, as given.
+        outcome: What only the run itself can tell.
+    """
+    return RunSummary(
+        graph=checked.graph,
+        file=str(path),
+        clock=checked.clock,
+        seed=checked.seed,
+        args=checked.args,
+        params={spec.name: spec.params for spec in checked.nodes},
+        **outcome,
+    )
+
+
+def report_function(target: str, workspace: str) -> Callable[[RunSummary], str]:
+    """Import the launch file's report function."""
+    module_name, _, name = target.partition(":")
+    function: Callable[[RunSummary], str] = getattr(load_module(module_name, workspace), name)
+    return function

@@ -1,0 +1,162 @@
+"""All nodes of a lockstep graph in this process; messages are encoded and decoded all the same."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+
+from palp_core.graph.clock import SimClock
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.loading import endpoints, load_class
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.channel import Done, Round
+from palp_core.graph.process.lockstep_loop import follow_round
+from palp_core.graph.process.node_services import CHANGING, NodeCommands
+from palp_core.graph.process.shadow import Comparison
+from palp_core.graph.transport.publisher_socket import Broadcast
+
+__all__ = ["Composition", "composed"]
+
+POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
+
+
+class Composition:
+    """A crew in memory.
+
+    Attributes:
+        shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
+
+    Args:
+        specs: The nodes in graph order.
+        workspace: Folder that holds ``nodes/``.
+        broadcast: Where tools listen; None if nobody can.
+
+    Raises:
+        GraphError: A class or its parameters do not fit.
+        NodeError: A node could not be configured.
+    """
+
+    def __init__(self, specs: Sequence[NodeSpec], workspace: str, broadcast: Broadcast | None = None) -> None:
+        self.names = [spec.name for spec in specs]
+        self._clock = SimClock()
+        self._workspace = workspace
+        self._frames: list[bytes] = []
+        self.shadow: tuple[int, Executor, list[bytes], Comparison] | None = None
+        self._broadcast = broadcast
+        self._round_count = 0
+        self._executors = [
+            Executor(load_class(spec.run, workspace), spec, self._clock, self._send) for spec in specs
+        ]
+        for executor in self._executors:
+            executor.transition(Transition.CONFIGURE)
+            self._offer(executor)
+
+    def _offer(self, executor: Executor) -> None:
+        if self._broadcast is not None:
+            self._broadcast.offer(executor.outlets.values())
+            self._broadcast.answer(executor.name, NodeCommands(executor).operations(), CHANGING)
+
+    def _send(self, frame: bytes) -> None:
+        self._frames.append(frame)
+        if self._broadcast is not None and self._broadcast.heard:
+            self._broadcast.send(frame)
+
+    def _done(self, executor: Executor) -> Done:
+        frames, self._frames = self._frames, []
+        due_ns = executor.next_due_ns()
+        return Done(frames, -1 if due_ns is None else due_ns, executor.exit_code)
+
+    def activate(self, index: int) -> Done:
+        """Activate one node."""
+        self._executors[index].transition(Transition.ACTIVATE)
+        return self._done(self._executors[index])
+
+    def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
+        """Let several nodes do their part of a round, one after the other."""
+        self._round_count += 1
+        if self._broadcast is not None and self._round_count % POLL_ROUNDS == 0:
+            self._broadcast.poll()
+        replies = {}
+        for index, message in rounds.items():
+            self._clock.set(message.now_ns)
+            if self._broadcast is not None and self._broadcast.waiting:
+                self._broadcast.perform(self.names[index])
+            follow_round(self._executors[index], self._clock, message)
+            replies[index] = self._done(self._executors[index])
+            if self.shadow is not None and self.shadow[0] == index:
+                self._work_unheard(message, replies[index])
+        return replies
+
+    def knocks(self) -> set[int]:
+        """Return the nodes for which a command from outside waits."""
+        waiting = self._broadcast.waiting if self._broadcast is not None else ()
+        return {self.names.index(name) for name in waiting}
+
+    def shutdown(self, index: int, now_ns: int) -> Done:
+        """Bring one node to its safe state and end it."""
+        self._clock.set(now_ns)
+        self._executors[index].transition(Transition.SHUTDOWN)
+        return self._done(self._executors[index])
+
+    # Swap
+
+    def _work_unheard(self, message: Round, done: Done) -> None:
+        """Let a node's understudy do the same as the node, and compare."""
+        assert self.shadow is not None
+        _, executor, sent, comparison = self.shadow
+        follow_round(executor, self._clock, message)
+        for frame in done.frames:
+            comparison.old(frame)
+        for frame in sent:
+            comparison.new(frame)
+        sent.clear()
+
+    def executor(self, index: int) -> Executor:
+        """Return a node."""
+        return self._executors[index]
+
+    def understudy(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:
+        """Configure a node beside the one that has its part; return it and where its frames go meanwhile."""
+        held: list[bytes] = []
+        node_class = load_class(spec.run, self._workspace, fresh=True)
+        executor = Executor(node_class, spec, self._clock, held.append)
+        executor.transition(Transition.CONFIGURE)
+        return executor, held
+
+    def hand_in(self, index: int) -> tuple[list[bytes], HandOver]:
+        """Pause a node; return what it has published on the occasion, and its hand-over."""
+        self._executors[index].pause()
+        hand_over = self._executors[index].hand_over()
+        return self._done(self._executors[index]).frames, hand_over
+
+    def promote(self, index: int, executor: Executor, frames: list[bytes]) -> Done:
+        """Give an understudy the node's part, and publish what it and the other have to say."""
+        self._executors[index] = executor
+        self._offer(executor)
+        for out in executor.outlets.values():
+            out.divert(self._send)
+        self._frames = []
+        for frame in frames:
+            self._send(frame)
+        return self._done(executor)
+
+
+@contextlib.contextmanager
+def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composition]:
+    """Compose a graph; tools find it in its run directory, and there is its log."""
+    handler = logging.FileHandler(directory.log("composition"))
+    handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
+    logger = logging.getLogger("palp")
+    logger.addHandler(handler)
+    broadcast = Broadcast(*endpoints(str(directory.path), "composition"))
+    try:
+        yield Composition(checked.nodes, checked.workspace, broadcast)
+    finally:
+        broadcast.close()
+        logger.removeHandler(handler)
+        handler.close()

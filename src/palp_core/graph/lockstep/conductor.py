@@ -1,0 +1,179 @@
+"""Lockstep simulated time: rounds at an instant, then a leap to the next one.
+
+At each instant nodes work in rounds. A round delivers exactly the messages that were published in the round
+before;
+within it each node runs its due timers in declaration order, then consumes messages by (topic, sequence),
+and replies
+with what it published. When a round publishes nothing, time moves on to the next due timer. So a run is a
+function of the graph and its seed, wherever its nodes live and however loaded the machine is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from palp_core.errors import GraphError, PalpError
+from palp_core.graph.messages.frame import sequence_of, topic_of
+from palp_core.graph.process.channel import Done, Round
+
+__all__ = ["MAX_ROUNDS", "Conductor", "Crew", "Observer"]
+
+MAX_ROUNDS = 1000
+
+Observer = Callable[[int, bytes], None]
+"""Is shown every published frame in its deterministic order, with the time of its round."""
+
+
+class Crew(Protocol):
+    """The nodes of a lockstep graph, numbered in graph order."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Running names."""
+
+    def activate(self, index: int) -> Done:
+        """Activate one node."""
+
+    def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
+        """Let several nodes do their part of a round, in parallel where they can."""
+
+    def knocks(self) -> set[int]:
+        """Return the nodes for which a command from outside waits, since last asked."""
+
+    def shutdown(self, index: int, now_ns: int) -> Done:
+        """Bring one node to its safe state and end it."""
+
+
+class Conductor:
+    """Drives a crew through simulated time.
+
+    Args:
+        crew: The nodes.
+        readers: Per topic, the numbers of the nodes that read it.
+        ends_run: Numbers of the nodes whose end is the end of the run.
+        observe: Is shown every frame.
+        check: Is called once per instant; raises when the user wants the end.
+    """
+
+    def __init__(
+        self,
+        crew: Crew,
+        readers: Mapping[str, Sequence[int]],
+        ends_run: Sequence[int],
+        observe: Observer,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.now_ns = 0
+        self.exit_code: int | None = None
+        self.activation_count = 0
+        self._crew = crew
+        self.rewire(readers)
+        self._ends_run = set(ends_run)
+        self._observe = observe
+        self._check = check
+        self._due: dict[int, int] = {}
+        self._finished: set[int] = set()
+
+    def activate(self) -> None:
+        """Activate every node in graph order at time 0 and run the rounds that this causes."""
+        published: list[bytes] = []
+        for index in range(len(self._crew.names)):
+            published += self._take(index, self._crew.activate(index))
+        self._run_rounds(published)
+
+    def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
+        """Deliver by other wires from now on."""
+        self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
+
+    def take_in(self, index: int, done: Done) -> None:
+        """Take what a node has published between two instants, and run the rounds that this causes."""
+        self._run_rounds(self._take(index, done))
+
+    def run(self, until_ns: int | None = None) -> int:
+        """Go on until a node whose end is the run's end has finished, or until a time; return the exit code.
+
+        Raises:
+            GraphError: Nothing is due in any node although nobody has ended the run, or a cycle of messages
+            never comes to rest.
+            NodeError: A node failed.
+        """
+        while self.exit_code is None:
+            self._check()
+            if self.exit_code is not None:  # there was work in between
+                break
+            due_ns = min(self._due.values(), default=None)
+            if due_ns is None:
+                raise GraphError(
+                    f"at {self.now_ns / 1e9:.3f} s the graph is stuck: "
+                    "every node waits for a message and no timer is due"
+                )
+            if until_ns is not None and due_ns > until_ns:
+                self.now_ns = until_ns
+                return 0
+            self.now_ns = max(due_ns, self.now_ns)
+            self._run_rounds([])
+        return self.exit_code
+
+    def shutdown(self, order: Sequence[int]) -> None:
+        """End every node, in the given order; one that fails at it keeps no other from its safe state.
+
+        Raises:
+            PalpError: The first failure, after every node was asked.
+        """
+        failures = []
+        for index in order:
+            try:
+                self._take(index, self._crew.shutdown(index, self.now_ns))
+            except PalpError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def _run_rounds(self, published: list[bytes]) -> None:
+        now_ns = self.now_ns
+        inbox: dict[int, list[tuple[bytes, int, bytes]]] = {}
+        for count in range(MAX_ROUNDS + 1):
+            inbox.clear()
+            for frame in published:
+                topic = topic_of(frame)
+                for index in self._readers.get(topic, ()):
+                    if index not in self._finished:
+                        inbox.setdefault(index, []).append((topic, sequence_of(frame, len(topic)), frame))
+            active = {i for i, due_ns in self._due.items() if due_ns <= now_ns}.union(inbox)
+            if count == 0:
+                active |= self._crew.knocks()
+            if not active:
+                return
+            if count == MAX_ROUNDS:
+                break
+            rounds = {
+                index: Round(now_ns, [frame for _, _, frame in sorted(inbox.get(index, ()))])
+                for index in sorted(active)
+            }
+            replies = self._crew.work(rounds)
+            self.activation_count += len(rounds)
+            published = []
+            for index in rounds:
+                published += self._take(index, replies[index])
+        names = ", ".join(sorted({self._crew.names[index] for index in active}))
+        read = {topic_of(frame) for frame in published} & self._readers.keys()
+        topics = ", ".join(sorted(str(topic, "utf-8") for topic in read)) or "alarms"
+        raise GraphError(
+            f"at {now_ns / 1e9:.3f} s the graph did not come to rest within {MAX_ROUNDS} rounds: "
+            f"{names} keep answering each other over {topics}; break the cycle with a timer"
+        )
+
+    def _take(self, index: int, done: Done) -> list[bytes]:
+        if done.next_due_ns >= 0:
+            self._due[index] = done.next_due_ns
+        else:
+            self._due.pop(index, None)
+        if done.exit_code is not None:
+            self._finished.add(index)
+            self._due.pop(index, None)
+            if index in self._ends_run and self.exit_code is None:
+                self.exit_code = done.exit_code
+        for frame in done.frames:
+            self._observe(self.now_ns, frame)
+        return done.frames

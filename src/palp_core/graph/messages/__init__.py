@@ -1,0 +1,1 @@
+"""What one message is: its type, its bytes, its frame."""

@@ -1,0 +1,130 @@
+"""Messages that the runtime itself knows."""
+
+from __future__ import annotations
+
+from palp_core.graph.messages.message import Message
+from palp_core.units import Count, Nanoseconds, Probability, Seconds
+
+__all__ = ["EdgeHealth", "GraphEvent", "GraphHealth", "NodeEvent", "NodeHealth", "Order", "Progress", "Swap"]
+
+
+class Progress(Message):
+    """How far a run is; shown by the launch view.
+
+    ``score`` is a live figure between 0 and 1, such as an accuracy, and counts only where ``score_defined``.
+    """
+
+    stamp_ns: Nanoseconds
+    phase: str
+    done_count: Count
+    total_count: Count
+    text: str = ""
+    score: Probability = 0.0
+    score_defined: bool = False
+    busy_s: float = 0.0
+
+
+class Swap(Message):
+    """Ask the launcher to let another node take this one's place: for an experiment whose plan says so.
+
+    In simulated time it is done before time goes on. ``params`` (JSON) are the new node's.
+    """
+
+    stamp_ns: Nanoseconds
+    node: str
+    run: str
+    params: str = "{}"
+
+
+class Order(Message):
+    """What a node consumed and in which order: enough to drive it again to the same outputs.
+
+    The i-th entry is ``sources[source[i]]``: a transition such as ``activate``, ``input:<port>``,
+    ``reply:<client>``, ``call:<service><client topic>``, ``timer:<name>``, ``parameters`` or
+    ``outside:<service>``; with its epoch and sequence (of a timer the tick number k, of an event its total
+    count, of parameters and calls from outside their place in ``changes``, JSON) and the node's time.
+    ``hand_over``, where not empty, is the node's encoded hand-over before the first entry: a place to start.
+    """
+
+    stamp_ns: Nanoseconds
+    sources: list[str]
+    source: list[int]
+    epoch: list[int]
+    sequence: list[int]
+    now_ns: list[int]
+    changes: list[str]
+    hand_over: bytes
+
+
+class NodeEvent(Message):
+    """Something that happened to a node: on its hidden topic ``/<node>/_events``.
+
+    ``kind`` is ``parameters``, ``transition``, ``deadline``, ``lifespan``, ``liveliness``, ``message_lost``
+    or ``call_timeout``; ``text`` says it to a person, ``data`` (JSON) to a machine.
+    """
+
+    stamp_ns: Nanoseconds
+    kind: str
+    text: str
+    data: str
+
+
+class GraphEvent(Message):
+    """Something that happened to a graph: on ``/graph/events``.
+
+    ``kind`` is ``started``, ``failed``, ``restarting``, ``restarted``, ``unresponsive``, ``responsive``,
+    ``qos``, ``swapped``, ``joined``, ``left``, ``refused``, ``recorder`` or ``ending``.
+    """
+
+    stamp_ns: Nanoseconds
+    kind: str
+    node: str
+    text: str
+    data: str
+
+
+class EdgeHealth(Message):
+    """Account of one input since its node began: see ``palp_core.graph.node.sequence_account``.
+
+    Latencies are from the publisher's stamp to arrival and 0 while nothing was received.
+    """
+
+    topic: str
+    received_count: Count
+    lost_count: Count
+    repeated_count: Count
+    late_count: Count
+    dropped_count: Count
+    latency_p50_s: Seconds
+    latency_p90_s: Seconds
+    latency_p99_s: Seconds
+    latency_max_s: Seconds
+
+
+class NodeHealth(Message):
+    """How a node's process does, since it began.
+
+    An overrun is a tick that starts after the next one is due; a missed deadline is counted by the reader.
+    ``pid`` is 0 of a node that has joined from another host.
+    """
+
+    node: str
+    pid: Count
+    lifecycle: str
+    memory_bytes: Count
+    cpu_s: Seconds
+    tick_count: Count
+    overrun_count: Count
+    missed_deadline_count: Count
+    rejected_count: Count
+    unread_count: Count
+    gc_pause_count: Count
+    gc_pause_max_s: Seconds
+    edges: list[EdgeHealth]
+
+
+class GraphHealth(Message):
+    """How all nodes do, joined ones last: on ``/graph/health``, once a second on the wall clock."""
+
+    stamp_ns: Nanoseconds
+    nodes: list[NodeHealth]

@@ -1,0 +1,1 @@
+"""Graphs that reach beyond one host."""

@@ -1,0 +1,91 @@
+"""Who may join a running graph: the launch file's rules, applied to a node that comes later."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from palp_core.graph.description.values import NAME
+from palp_core.graph.messages.qos import incompatibility
+from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
+from palp_core.graph.problems import hint
+
+__all__ = ["RESERVED", "objections"]
+
+RESERVED = frozenset({"graph", "gateway", "composition"})
+_MOST_PORTS = 256
+
+
+def objections(request: JoinRequest, view: GraphView, taken: Collection[str]) -> list[str]:
+    """Return every reason why a node cannot join; none if it can.
+
+    Args:
+        request: Who wants to join.
+        view: The graph.
+        taken: Names of the nodes that run.
+    """
+    name = request.name
+    found = []
+    if NAME.fullmatch(name) is None:
+        return [f"{name!r} cannot be a node's name; use letters, digits and _, at most 32"]
+    if len(request.inputs) + len(request.outputs) > _MOST_PORTS:
+        return [f"a node of more than {_MOST_PORTS} ports cannot join"]
+    if name in RESERVED:
+        found.append(f"the name '{name}' is the launcher's own; choose another with --name")
+    elif name in taken:
+        found.append(f"a node '{name}' is in graph '{view.graph}' already; choose another with --name")
+    strange = [output for output in request.outputs if not output.startswith(f"/{name}/")]
+    if strange:
+        found.append(f"a node publishes under its own name only, not {', '.join(strange)}")
+    found += _expected(request, view)
+    for port, wanted in request.inputs.items():
+        found += [
+            f"input '{port}': {reason}" for reason in _input(wanted, view, reads_truth=request.reads_truth)
+        ]
+    for source, target in request.feeds.items():
+        found += _feed(source, target, request, view)
+    return found
+
+
+def _expected(request: JoinRequest, view: GraphView) -> list[str]:
+    """A node that others are wired to must publish what they were checked against."""
+    if request.name not in view.expected:
+        return []
+    found = []
+    for name, promised in view.topics.items():
+        if promised.node != request.name:
+            continue
+        offered = request.outputs.get(name)
+        if offered is None:
+            found.append(f"{request.run} lacks output '{promised.port}', which the launch file relies on")
+        elif offered.type_hash != promised.type_hash:
+            found.append(f"{name} carries another {promised.type} here than there; update the older host")
+    return found
+
+
+def _input(wanted: Input, view: GraphView, *, reads_truth: bool) -> list[str]:
+    offered = view.topics.get(wanted.topic)
+    if offered is None:
+        return [f"no topic '{wanted.topic}' in graph '{view.graph}'{hint(wanted.topic, view.topics)}"]
+    if offered.type_hash != wanted.type_hash:
+        if offered.type == wanted.type:
+            return [f"{wanted.topic} carries another {wanted.type} there than here; update the older host"]
+        return [f"it takes {wanted.type}, {wanted.topic} carries {offered.type}"]
+    reason = incompatibility(wanted.qos, offered.qos)
+    if reason is not None:
+        return [f"{wanted.topic}: {reason}"]
+    if offered.port == "truth" and not reads_truth:
+        return [f"{wanted.topic}: only a node that simulates or records may read truth"]
+    return []
+
+
+def _feed(source: str, target: str, request: JoinRequest, view: GraphView) -> list[str]:
+    offered = request.outputs.get(source)
+    if offered is None:
+        return [f"{request.run} publishes no {source}"]
+    if target not in view.external:
+        known = f"; it has: {', '.join(view.external)}" if view.external else "; it declares none"
+        return [f"{target} is no port that graph '{view.graph}' declares external{known}"]
+    wanted = view.external[target]
+    if wanted not in ("", offered.type_hash):
+        return [f"{target} takes another type than {offered.type}, which {source} carries"]
+    return []

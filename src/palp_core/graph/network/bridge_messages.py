@@ -1,0 +1,80 @@
+"""What ``palp run --join`` and its bridge say to each other on their private line."""
+
+from __future__ import annotations
+
+import msgspec
+
+from palp_core.graph.network.join_protocol import GraphView, JoinRequest
+from palp_core.graph.process.channel import Line
+
+__all__ = [
+    "Admitted", "Apply", "Call", "Doing", "FromBridge", "Goodbye", "Lost", "Reached", "Runs",
+    "ToBridge", "bridge_decoder", "joiner_decoder",
+]  # fmt: skip
+
+
+class Call(Line, frozen=True):
+    """Call a gateway; absent nodes get their endpoints in ``run_dir``. Without CURVE the key is ""."""
+
+    endpoint: str
+    server_key: str
+    run_dir: str
+
+
+class Apply(Line, frozen=True):
+    """Ask to be let into the graph."""
+
+    request: JoinRequest
+
+
+class Doing(Line, frozen=True):
+    """How the node does: an encoded :class:`NodeHealth`."""
+
+    health: bytes
+
+
+class Goodbye(Line, frozen=True):
+    """The node has ended; ``exit_code`` is -1 if its work was not done."""
+
+    text: str
+    exit_code: int
+
+
+class Reached(Line, frozen=True):
+    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
+
+    view: GraphView
+    uncertainty_ns: int
+
+
+class Admitted(Line, frozen=True):
+    """The node may start; it counts from this epoch."""
+
+    epoch: int
+
+
+class Runs(Line, frozen=True):
+    """The graph runs since then, on this host's monotonic clock."""
+
+    start_ns: int
+
+
+class Lost(Line, frozen=True):
+    """Not let in, or not any more; ``finished``: because the graph has come to its end."""
+
+    text: str
+    finished: bool
+
+
+ToBridge = Call | Apply | Doing | Goodbye
+FromBridge = Reached | Admitted | Runs | Lost
+
+
+def bridge_decoder() -> msgspec.msgpack.Decoder[ToBridge]:
+    """Return the decoder of the bridge's end."""
+    return msgspec.msgpack.Decoder(ToBridge)
+
+
+def joiner_decoder() -> msgspec.msgpack.Decoder[FromBridge]:
+    """Return the decoder of the other end."""
+    return msgspec.msgpack.Decoder(FromBridge)

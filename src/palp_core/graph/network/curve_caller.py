@@ -1,0 +1,134 @@
+"""The calling end of a connection behind CURVE, which knows why it is not let in."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Callable
+
+import zmq
+from zmq.utils.monitor import parse_monitor_message
+
+from palp_core.errors import GraphError
+from palp_core.graph.network.curve_listener import (
+    FAILED,
+    HANDSHAKE_MS,
+    OTHER_MECHANISM,
+    Sent,
+    configure,
+    is_large,
+)
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
+from palp_core.graph.network.keys import OwnKeys
+
+__all__ = ["Caller"]
+
+_LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
+_CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
+
+
+class Caller:
+    """A DEALER that calls a listener, and knows why if it is not let in.
+
+    Args:
+        reactor: Watches it.
+        endpoint: Whom to call.
+        own: The own pair; None: without CURVE.
+        server_key: The listener's public key.
+        receive: Takes each message.
+        greeted: Is told that the connection stands.
+        failed: Is told, in words, that the connection is refused or has ended.
+
+    Attributes:
+        accepted: Somebody has taken the call; ``greeted`` or ``failed`` is told who it is.
+        attempt_count: Calls that nobody took.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        endpoint: str,
+        own: OwnKeys | None,
+        server_key: str,
+        *,
+        receive: Callable[[list[bytes]], None],
+        greeted: Callable[[], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        self._endpoint, self._own = endpoint, own
+        self._receive, self._greeted, self._failed = receive, greeted, failed
+        self.accepted = False
+        self.attempt_count = 0
+        self._stands = False
+        self._dealer = reactor.socket(zmq.DEALER)
+        configure(self._dealer)
+        self._dealer.setsockopt(zmq.IMMEDIATE, 1)
+        self._dealer.setsockopt(zmq.RECONNECT_IVL, 200)
+        self._dealer.setsockopt(zmq.IPV6, 1)
+        if own is not None:
+            self._dealer.curve_serverkey = server_key.encode()
+            self._dealer.curve_publickey = own.public.encode()
+            self._dealer.curve_secretkey = own.secret.encode()
+        self._monitor = self._dealer.get_monitor_socket(_CALLED)
+        try:
+            self._dealer.connect(endpoint)
+        except zmq.ZMQError as error:
+            raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
+        reactor.watch(self._monitor, self._observe)
+        reactor.watch(self._dealer, self._take)
+
+    def send(self, parts: list[bytes]) -> Sent:
+        """Send without waiting."""
+        try:
+            self._dealer.send_multipart(parts, zmq.NOBLOCK, copy=not is_large(parts))
+        except zmq.Again:
+            return Sent.FULL if self._stands else Sent.GONE
+        return Sent.QUEUED
+
+    def _take(self) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                self._receive(self._dealer.recv_multipart(zmq.NOBLOCK))
+            except zmq.Again:
+                return
+
+    def _observe(self) -> None:
+        with contextlib.suppress(zmq.Again):
+            while True:
+                event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
+                self._on_event(event["event"], event["value"])
+
+    def _on_event(self, event: int, value: int) -> None:
+        self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
+        if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+            self._stands = True
+            self._greeted()
+        elif event == zmq.EVENT_CONNECT_RETRIED:
+            self.attempt_count += 1
+        elif event == zmq.EVENT_DISCONNECTED and self._stands:
+            self._take()  # its last words came before the end
+            self._stands = False
+            self._failed(f"the connection to {self._endpoint} has ended")
+        elif event & FAILED:
+            self._failed(f"{self._endpoint} {self._why(event, value)}")
+
+    def _why(self, event: int, value: int) -> str:
+        """Say why there is no connection; when both ends are at odds, either may be the first to hang up."""
+        if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH and self._own is not None:
+            return (
+                "refused this host's key: its public key is not allowed there. On that host: palp keys allow "
+                f"'{self._own.public}' --name {self._own.name}"
+            )
+        if value == errno.EAGAIN:
+            return f"accepts the call but says nothing for {HANDSHAKE_MS / 1e3:g} s: it is no palp gateway"
+        if self._own is None:
+            return (
+                "hung up on a caller without a key: make one (palp keys generate), let that host allow it, "
+                "and give its public key with --server-key"
+            )
+        if value == OTHER_MECHANISM:
+            return "has no keys and speaks in the clear; leave out --server-key, or make keys on that host"
+        return (
+            "hung up during the handshake: --server-key is not its public key (shown there by: palp keys "
+            "list), or it has no keys (then leave out --server-key)"
+        )

@@ -1,0 +1,184 @@
+"""The gateway of a graph: the one process that is reachable over tcp, and stands for nodes that join.
+
+It lets allowed keys in, tells who was turned away, passes frames and requests on, and gives each joined node
+endpoints in the run directory, so that local readers and tools use it as any other. Nodes of the graph have
+nothing to do with tcp; if the gateway dies, they do not notice.
+
+Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's line>``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import logging
+import os
+import resource
+import signal
+import socket
+import sys
+
+import msgspec
+
+from palp_core.errors import PalpError
+from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.gateway_messages import (
+    Activated,
+    Begin,
+    CannotListen,
+    Ending,
+    Listening,
+    Opened,
+    ToGateway,
+    TurnedAway,
+    gateway_decoder,
+)
+from palp_core.graph.network.join_protocol import BEAT_NS
+from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.network.peer import Peer
+from palp_core.graph.network.proxies import StandIn
+from palp_core.graph.network.rejected_peers import Refusals
+from palp_core.graph.network.remote_nodes import Guests
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.process.channel import Line, Link, LinkClosed
+
+__all__ = ["Gateway", "main"]
+
+MEMORY_BYTES = 1 << 30
+PR_SET_PDEATHSIG = 1
+_LOG = logging.getLogger("palp.gateway")
+
+
+class Gateway:
+    """A graph's door.
+
+    Args:
+        line: To the launcher.
+        begin: Where to listen.
+        keys: This host's.
+
+    Raises:
+        PalpError: It cannot listen there.
+    """
+
+    def __init__(self, line: Link[ToGateway], begin: Begin, keys: KeyFolder) -> None:
+        self._line, self._keys, self._secured = line, keys, begin.secured
+        self._ended = False
+        self._refusals = Refusals()
+        self._next_beat_ns = 0
+        self._reactor = Reactor()
+        self._guests = Guests(self._reactor, begin, keys, self._say, self._refuse)
+        self._tools = StandIn(
+            self._reactor, endpoints(begin.run_dir, "gateway"), lambda *_: None, self._on_tool
+        )
+        self._reactor.watch(line.socket.fileno(), self._on_line)
+        self._say(Listening(self._guests.endpoint))
+        _LOG.info("listening on %s%s", self._guests.endpoint, "" if begin.secured else " without keys")
+
+    def run(self) -> None:
+        """Relay until the launcher ends it or is gone."""
+        while not self._ended:
+            self._reactor.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+            if monotonic_ns() >= self._next_beat_ns:
+                self._guests.beat()
+                self._next_beat_ns = monotonic_ns() + BEAT_NS
+            self._guests.bury()
+        self._reactor.close(linger_ms=500)
+
+    # The launcher
+
+    def _say(self, line: Line) -> None:
+        try:
+            self._line.send(line)
+        except LinkClosed:
+            self._end("the graph's launcher has died", finished=False)
+
+    def _on_line(self) -> None:
+        try:
+            self._line.fill()
+        except LinkClosed:
+            self._end("the graph's launcher has died", finished=False)
+            return
+        while self._line.buffered():
+            self._on_command(self._line.receive())
+
+    def _on_command(self, message: ToGateway) -> None:
+        if isinstance(message, Opened):
+            self._guests.open(message.view)
+        elif isinstance(message, Activated):
+            self._guests.activate(message.start_ns)
+        elif isinstance(message, Ending):
+            self._end(message.text, finished=message.finished)
+
+    def _end(self, text: str, *, finished: bool) -> None:
+        self._ended = True
+        self._guests.dismiss(text, finished=finished)
+
+    def _refuse(self, address: str, key: str, reason: str) -> None:
+        if key:
+            reason = f"{reason}. If it is one of yours: palp keys allow '{key}' --name NAME"
+        entry = self._refusals.note(address, key, reason, unix_ns())
+        if entry is not None:
+            _LOG.warning("%s", entry)
+            self._say(TurnedAway(str(entry), address, key, entry.count))
+
+    # Tools of this host
+
+    def _on_tool(self, way_back: list[bytes], body: bytes) -> None:
+        reply: dict[str, object] = {"error": "unknown operation; operations: guests, info, refusals"}
+        with contextlib.suppress(msgspec.MsgspecError, TypeError, AttributeError):
+            match msgspec.msgpack.decode(body).get("op"):
+                case "refusals":
+                    latest = [msgspec.to_builtins(entry) for entry in self._refusals.latest()]
+                    reply = {"count": self._refusals.total_count, "refusals": latest}
+                case "guests":
+                    reply = {"guests": [self._guest_info(peer) for peer in self._guests.joined]}
+                case "info":
+                    reply = {"name": "gateway", "pid": os.getpid(), "secured": self._secured}
+                    reply |= {"listen": self._guests.endpoint, "guests": len(self._guests.joined)}
+        self._tools.answer(way_back, msgspec.msgpack.encode(reply))
+
+    def _guest_info(self, peer: Peer) -> dict[str, object]:
+        assert peer.request is not None
+        return {
+            "name": peer.request.name,
+            "run": peer.request.run,
+            "host": peer.request.host,
+            "pid": peer.request.pid,
+            "address": peer.address,
+            "key": self._keys.name_of(peer.key),
+            "dropped": peer.dropped_count,
+            "rejected": peer.rejected_count,
+        }
+
+
+def main(connection: socket.socket) -> int:
+    """Serve until the launcher ends it or is gone."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    # The launcher decides when to end; a terminal's Ctrl-C is for it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # What no count of messages bounds: rather this process ends than the host swaps.
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]  # strangers hold a descriptor each for some seconds
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    logging.basicConfig(
+        level=logging.INFO, format="[%(levelname)s] [gateway]: %(message)s", stream=sys.stderr
+    )
+    line = Link(connection, gateway_decoder())
+    try:
+        begin = line.receive()
+        assert isinstance(begin, Begin)
+        gateway = Gateway(line, begin, KeyFolder())
+    except LinkClosed:
+        return 1
+    except PalpError as error:
+        with contextlib.suppress(LinkClosed):
+            line.send(CannotListen(str(error)))
+        return 2
+    gateway.run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(socket.socket(fileno=int(sys.argv[1]))))

@@ -1,0 +1,95 @@
+"""Where a graph may be called from other hosts: beyond this one only with keys."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+import socket
+from pathlib import Path
+from typing import NamedTuple
+
+from palp_core.errors import SecurityError
+from palp_core.graph.network.keys import KeyFolder
+
+__all__ = ["Plan", "host_and_port", "plan", "resolve"]
+
+_ADDRESS = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5}|\*)")
+
+
+class Plan(NamedTuple):
+    """Where to listen and how.
+
+    Attributes:
+        endpoint: With the host as a number.
+        secured: Behind CURVE.
+        warnings: What the user should know.
+    """
+
+    endpoint: str
+    secured: bool
+    warnings: list[str]
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Split ``tcp://HOST:PORT``.
+
+    Raises:
+        SecurityError: It is not of that form.
+    """
+    found = _ADDRESS.fullmatch(address)
+    port = 0 if found is None or found["port"] == "*" else int(found["port"])
+    if found is None or port > 65535:
+        raise SecurityError(f"'{address}' is no address; write tcp://HOST:PORT, as in tcp://192.168.1.5:7600")
+    return found["host"].strip("[]"), port
+
+
+def plan(address: str, keys: KeyFolder) -> Plan:
+    """Decide how to listen.
+
+    Args:
+        address: ``tcp://HOST:PORT``; host ``*`` or ``0.0.0.0`` is every interface, port 0 any free one.
+        keys: This host's.
+
+    Raises:
+        SecurityError: No such host, or an address that others can reach and no keys.
+    """
+    host, port = host_and_port(address)
+    number = resolve("0.0.0.0" if host == "*" else host, address)
+    endpoint = f"tcp://[{number}]:{port}" if number.version == 6 else f"tcp://{number}:{port}"
+    own = keys.own()
+    if own is None and not number.is_loopback:
+        raise SecurityError(
+            f"refusing to listen on {address}: other hosts can reach it, and there are no keys in "
+            f"{keys.path}. Make a pair: palp keys generate; then let others in: palp keys allow FILE. "
+            "To be reached from this host only: tcp://127.0.0.1:PORT"
+        )
+    warnings = []
+    if own is None:
+        warnings.append(
+            f"listening on {address} without keys: every user of this host can join and command the nodes; "
+            "make a pair: palp keys generate"
+        )
+    elif not keys.allowed():
+        warnings.append(
+            "nobody is allowed to join yet; on the other host: palp keys generate; here: palp keys allow FILE"
+        )
+    warnings += [
+        f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in"
+        for name in keys.spoiled()
+    ]
+    return Plan(endpoint, own is not None, warnings)
+
+
+def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """Return a host's address as a number.
+
+    Raises:
+        SecurityError: There is no such host; ``address`` is named.
+    """
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except OSError as error:
+        if Path("/sys/class/net", host).exists():
+            raise SecurityError(f"{address}: write the address of interface {host}, not its name") from error
+        raise SecurityError(f"{address}: no host '{host}' ({error.strerror})") from error
+    return ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])

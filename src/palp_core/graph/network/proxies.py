@@ -1,0 +1,185 @@
+"""Nodes that live elsewhere, and local ones for those who are elsewhere: frames pass as they are.
+
+A :class:`StandIn` binds the endpoints of a node of another host, so that local readers and tools meet nothing
+new. A :class:`Tap` hears local nodes while somebody elsewhere listens. A :class:`Desk` asks local nodes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import struct
+from collections.abc import Callable
+
+import zmq
+
+from palp_core.errors import SchemaMismatch
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.messages.frame import Kind, parse
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
+from palp_core.graph.transport.matched_readers import READER
+from palp_core.graph.transport.migration import Following, Turns
+
+__all__ = ["Desk", "StandIn", "Tap"]
+
+HIGH_WATER_MARK = 100_000
+RECONNECT_MS = 10
+LARGEST_REQUEST_BYTES = 1 << 20
+LARGE_BYTES = 64 << 10
+NAME = b"other hosts"
+_TICKET = struct.Struct("<Q")
+
+
+class StandIn:
+    """The local face of a node that lives elsewhere.
+
+    Args:
+        reactor: Watches it.
+        endpoints: Where the node publishes and where it answers.
+        subscribed: Is told a topic, and whether somebody has begun (each time) or nobody goes on to listen.
+        requested: Takes the way back and a request.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        endpoints: tuple[str, str],
+        subscribed: Callable[[bytes, bool], None],
+        requested: Callable[[list[bytes], bytes], None],
+    ) -> None:
+        self._subscribed, self._requested = subscribed, requested
+        self._publish = reactor.socket(zmq.XPUB)
+        self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
+        self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
+        self._publish.bind(endpoints[0])
+        self._serve = reactor.socket(zmq.ROUTER)
+        self._serve.setsockopt(zmq.MAXMSGSIZE, LARGEST_REQUEST_BYTES)
+        self._serve.bind(endpoints[1])
+        reactor.watch(self._publish, self._on_subscription)
+        reactor.watch(self._serve, self._on_request)
+
+    def publish(self, parts: list[bytes]) -> None:
+        """Hand a frame to the local readers."""
+        self._publish.send_multipart(parts, copy=len(parts[-1]) < LARGE_BYTES)
+
+    def answer(self, way_back: list[bytes], reply: bytes) -> None:
+        """Answer a request."""
+        self._serve.send_multipart([*way_back, reply])
+
+    def _on_subscription(self) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                event = self._publish.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            if event[:1] in (b"\0", b"\1") and event[-1:] == b"\0" and len(event) > 2:
+                self._subscribed(event[1:-1], event[:1] == b"\1")
+
+    def _on_request(self) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                *way_back, request = self._serve.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            if way_back:
+                self._requested(way_back, request)
+
+
+class Tap:
+    """Hears local topics that are listened to elsewhere, wherever their publishers go on.
+
+    Args:
+        reactor: Watches it.
+        heard: Takes topic and frame, in the parts it came in.
+    """
+
+    def __init__(self, reactor: Reactor, heard: Callable[[bytes, list[bytes]], None]) -> None:
+        self._heard = heard
+        self._named = False
+        self._connected: set[str] = set()
+        self._turns: dict[str, Turns[list[bytes]]] = {}
+        self._following = Following(self, {}, self._turns)
+        self._socket = reactor.socket(zmq.SUB)
+        self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
+        self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        reactor.watch(self._socket, self._on_frame)
+
+    def subscribe(self, topic: bytes, endpoint: str) -> None:
+        """Hear a topic."""
+        name = topic.decode()
+        self._turns[name] = Turns(functools.partial(self._heard, topic))
+        self._following.add(name, endpoint, "")
+        self.go_on(endpoint)
+        self._socket.setsockopt(zmq.SUBSCRIBE, topic + b"\0")
+        self._say_name()
+
+    def _say_name(self) -> None:
+        """Let a restarted publisher wait for this reader; said once, after the first topic."""
+        if not self._named:
+            self._named = True
+            self._socket.setsockopt(zmq.SUBSCRIBE, READER + NAME)
+
+    def unsubscribe(self, topic: bytes) -> None:
+        """Hear it no longer."""
+        self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
+
+    def go_on(self, endpoint: str) -> None:
+        """Listen at an endpoint."""
+        if endpoint not in self._connected:
+            self._connected.add(endpoint)
+            self._socket.connect(endpoint)
+
+    def leave(self, endpoint: str) -> None:
+        """Listen at an endpoint no longer."""
+        if endpoint in self._connected:
+            self._connected.discard(endpoint)
+            self._socket.disconnect(endpoint)
+
+    def _on_frame(self) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                parts = self._socket.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            with contextlib.suppress(SchemaMismatch, KeyError):
+                frame = parse(parts[0])
+                if frame.kind == Kind.MOVED:  # a matter of this host
+                    self._following.take(frame, monotonic_ns())
+                else:
+                    self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
+
+
+class Desk:
+    """Asks local nodes what somebody elsewhere wants to know.
+
+    Args:
+        reactor: Watches it.
+        answered: Takes the ticket of a request and the reply.
+    """
+
+    def __init__(self, reactor: Reactor, answered: Callable[[int, bytes], None]) -> None:
+        self._reactor, self._answered = reactor, answered
+        self._sockets: dict[str, zmq.Socket[bytes]] = {}
+
+    def ask(self, endpoint: str, ticket: int, request: bytes) -> bool:
+        """Send a request to a node; return False if it has too many already."""
+        asking = self._sockets.get(endpoint)
+        if asking is None:
+            asking = self._sockets[endpoint] = self._reactor.socket(zmq.DEALER)
+            asking.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+            asking.connect(endpoint)
+            self._reactor.watch(asking, lambda: self._on_reply(asking))
+        try:
+            asking.send_multipart([_TICKET.pack(ticket), request], zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True
+
+    def _on_reply(self, asking: zmq.Socket[bytes]) -> None:
+        for _ in range(MOST_AT_ONCE):
+            try:
+                parts = asking.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            if len(parts) == 2 and len(parts[0]) == _TICKET.size:
+                self._answered(_TICKET.unpack(parts[0])[0], parts[1])

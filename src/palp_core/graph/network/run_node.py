@@ -1,0 +1,299 @@
+"""``palp run``: one node, as a graph of its own or as part of one that runs elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import select
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, NodeError, SecurityError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.launch_file import find_workspace
+from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.values import NAME
+from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.network.bridge_messages import (
+    Admitted,
+    Apply,
+    Call,
+    Doing,
+    FromBridge,
+    Goodbye,
+    Lost,
+    Reached,
+    Runs,
+    joiner_decoder,
+)
+from palp_core.graph.network.join_wiring import alone, join_request, outputs_of, wired
+from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.network.listen_address import host_and_port, resolve
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.channel import LinkClosed
+from palp_core.graph.process.line import Line
+from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
+from palp_core.graph.supervision.launcher_node import GraphBus
+from palp_core.graph.supervision.run_record import announcement_of_one
+from palp_core.graph.supervision.sidecar import Companion
+from palp_core.graph.supervision.supervisor import Supervisor
+
+__all__ = ["Address", "run_node"]
+
+Say = Callable[[str], None]
+
+
+class Address(msgspec.Struct, frozen=True):
+    """Where a graph is called; without CURVE the key is ""."""
+
+    endpoint: str
+    server_key: str
+
+    @classmethod
+    def of(cls, endpoint: str, server_key: str | None, keys: KeyFolder) -> Address:
+        """Find the keys for a call.
+
+        Args:
+            endpoint: ``tcp://HOST:PORT``.
+            server_key: The gateway's public key, a file that holds it, or the name of an allowed host.
+            keys: This host's.
+
+        Raises:
+            SecurityError: Not an address, or the keys it takes are not there.
+        """
+        host, _ = host_and_port(endpoint)
+        number = resolve(host, endpoint)
+        if server_key is None:
+            if not number.is_loopback:
+                raise SecurityError(
+                    f"{endpoint} is another host: give its public key with --server-key KEY or FILE; it is "
+                    "shown there by: palp keys list"
+                )
+            return cls(endpoint, "")
+        own, key = keys.own(), keys.find(server_key)
+        if own is None:
+            raise SecurityError(
+                f"this host has no keys in {keys.path}; make a pair: palp keys generate; then, where the "
+                "graph runs: palp keys allow FILE"
+            )
+        return cls(endpoint, key)
+
+
+class _Remote:
+    """The bridge to a graph elsewhere, as this process sees it."""
+
+    def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
+        self._interrupt = interrupt
+        self._bridge: Companion[FromBridge] = Companion(
+            "palp_core.graph.network.bridge", joiner_decoder(), folder / "log" / "bridge.log"
+        )
+        self._said: list[FromBridge] = []
+        self.start_ns: int | None = None
+        self.lost: Lost | None = None
+        self.farewell = Goodbye("it could not start", -1)
+        self._say(Call(address.endpoint, address.server_key, str(folder)))
+
+    def _say(self, line: Line) -> None:
+        with contextlib.suppress(LinkClosed):
+            self._bridge.send(line)
+
+    def pulse(self, health: bytes) -> None:
+        """Tell how the node does; a bridge that does not take it keeps nobody waiting."""
+        if select.select((), (self.descriptor,), (), 0.0)[1]:
+            self._say(Doing(health))
+
+    @property
+    def descriptor(self) -> int:
+        return self._bridge.descriptor
+
+    def listen(self) -> None:
+        """Take in what it has said."""
+        try:
+            self._said += self._bridge.news()
+        except LinkClosed:
+            self._said.append(Lost("the bridge to the graph has died", finished=False))
+        for said in self._said:
+            if isinstance(said, Runs):
+                self.start_ns = said.start_ns
+            elif isinstance(said, Lost) and self.lost is None:
+                self.lost = said
+
+    def await_word(self, kind: type[Reached] | type[Admitted]) -> Any:
+        """Wait for a word.
+
+        Raises:
+            GraphError: The graph cannot be reached or refuses.
+            Interrupted: The user asked for the end.
+        """
+        while True:
+            for said in self._said:
+                if isinstance(said, kind):
+                    return said
+            self.raise_if_lost()
+            select.select((self.descriptor, self._interrupt.descriptor), (), ())
+            self._interrupt.check()
+            self.listen()
+
+    def raise_if_lost(self) -> None:
+        if self.lost is not None:
+            raise GraphError(self.lost.text)
+
+    def apply(self, spec: NodeSpec, feeds: dict[str, str], described: NodeDescription) -> int:
+        """Ask to be let in; return the epoch from which the node counts."""
+        self._say(Apply(join_request(spec, feeds, described)))
+        admitted: Admitted = self.await_word(Admitted)
+        return admitted.epoch
+
+    def close(self) -> None:
+        """Say goodbye and hang up."""
+        self._say(self.farewell)
+        self._bridge.close()
+
+
+def run_node(
+    run: str,
+    *,
+    name: str | None,
+    params: Mapping[str, Any],
+    wires: Mapping[str, str],
+    address: Address | None,
+    say: Say,
+) -> int:
+    """Run one node until it or its graph ends, and return the exit status.
+
+    Args:
+        run: ``module:Class``, or ``path.py:Class``.
+        name: Running name; by default the class's, in lower case with underscores.
+        params: By name.
+        wires: Topic by port; see :func:`palp_core.graph.network.join_wiring.wired`.
+        address: Of the graph to join; None: the node runs alone, on the machine's clock.
+        say: Shows a line to the user.
+
+    Raises:
+        PalpError: The node cannot run, or the graph cannot be joined.
+        Interrupted: The user asked for the end.
+    """
+    workspace = find_workspace(Path.cwd() / "launch.yaml")
+    module, _, class_name = run.rpartition(":")
+    if module.endswith(".py"):
+        run = f"{Path(module).resolve()}:{class_name}"
+    name = name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
+    if not module or NAME.fullmatch(name) is None:
+        raise GraphError(
+            f"cannot run '{run}' as '{name}'; write module:Class, and --name with letters, digits, _"
+        )
+    with contextlib.ExitStack() as stack:
+        interrupt = stack.enter_context(Interrupt())
+        folder = RunDirectory(name)
+        stack.callback(folder.release)
+        server = ForkServer(interrupt)
+        stack.callback(server.close)
+        try:
+            remote = _Remote(address, folder.path, interrupt) if address is not None else None
+            if remote is not None:
+                stack.callback(remote.close)
+            described = _describe(server, name, run, params, workspace, folder.path)
+            spec = _placed(name, run, params, wires, described, remote, say)
+        except BaseException:  # nothing has run: there are no logs to keep
+            stack.close()
+            folder.remove()
+            raise
+        bus = stack.enter_context(contextlib.closing(GraphBus(str(folder.path), lambda: _now_ns(supervisor))))
+        supervisor = Supervisor(
+            [spec], "wall", str(workspace), folder.path, server, interrupt, lambda *_: None, bus
+        )
+
+        def announce() -> None:
+            """Let this host's tools find the node."""
+            topics = outputs_of(spec.name, described, spec.external)
+            bus.record = announcement_of_one(spec, topics, folder.path, supervisor.members[0].pid)
+            folder.write(bus.record)
+
+        announce()
+        supervisor.renewed = announce
+        stack.callback(supervisor.close)
+        stack.callback(supervisor.shutdown, 0, 0)
+        try:
+            code = _supervise(supervisor, remote)
+        except (NodeError, Interrupted) as error:
+            if remote is not None:
+                remote.farewell = Goodbye(str(error), -1)
+            raise
+        if remote is not None:
+            remote.farewell = Goodbye(
+                "its work is done" if code == 0 else f"it ended with status {code}", code
+            )
+            if remote.lost is not None:
+                say(f"{remote.lost.text}; /{name} goes to its safe state and ends")
+    if code == 0:
+        folder.remove()
+    return code
+
+
+def _now_ns(supervisor: Supervisor) -> int:
+    return monotonic_ns() - supervisor.start_ns if supervisor.start_ns else 0
+
+
+def _describe(
+    server: ForkServer, name: str, run: str, params: Mapping[str, Any], workspace: Path, folder: Path
+) -> NodeDescription:
+    (described,) = server.describe([DescribeRequest(run, dict(params), name=name)], workspace, folder)
+    problems = [described.error] if described.error else list(described.param_errors.values())
+    if problems:
+        raise GraphError(f"{run}: " + "; ".join(problems))
+    return described
+
+
+def _placed(
+    name: str,
+    run: str,
+    params: Mapping[str, Any],
+    wires: Mapping[str, str],
+    described: NodeDescription,
+    remote: _Remote | None,
+    say: Say,
+) -> NodeSpec:
+    """Return the node with its place in a graph; ask that graph for it."""
+    if remote is None:
+        if wires:
+            raise GraphError("-r wires a node into a running graph; add --join tcp://HOST:PORT")
+        say(f"/{name} runs alone; its inputs take messages from: palp topic pub")
+        return alone(name, run, params, described)
+    reached: Reached = remote.await_word(Reached)
+    view = reached.view
+    if view.clock != "wall":
+        raise GraphError(
+            f"graph '{view.graph}' runs in simulated time; only one with clock: wall can be joined"
+        )
+    spec, feeds = wired(name, run, params, wires, described, view)
+    epoch = remote.apply(spec, feeds, described)
+    say(
+        f"/{name} has joined graph '{view.graph}'; its clock is known to "
+        f"{reached.uncertainty_ns / 1e6:.3f} ms"
+    )
+    return msgspec.structs.replace(spec, epoch=epoch, shutdown_on_exit=True)
+
+
+def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
+    if remote is None:
+        supervisor.start()
+        supervisor.renewed()
+        return supervisor.run_wall()
+
+    def listen() -> None:
+        remote.listen()
+        if remote.lost is not None:
+            supervisor.forget(remote.descriptor)
+            supervisor.exit_code = 0 if remote.lost.finished else 1
+
+    supervisor.pulsed = remote.pulse
+    supervisor.watch(remote.descriptor, listen)
+    supervisor.start()
+    supervisor.follow(lambda: remote.start_ns is not None or remote.lost is not None)
+    if remote.lost is not None:
+        return 0 if remote.lost.finished else 1
+    return supervisor.run_wall(start_ns=remote.start_ns)

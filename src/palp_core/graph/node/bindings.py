@@ -1,0 +1,232 @@
+"""Connect what a node class declares to live ends: outlets, inputs with their accounts, timers and alarms."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import msgspec
+
+from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.event_publisher import EventLog
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.node import Declaration, Node
+from palp_core.graph.node.ports import Alarm, Timer
+from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.qos_events import EventEnd, EventKind, QosEvent
+from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.node.service_client import CallEnd
+from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.node.subscription import CallInput, Input, ReplyInput
+from palp_core.graph.node.timers import AlarmEnd, TimerEnd
+
+__all__ = ["Bindings", "Owner", "TimedEnd"]
+
+Guard = Callable[[str, Callable[..., Any]], Callable[..., Any]]
+TimedEnd = TimerEnd | AlarmEnd | EventEnd | CallEnd
+SERVICE = Qos(depth=100)
+
+
+class Owner(Protocol):
+    """The executor, as its ends see it."""
+
+    node: Node
+    publishing: bool
+    events: EventLog
+
+    @property
+    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
+        """Takes the topic and the pieces of a large message; None: it is sent whole."""
+
+    def now_ns(self) -> int:
+        """Time of the present handler."""
+
+    def resend(self, frame: bytes) -> None:
+        """Send a frame again that was published before."""
+
+
+class Bindings:
+    """The live ends of one node; puts them in place of the declarations on the instance.
+
+    Args:
+        declared: What the class declares.
+        spec: The node's place in the graph.
+        owner: Its executor.
+        guard: Wraps a handler so that its failure is the node's.
+        send: Takes each published frame.
+    """
+
+    def __init__(
+        self, declared: Declaration, spec: NodeSpec, owner: Owner, guard: Guard, send: Callable[[bytes], None]
+    ) -> None:
+        self.outlets: dict[str, Outlet[Any]] = {}
+        self.inputs: dict[str, list[Input]] = {}
+        self.timers: dict[str, TimedEnd] = {}
+        self._spec, self._owner, self._send, self._guard = spec, owner, send, guard
+        self.services = {name: guard(name, declared.handlers[name]) for name in declared.services}
+        handlers = {name: guard(name, handler) for name, handler in declared.handlers.items()}
+        self._bind_timers(declared, handlers)
+        self._bind_topics(declared, handlers)
+        self._bind_services(declared, handlers)
+
+    def outlet(self, name: str, message: type[Message], qos: Qos) -> Outlet[Any]:
+        """Add an output."""
+        made: Outlet[Any] = Outlet(name, message, qos, self._spec.epoch, self._owner, self._send)
+        self.outlets[name] = made
+        return made
+
+    def _wire(self, name: str, wired: Input) -> None:
+        self.inputs.setdefault(name, []).append(wired)
+
+    def _event(self, kind: EventKind, port: str, name: str, declared: Declaration) -> EventEnd:
+        handler = declared.event_handlers.get(port)
+        guarded = self._guard(port, handler) if handler is not None else None
+
+        def handle(event: QosEvent) -> None:
+            self._owner.events.raised(event)
+            if guarded is not None:
+                guarded(event)
+
+        end = EventEnd(kind, port, name, self._owner, handle)
+        self.timers[end.name] = end
+        return end
+
+    def _bind_topics(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
+        spec, ends = self._spec, self._owner.node.__dict__
+        for name, pub in declared.pubs.items():
+            ends[name] = self.outlet(topic(spec.name, name), pub.message, pub.qos)
+        for name, sub in declared.subs.items():
+            if name not in spec.inputs:
+                continue
+            source, qos = spec.inputs[name], spec.qos.get(name, sub.qos)
+            if name in spec.external:
+                self.outlet(source, sub.message, qos)
+            wired = Input(f"input:{name}", name, sub.message, handlers[name], qos)
+            wired.handler = declared.handlers[name]
+            self._wire(source, wired)
+            wired.message_lost = self._event("message_lost", name, source, declared)
+            if qos.deadline_ms:
+                wired.deadline = self._event("deadline", name, source, declared)
+            if qos.lifespan_ms:
+                wired.lifespan = self._event("lifespan", name, source, declared)
+            if qos.lease_ms:
+                self._event("liveliness", name, source, declared)
+
+    def _bind_services(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
+        """A client's requests are a topic of its own; the replies to it are a topic of the server's."""
+        spec, ends = self._spec, self._owner.node.__dict__
+        for name, client in declared.clients.items():
+            own = topic(spec.name, name)
+            requests = self.outlet(own, client.request, SERVICE)
+            # The overdue calls ring before the event that says how many of them are given up.
+            key = f"timeout:{name}"
+            self.timers[key] = ends[name] = end = CallEnd(
+                key,
+                requests,
+                round(client.timeout_ms * 1e6),
+                client.retries,
+                self._owner,
+                self._given_up(name),
+            )
+            self._event("call_timeout", name, spec.inputs.get(name, own), declared)
+            if name in spec.inputs:
+                answers = ReplyInput(f"reply:{name}", name, client.reply, handlers[name], SERVICE)
+                answers.end = end
+                self._wire(spec.inputs[name] + own, answers)
+        for name, service in declared.services.items():
+            for client_topic in spec.requests.get(name, []):
+                source = f"call:{name}{client_topic}"
+                calls = CallInput(source, name, service.request, lambda _: None, SERVICE)
+                calls.reply = self.outlet(topic(spec.name, name) + client_topic, service.reply, SERVICE)
+                calls.handle = self._guard(name, _answer(declared.handlers[name], calls))
+                self._wire(client_topic, calls)
+
+    def _given_up(self, name: str) -> Callable[[int], None]:
+        def count(change: int) -> None:
+            end = self.timers[f"call_timeout:{name}"]
+            assert isinstance(end, EventEnd)
+            end.count(change, self._owner.now_ns())
+
+        return count
+
+    def _bind_timers(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
+        owner = self._owner
+        for name in declared.handlers:
+            if name in declared.timers:
+                timer = declared.timers[name]
+                self.timers[name] = TimerEnd(name, timer.hz, timer.running, owner, handlers[name])
+            elif name in declared.alarms:
+                self.timers[name] = AlarmEnd(name, owner, handlers[name])
+            if isinstance(getattr(type(owner.node), name, None), Timer | Alarm):
+                owner.node.__dict__[name] = self.timers[name]
+
+    def sources(self) -> list[str]:
+        """Return the name of everything that the node can consume."""
+        wired = [wired.source for inputs in self.inputs.values() for wired in inputs]
+        return [*wired, *(f"timer:{name}" for name in self.timers), *(f"outside:{n}" for n in self.services)]
+
+    @property
+    def counters(self) -> dict[str, EdgeCounter]:
+        """Account of every input topic."""
+        return {name: inputs[0].counter for name, inputs in self.inputs.items()}
+
+    @property
+    def topic_of_source(self) -> dict[str, str]:
+        """Topic behind each input, reply or call that the node's order names."""
+        return {wired.source: name for name, inputs in self.inputs.items() for wired in inputs}
+
+    def counts(self) -> dict[str, int]:
+        """Return how many ticks, overruns and missed deadlines there were, over all timers and inputs."""
+        timers = [end for end in self.timers.values() if isinstance(end, TimerEnd)]
+        events = [end for end in self.timers.values() if isinstance(end, EventEnd)]
+        return {
+            "ticks": sum(end.tick_count for end in timers),
+            "overruns": sum(end.overrun_count for end in timers),
+            "missed_deadlines": sum(end.total for end in events if end.kind == "deadline"),
+        }
+
+    def write_down(self) -> dict[str, Any]:
+        """Return what a successor must know of these ends, as fields of a hand-over."""
+        ends = self.timers.items()
+        return {
+            "timers": {name: (end.k, end.due_ns) for name, end in ends if isinstance(end, TimerEnd)},
+            "alarms": {
+                name: e.due_ns for name, e in ends if isinstance(e, AlarmEnd) and e.due_ns is not None
+            },
+            "events": {name: end.total for name, end in ends if isinstance(end, EventEnd)},
+            "calls": {
+                name: copy.deepcopy(e.pending) for name, e in ends if isinstance(e, CallEnd) and e.pending
+            },
+            "consumed": {name: msgspec.structs.replace(counter) for name, counter in self.counters.items()},
+            "published": {name: out.sequence for name, out in self.outlets.items()},
+            "idle": [name for name, out in self.outlets.items() if out.idle_until_next],
+        }
+
+    def resume(self, hand_over: HandOver) -> None:
+        """Continue a predecessor's timers, accounts and sequences."""
+        for name, end in self.timers.items():
+            if isinstance(end, TimerEnd):
+                end.resume(hand_over.timers.get(name), hand_over.now_ns)
+            elif isinstance(end, AlarmEnd):
+                end.resume(hand_over.alarms.get(name))
+            elif isinstance(end, EventEnd):
+                end.resume(hand_over.events.get(name, 0))
+            else:
+                end.resume(hand_over.calls.get(name, []))
+        for name, counter in hand_over.consumed.items():
+            for wired in self.inputs.get(name, []):
+                wired.counter = msgspec.structs.replace(counter)
+        for name, out in self.outlets.items():
+            out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
+            out.idle_until_next = name in hand_over.idle
+
+
+def _answer(handler: Callable[..., Any], calls: CallInput) -> Callable[..., None]:
+    @functools.wraps(handler)
+    def answer(node: Node, request: Message) -> None:
+        calls.reply.reply(handler(node, request), *calls.current)
+
+    return answer

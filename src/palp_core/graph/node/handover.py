@@ -1,0 +1,114 @@
+"""Everything one executor must tell another so that it continues as if nothing had happened.
+
+The same bytes serve a hot swap (one node, now), a checkpoint (all nodes at one instant) and a replay that
+starts in the middle.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.messages.message import decode_any, encode_any
+from palp_core.graph.node.node import State
+from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.node.service_client import Pending
+
+__all__ = [
+    "VERSION",
+    "HandOver",
+    "Predecessor",
+    "adopt_state",
+    "first_state",
+]
+
+VERSION = 2
+
+
+class HandOver(msgspec.Struct, frozen=True, kw_only=True):
+    """A node at a handler boundary.
+
+    Attributes:
+        params: Parameters as they are now, live changes included.
+        inbox: Frames received and not yet consumed, as they came.
+        consumed: Account of every input topic.
+        published: Last sequence of every output topic.
+        history: Last frames of every output topic, as many as its depth.
+        timers: Next tick number per periodic timer, and when it is due in ns (None: stopped).
+        alarms: Due time per set alarm, in ns.
+        rng: State of the random generator.
+        events: How often each quality-of-service event has happened.
+        calls: Unanswered calls per client.
+        idle: Output topics on which nothing is due until the next message.
+        active: Whether the node is at work; one that was deactivated stays so.
+        finished: Whether its work is done.
+        swaps: Every time it has changed hands, the latest last.
+    """
+
+    version: int = VERSION
+    node_class: str
+    state_version: int
+    state: bytes
+    params: dict[str, Any]
+    epoch: int
+    now_ns: int
+    inbox: list[bytes]
+    consumed: dict[str, EdgeCounter]
+    published: dict[str, int]
+    history: dict[str, list[bytes]]
+    timers: dict[str, tuple[int, int | None]]
+    alarms: dict[str, int]
+    rng: str
+    events: dict[str, int] = {}
+    calls: dict[str, list[Pending]] = {}
+    idle: list[str] = []
+    active: bool = True
+    finished: bool = False
+    swaps: list[dict[str, Any]] = []
+
+
+class Predecessor(msgspec.Struct, frozen=True):
+    """What ``migrate`` or ``adopt`` of a state is given: who had it, its version, its plain values."""
+
+    node_class: str
+    version: int
+    values: dict[str, Any]
+
+
+def first_state(state_class: type[State], where: str) -> State:
+    """Return the default state through its bytes, so that no two nodes share a default array.
+
+    Raises:
+        GraphError: The state holds what cannot be handed over.
+    """
+    try:
+        return decode_any(state_class, encode_any(state_class()), writable=True)
+    except (SchemaMismatch, TypeError, ValueError) as error:
+        raise GraphError(f"{where}: {state_class.__name__} cannot be handed over: {error}") from error
+
+
+def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) -> State:
+    """Decode a predecessor's state into ``state_class``.
+
+    The same node class and version decode as they are; an older version goes through ``migrate``, another
+    class through ``adopt``.
+
+    Raises:
+        SchemaMismatch: The state does not fit, or the class defines no way to take it.
+    """
+    same_class = hand_over.node_class == node_class
+    if same_class and hand_over.state_version == state_class.version:
+        return decode_any(state_class, hand_over.state, writable=True)
+    hook = getattr(state_class, "migrate" if same_class else "adopt", None)
+    if hook is None:
+        needed = f"migrate (from version {hand_over.state_version})" if same_class else "adopt"
+        raise SchemaMismatch(
+            f"{state_class.__name__} cannot take the state of {hand_over.node_class}: define {needed} on it"
+        )
+    values = decode_any(dict[str, Any], hand_over.state)
+    state = hook(Predecessor(hand_over.node_class, hand_over.state_version, values))
+    if not isinstance(state, state_class):
+        raise SchemaMismatch(f"{state_class.__name__}.{hook.__name__} returned {type(state).__name__}")
+    return decode_any(state_class, encode_any(state), writable=True)

@@ -1,0 +1,138 @@
+"""Write down what a node consumes, in order, so that it can be driven again to the same outputs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from palp_core.graph.messages.builtin import Order
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.publisher import Outlet
+
+__all__ = ["ORDER_PORT", "OUTSIDE", "PARAMETERS", "TRANSITIONS", "OrderLog"]
+
+ORDER_PORT = "_order"
+PARAMETERS = "parameters"
+OUTSIDE = "outside:"
+TRANSITIONS = (Transition.ACTIVATE, Transition.DEACTIVATE, Transition.CLEANUP, Transition.CONFIGURE)
+BATCH = 256
+SNAPSHOT_INTERVAL_NS = 10_000_000_000
+
+
+class OrderLog:
+    """Collects entries and publishes one :class:`Order` per batch.
+
+    Args:
+        outlet: Where batches go.
+        sources: Everything that the node can consume, besides transitions and changes of parameters.
+        snapshot: Returns the node's encoded hand-over, without inbox and histories.
+
+    Attributes:
+        next_snapshot_ns: When the next snapshot is due.
+    """
+
+    def __init__(self, outlet: Outlet[Order], sources: list[str], snapshot: Callable[[], bytes]) -> None:
+        self._outlet = outlet
+        ends = Transition.SHUTDOWN.value
+        self._sources = [*(transition.value for transition in TRANSITIONS), ends, PARAMETERS, *sources]
+        self._index = {source: i for i, source in enumerate(self._sources)}
+        self._begun = self._followed = False
+        self._greeted_count = 0
+        self._snapshot = snapshot
+        self.next_snapshot_ns = SNAPSHOT_INTERVAL_NS
+        self._clear()
+
+    def _clear(self) -> None:
+        self._hand_over = b""
+        self._entries: list[tuple[int, int, int, int]] = []
+        self._changes: list[str] = []
+
+    def begin(self, now_ns: int) -> None:
+        """Begin a new batch with a snapshot of the node."""
+        if not self._begun:  # the node was taken over: whoever followed it before goes on
+            self._begun = True
+            self._follow()
+        self.flush(now_ns)
+        self._hand_over = self._snapshot()
+        self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
+
+    def prepare(self, now_ns: int) -> None:
+        """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
+        if now_ns >= self.next_snapshot_ns:
+            self.begin(now_ns)
+
+    def keep_up(self, now_ns: int, *, active: bool) -> None:
+        """Let whoever follows the record have what is new, and a new follower a place to start.
+
+        To be called ten times a second on the wall clock, between two handlers. With no follower it does
+        nothing.
+        """
+        outlet = self._outlet
+        if not outlet.listened:
+            self._followed = False
+        elif active and (not self._followed or outlet.greeted_count > self._greeted_count):
+            if not self._followed:
+                self._clear()
+            self._follow()
+            self.begin(now_ns)
+        elif self._entries:
+            self.flush(now_ns)
+
+    def _follow(self) -> None:
+        self._followed, self._greeted_count = True, self._outlet.greeted_count
+
+    def index_of(self, source: str) -> int:
+        """Return the number of a source, for :meth:`note_index`."""
+        return self._index[source]
+
+    def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> None:
+        """Add an entry, before the node handles what it names."""
+        self.note_index(self._index[source], epoch, sequence, now_ns)
+
+    def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
+        """Add an entry, of a source by its number."""
+        entries = self._entries
+        entries.append((index, epoch, sequence, now_ns))
+        if len(entries) >= BATCH:
+            self.flush(now_ns)
+
+    def note_transition(self, transition: Transition, now_ns: int) -> bool:
+        """Add a transition; the first configuration comes before the record, the shutdown ends it.
+
+        Returns:
+            Whether it is one that is to be said.
+        """
+        if transition is Transition.ACTIVATE and not self._begun:
+            self._begun = True
+            if self._outlet.listened:
+                self._follow()
+        if self._begun:
+            self.note(transition.value, 0, 0, now_ns)
+        return self._begun and transition in TRANSITIONS
+
+    def note_change(self, source: str, change: Mapping[str, Any], now_ns: int) -> None:
+        """Add a change of parameters or a call from outside, with what it says."""
+        self._changes.append(json.dumps(dict(change)))
+        self.note(source, 0, len(self._changes) - 1, now_ns)
+
+    def flush(self, now_ns: int) -> None:
+        """Publish the open batch, if there is anything in it, and begin the next one."""
+        if not self._entries and not self._hand_over:
+            return
+        if self._outlet.listened and not self._followed:
+            self._clear()  # a new follower cannot tell where this begins; it gets a place to start
+            return
+        source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
+        batch = Order(
+            stamp_ns=now_ns,
+            sources=self._sources,
+            source=list(source),
+            epoch=list(epoch),
+            sequence=list(sequence),
+            now_ns=list(at_ns),
+            changes=self._changes,
+            hand_over=self._hand_over,
+        )
+        self._clear()
+        self._outlet.put(batch)

@@ -1,0 +1,102 @@
+"""How a node's process begins: what it is told, where it will be found, which class it runs."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.node.node import Node
+from palp_core.graph.node.spec import NodeSpec
+
+__all__ = ["NodeProcess", "endpoints", "enter_workspace", "load_class", "load_module"]
+
+
+class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node's process is told when it is born.
+
+    Attributes:
+        place: Under which name its endpoints are; a node that has changed hands is at another than its own.
+        successor: It takes the place of one that works.
+        fresh: Its source file may have changed since another process compiled it.
+    """
+
+    spec: NodeSpec
+    clock: str
+    run_dir: str
+    workspace: str
+    place: str
+    successor: bool = False
+    fresh: bool = False
+
+
+def endpoints(run_dir: str, name: str) -> tuple[str, str]:
+    """Return where a node of a run publishes and where it answers."""
+    return f"ipc://{run_dir}/{name}.pub", f"ipc://{run_dir}/{name}.srv"
+
+
+def enter_workspace(workspace: str) -> None:
+    """Put a workspace first on the module path; a console script has neither it nor ``nodes`` there."""
+    if sys.path[:1] != [workspace]:
+        sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
+        importlib.invalidate_caches()
+
+
+def load_module(name: str, workspace: str) -> ModuleType:
+    """Import a module by its name, or a file by its path (relative ones count from the workspace).
+
+    Raises:
+        GraphError: There is no such file. Whatever else importing raises passes through.
+    """
+    enter_workspace(workspace)
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    path = Path(workspace, name).resolve()
+    # A name of its own: a file called random.py must not take the place of a module of that name.
+    own_name = f"{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
+    spec = importlib.util.spec_from_file_location(own_name, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise GraphError(f"no file {path}; check the path")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[own_name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
+    """Import the node class of ``module:Class`` or ``path.py:Class``.
+
+    Args:
+        run: Where the class is.
+        workspace: Goes first on the module path.
+        fresh: Read the source again, even if it was compiled or imported before.
+
+    Raises:
+        GraphError: No such class, or it is not a node.
+    """
+    module_name, _, class_name = run.rpartition(":")
+    if fresh:
+        _forget(module_name, workspace)
+    loaded = getattr(load_module(module_name, workspace), class_name, None)
+    if not (isinstance(loaded, type) and issubclass(loaded, Node)):
+        raise GraphError(f"{module_name} has no node class '{class_name}'")
+    return loaded
+
+
+def _forget(name: str, workspace: str) -> None:
+    """Let the next import read the source: a compiled file is told from it by whole seconds and size only."""
+    enter_workspace(workspace)
+    if name.endswith(".py"):
+        source: str | None = str(Path(workspace, name).resolve())
+    else:
+        sys.modules.pop(name, None)
+        found = importlib.util.find_spec(name)
+        source = found.origin if found is not None else None
+    if source is not None and source.endswith(".py"):
+        Path(importlib.util.cache_from_source(source)).unlink(missing_ok=True)

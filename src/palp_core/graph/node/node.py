@@ -1,0 +1,259 @@
+"""The node base class: typed ports, frozen parameters, a state that survives, short handlers.
+
+A node owns no socket, thread, clock, random generator or global. An executor hands it time, randomness and
+messages; so the same class runs in its own process, among others in one process, and on a test bench.
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import typing
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.node.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, Port, Pub, Srv, Sub, Timer
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["Declaration", "Node", "Params", "ReadOnly", "State", "class_name", "declaration_of"]
+
+
+class _ParamsMeta(msgspec.StructMeta):
+    def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _ParamsMeta:
+        return super().__new__(
+            mcls, name, bases, namespace, frozen=True, kw_only=True, forbid_unknown_fields=True
+        )
+
+
+@dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
+class Params(msgspec.Struct, metaclass=_ParamsMeta):
+    """Base of a node's parameters: frozen, validated, replaced as a whole when one of them changes.
+
+    A parameter that is only looked at when the node is configured is marked: ``device: ReadOnly[str] =
+    "sim"``.
+    """
+
+
+T = TypeVar("T")
+ReadOnly = Annotated[T, msgspec.Meta(extra={"read_only": True})]
+"""Marks a parameter that cannot be changed while the node lives."""
+
+
+class _StateMeta(msgspec.StructMeta):
+    def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _StateMeta:
+        return super().__new__(mcls, name, bases, namespace, kw_only=True, forbid_unknown_fields=True)
+
+
+@dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
+class State(msgspec.Struct, metaclass=_StateMeta):
+    """Base of everything a node remembers: plain data with defaults, so that it can be handed over.
+
+    ``version`` grows when the meaning of a field changes. A class that can read an older version defines
+    ``migrate(cls, old)``; one that can follow another node class defines ``adopt(cls, old)``. Both are class
+    methods, get a :class:`~palp_core.graph.node.handover.Predecessor`, and return a state or raise to refuse.
+    """
+
+    version: ClassVar[int] = 1
+
+
+class Context(typing.Protocol):
+    """What an executor offers a node."""
+
+    name: str
+    rng: np.random.Generator
+    log: logging.Logger
+
+    def now_ns(self) -> int:
+        """Time on the graph's clock."""
+
+    def finish(self, exit_code: int) -> None:
+        """End the node's work."""
+
+
+class Node:
+    """Base of all nodes. Subclasses declare ports, parameters, state and handlers; see the README's example.
+
+    Attributes:
+        moves: The node commands motion: it is brought to a safe state first when a graph ends.
+        simulates: The node stands for the physical world and may read ports named ``truth``.
+        records: The node is the experiment's record and may read ports named ``truth``.
+    """
+
+    moves: ClassVar[bool] = False
+    simulates: ClassVar[bool] = False
+    records: ClassVar[bool] = False
+    params: Params
+    state: State
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        declaration_of(cls)
+
+    @classmethod
+    def shaped(cls, name: str, params: Mapping[str, Any]) -> type[Node]:  # noqa: ARG003 - for subclasses
+        """Return the class to run under a name with parameters: another one where these decide its ports."""
+        return cls
+
+    @staticmethod
+    def examine(params: Any) -> dict[str, str]:  # noqa: ARG004 - for subclasses
+        """Return what is wrong with parameters of this class though each is within its bounds, by parameter.
+
+        A file that one names, a device that cannot be so, values that contradict each other; under "" what
+        concerns several. It is asked before any start, and opens no device.
+        """
+        return {}
+
+    @property
+    def name(self) -> str:
+        """Running name of the node in its graph."""
+        return self._context.name
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """The node's random generator: a function of the graph's seed and the node's name."""
+        return self._context.rng
+
+    @property
+    def log(self) -> logging.Logger:
+        """The node's logger."""
+        return self._context.log
+
+    def now_ns(self) -> int:
+        """Return the time on the graph's clock, in ns; constant within a handler."""
+        return self._context.now_ns()
+
+    def finish(self, exit_code: int = 0) -> None:
+        """End this node's work; with ``on_exit: shutdown`` in the launch file this ends the run."""
+        self._context.finish(exit_code)
+
+    def on_configure(self) -> None:
+        """Prepare what does not move: load files, build tables."""
+
+    def on_activate(self) -> None:
+        """Begin work: open the device, publish the first value."""
+
+    def on_resume(self) -> None:
+        """Continue a predecessor's work instead of beginning: open the device as ``self.state`` left it."""
+
+    def on_deactivate(self) -> None:
+        """Stop work and reach the safe state; also run when a graph ends or its supervisor dies."""
+
+    def on_cleanup(self) -> None:
+        """Undo ``on_configure``."""
+
+    def on_shutdown(self) -> None:
+        """Last words; the process ends afterwards."""
+
+    def on_parameters(self, params: Params) -> None:
+        """Look at changed parameters before they take effect; raise ValueError to refuse them all."""
+
+    def on_error(self, error: Exception) -> None:
+        """Run after a handler raised, before the node is shut down."""
+
+
+def class_name(node_class: type[Node]) -> str:
+    """Return ``module:Class``, by which a hand-over names who had the state."""
+    return f"{node_class.__module__}:{node_class.__qualname__}"
+
+
+class Declaration(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node class declares, in declaration order."""
+
+    subs: dict[str, Sub[Any]]
+    pubs: dict[str, Pub[Any]]
+    services: dict[str, Srv[Any, Any]]
+    clients: dict[str, Client[Any, Any]]
+    timers: dict[str, Timer]
+    alarms: dict[str, Alarm]
+    handlers: dict[str, Callable[..., Any]]
+    event_handlers: dict[str, Callable[..., Any]]
+    params: type[Params]
+    state: type[State]
+
+
+_DECLARATIONS: dict[Any, Declaration] = {}
+
+
+def declaration_of(cls: type[Node]) -> Declaration:
+    """Collect and check what a node class declares.
+
+    Raises:
+        GraphError: An input without a handler, two handlers for one port, an unknown rate parameter, ...
+    """
+    declaration = _DECLARATIONS.get(cls)
+    if declaration is None:
+        declaration = _DECLARATIONS[cls] = _declare(cls)
+    return declaration
+
+
+def _declare(cls: type[Node]) -> Declaration:
+    where = f"{cls.__module__}:{cls.__qualname__}"
+    hints = typing.get_type_hints(cls)
+    params, state = hints.get("params", Params), hints.get("state", State)
+    for kind, base, label in ((params, Params, "params"), (state, State, "state")):
+        if not (isinstance(kind, type) and issubclass(kind, base)):
+            raise GraphError(f"{where}: '{label}' must be annotated with a subclass of {base.__name__}")
+    members: dict[str, Any] = {}
+    for ancestor in reversed(cls.__mro__):
+        members.update(vars(ancestor))
+    ports = {name: value for name, value in members.items() if isinstance(value, Port)}
+    handlers: dict[str, Callable[..., Any]] = {}
+    event_handlers: dict[str, Callable[..., Any]] = {}
+    for name, value in members.items():
+        watched: Port | None = getattr(value, HANDLES_EVENTS, None)
+        if watched is not None:
+            if ports.get(watched.name) is not watched or watched.name in event_handlers:
+                raise GraphError(
+                    f"{where}.{name} handles events of a port that is not declared here, or twice"
+                )
+            event_handlers[watched.name] = value
+        port: Port | None = getattr(value, HANDLES, None)
+        if port is None:
+            continue
+        if inspect.iscoroutinefunction(value) or inspect.isgeneratorfunction(value):
+            raise GraphError(f"{where}.{name}: a handler is a plain function: no async, no yield")
+        if isinstance(port, Timer) and port.name not in ports:
+            ports[port.name] = port
+        if ports.get(port.name) is not port:
+            raise GraphError(f"{where}.{name} handles a port that is not declared on this class")
+        if port.name in handlers:
+            raise GraphError(f"{where}: port '{port.name}' has two handlers")
+        handlers[port.name] = value
+    for name, port in ports.items():
+        if name.startswith("_") or name in {**vars(Node), **Node.__annotations__}:
+            raise GraphError(
+                f"{where}: a port cannot be called '{name}': the name is the runtime's; choose another"
+            )
+        if isinstance(port, Timer) and not hasattr(params, str(port.hz)):
+            known = ", ".join(params.__struct_fields__) or "none"
+            raise GraphError(f"{where}.{name}: no parameter '{port.hz}' for its rate; declared: {known}")
+        if not isinstance(port, Pub) and name not in handlers:
+            raise GraphError(f"{where}: port '{name}' has no handler; mark a method with @on or @serve")
+    try:
+        state()
+    except TypeError as error:
+        raise GraphError(f"{where}: every field of {state.__name__} needs a default: {error}") from error
+
+    def of(kind: type[Port]) -> dict[str, Any]:
+        return {name: port for name, port in ports.items() if isinstance(port, kind)}
+
+    return Declaration(
+        subs=of(Sub),
+        pubs=of(Pub),
+        services=of(Srv),
+        clients=of(Client),
+        timers=of(Timer),
+        alarms=of(Alarm),
+        handlers=handlers,
+        event_handlers=event_handlers,
+        params=params,
+        state=state,
+    )

@@ -1,0 +1,84 @@
+"""What parameters a node class declares: type, default, unit, bounds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.node.node import Params
+
+__all__ = ["ParamDescription", "describe_params"]
+
+
+class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
+    """One parameter.
+
+    Attributes:
+        type: As in Python: ``float``, ``list[str]``, ``Literal['sim', 'xeryon']``.
+        unit: SI unit; "" when none is stated.
+        required: It has no default.
+        default: Default as a plain value; None when required.
+        minimum: Smallest value; None when not bounded.
+        maximum: Largest value; None when not bounded.
+        choices: The values allowed; empty when any is.
+        read_only: It cannot be changed while the node lives.
+    """
+
+    name: str
+    type: str
+    unit: str = ""
+    required: bool = False
+    default: Any = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: list[Any] = []
+    read_only: bool = False
+
+
+def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
+    """Return what a parameter class declares, by name."""
+    info = msgspec.inspect.type_info(cls)
+    assert isinstance(info, msgspec.inspect.StructType)
+    return {field.encode_name: _describe(field) for field in info.fields}
+
+
+def _describe(field: msgspec.inspect.Field) -> ParamDescription:
+    kind, unit, read_only = field.type, "", False
+    if isinstance(kind, msgspec.inspect.Metadata):
+        unit = (kind.extra_json_schema or {}).get("x-unit", "")
+        read_only = bool((kind.extra or {}).get("read_only"))
+        kind = kind.type
+    default = None
+    if field.default is not msgspec.NODEFAULT:
+        default = msgspec.to_builtins(field.default)
+    elif field.default_factory is not msgspec.NODEFAULT:
+        default = msgspec.to_builtins(field.default_factory())
+    return ParamDescription(
+        name=field.encode_name,
+        type=_type_text(kind),
+        unit=unit,
+        required=field.required,
+        default=default,
+        minimum=getattr(kind, "ge", None),
+        maximum=getattr(kind, "le", None),
+        choices=list(kind.values) if isinstance(kind, msgspec.inspect.LiteralType) else [],
+        read_only=read_only,
+    )
+
+
+def _type_text(kind: msgspec.inspect.Type) -> str:
+    match kind:
+        case msgspec.inspect.Metadata():
+            return _type_text(kind.type)
+        case msgspec.inspect.LiteralType():
+            return f"Literal[{', '.join(map(repr, kind.values))}]"
+        case msgspec.inspect.ListType():
+            return f"list[{_type_text(kind.item_type)}]"
+        case msgspec.inspect.VarTupleType():
+            return f"tuple[{_type_text(kind.item_type)}, ...]"
+        case msgspec.inspect.DictType():
+            return f"dict[{_type_text(kind.key_type)}, {_type_text(kind.value_type)}]"
+        case msgspec.inspect.StructType() | msgspec.inspect.EnumType() | msgspec.inspect.CustomType():
+            return kind.cls.__name__
+    return type(kind).__name__.removesuffix("Type").lower()

@@ -1,0 +1,175 @@
+"""The live end of an output: counts, stamps, frames, remembers."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+from palp_core.errors import LifecycleError
+from palp_core.graph.messages.fragments import cut
+from palp_core.graph.messages.frame import IN_PIECES, PLAIN_DATA, Kind, pack, parse, quick_pack
+from palp_core.graph.messages.message import Message, encode_any
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.schema import schema_of
+
+__all__ = ["Outlet"]
+
+M = TypeVar("M", bound=Message)
+
+
+class _Owner(Protocol):
+    publishing: bool
+
+    @property
+    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
+        """Takes the topic and the pieces of a large message; None: it is sent whole."""
+
+    def now_ns(self) -> int: ...
+
+    def resend(self, frame: bytes) -> None: ...
+
+
+class Outlet(Generic[M]):
+    """Publishes one topic in order.
+
+    Attributes:
+        sequence: Of the last message published; 0 before the first.
+        history: The last ``depth`` frames, large ones in pieces.
+        listened: Somebody reads the topic; where nobody knows, it counts as read.
+        greeted_count: How many have begun to read it.
+        idle_until_next: Nothing is due until the next message, as the node has declared.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        message: type[M],
+        qos: Qos,
+        epoch: int,
+        owner: _Owner,
+        send: Callable[[bytes], None],
+    ) -> None:
+        self.topic = topic
+        self.message = message
+        self.epoch = epoch
+        self.sequence = 0
+        self.listened = True
+        self.greeted_count = 0
+        self.idle_until_next = False
+        self.qos = qos
+        self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
+        self._bytes = topic.encode()
+        self._prefix = self._bytes + b"\0"
+        self._type_hash = schema_of(message).type_hash
+        self._canonical = schema_of(message).canonical
+        self._owner = owner
+        self._send = send
+
+    def publish(self, message: M) -> None:
+        """Send a message to every reader; its stamp is the node's time.
+
+        Raises:
+            LifecycleError: The node is not active, so that no reader could rely on it.
+        """
+        if not self._owner.publishing:
+            raise LifecycleError(
+                f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
+            )
+        self.put(message)
+
+    def put(self, message: M) -> None:
+        """Send a message whatever the node's state is."""
+        self.sequence += 1
+        self.idle_until_next = False
+        self._put(message, self.epoch, self.sequence)
+
+    def forward(self, payload: bytes) -> None:
+        """Send a message that is encoded already, its bytes as they are, whatever the node's state is."""
+        self.sequence += 1
+        self.idle_until_next = False
+        now_ns = self._owner.now_ns()
+        frame = pack(self._bytes, Kind.DATA, self.epoch, self.sequence, now_ns, self._type_hash, payload)
+        if self.listened:
+            self._send(frame)
+        self.history.append(frame)
+
+    def reply(self, message: M, epoch: int, sequence: int) -> None:
+        """Send a reply, which carries its request's epoch and sequence."""
+        self.sequence = sequence
+        self._put(message, epoch, sequence)
+
+    def repeat(self, epoch: int, sequence: int) -> bool:
+        """Send a remembered reply again; return False if it is not remembered."""
+        for kept in reversed(self.history):
+            frame = _whole(kept)
+            parsed = parse(frame)
+            if (parsed.epoch, parsed.sequence) == (epoch, sequence):
+                self._owner.resend(frame)
+                return True
+        return False
+
+    def _put(self, message: M, epoch: int, sequence: int) -> None:
+        if type(message) is not self.message:
+            raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
+        owner, canonical = self._owner, self._canonical
+        now_ns = owner.now_ns()
+        send_pieces = owner.send_pieces
+        if send_pieces is not None and (pieces := cut(message)) is not None:
+            head = pack(
+                self._bytes, Kind.DATA, epoch, sequence, now_ns, self._type_hash, pieces.head, IN_PIECES
+            )
+            self.history.append((head, pieces.body, pieces.tail))
+            send_pieces(self._bytes, head, pieces.body, pieces.tail)
+            return
+        payload = encode_any(message if canonical is None else canonical(message))
+        header = quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash)
+        frame = b"".join((self._prefix, header, payload))
+        if self.listened:
+            self._send(frame)
+        self.history.append(frame)
+
+    def idle(self) -> None:
+        """Declare that nothing is due until the next message."""
+        if not self.idle_until_next:
+            self.idle_until_next = True
+            if self.listened:
+                self._send(self.heartbeat())
+
+    def heartbeat(self) -> bytes:
+        """Return the frame that states the last sequence."""
+        kind = Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT
+        return pack(self._bytes, kind, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash)
+
+    def moved(self, payload: bytes) -> bytes:
+        """Return the frame that tells readers of another place, with the last sequence of this one."""
+        now_ns = self._owner.now_ns()
+        return pack(self._bytes, Kind.MOVED, self.epoch, self.sequence, now_ns, self._type_hash, payload)
+
+    def kept(self, first: int, last: int, now_ns: int) -> list[bytes]:
+        """Return the remembered frames of a range of sequences that are within their lifespan."""
+        lifespan_ns = round(self.qos.lifespan_ms * 1e6)
+        found = []
+        for kept in self.history:
+            head = parse(kept[0] if isinstance(kept, tuple) else kept)
+            if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
+                found.append(_whole(kept))
+        return found
+
+    def remembered(self) -> list[bytes]:
+        """Return all that is remembered, the oldest first."""
+        return [_whole(kept) for kept in self.history]
+
+    def divert(self, send: Callable[[bytes], None]) -> None:
+        """Give frames to somebody else from now on."""
+        self._send = send
+
+    def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
+        """Continue a predecessor's epoch and sequence."""
+        self.epoch, self.sequence = epoch, sequence
+        self.history.clear()
+        self.history.extend(history)
+
+
+def _whole(kept: bytes | tuple[bytes, memoryview, bytes]) -> bytes:
+    return b"".join(kept) if isinstance(kept, tuple) else kept

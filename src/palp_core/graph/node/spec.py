@@ -1,0 +1,56 @@
+"""What one node of a checked graph needs to know to run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.messages.qos import Qos
+
+__all__ = ["NodeSpec", "topic"]
+
+
+def topic(node: str, port: str) -> str:
+    """Return the name of the topic that a port publishes."""
+    return f"/{node}/{port}"
+
+
+class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of a checked graph.
+
+    Attributes:
+        name: Running name.
+        run: ``module:Class``.
+        params: Every parameter as a plain value, defaults included, already validated against the class.
+        inputs: Topic per input port; for a client, the service's topic.
+        requests: Topics of the clients of each service port.
+        seed: Of the graph; with the name it determines the node's random numbers.
+        epoch: How often the node has been restarted.
+        qos: Per input port what holds on its edge: the request, with the offered lifespan where it is
+            shorter.
+        actions: Per input port what the supervisor does about its events: ``restart`` or ``shutdown``.
+        external: Input ports that take messages from outside the graph, on the topic ``/<name>/<port>``.
+        cpus: Cores the process may run on; empty: all.
+        realtime_priority: SCHED_FIFO priority; 0: the ordinary scheduler.
+        joined: Its process is on another host, from where it joins with ``palp run --join``.
+    """
+
+    name: str
+    run: str
+    params: dict[str, Any] = {}
+    inputs: dict[str, str] = {}
+    requests: dict[str, list[str]] = {}
+    seed: int = 0
+    epoch: int = 0
+    restart: str = "never"
+    max_restarts: int = 3
+    backoff_s: float = 0.2
+    shutdown_on_exit: bool = False
+    moves: bool = False
+    qos: dict[str, Qos] = {}
+    actions: dict[str, str] = {}
+    external: list[str] = []
+    cpus: list[int] = []
+    realtime_priority: int = 0
+    joined: bool = False

@@ -1,0 +1,249 @@
+"""What may be asked of a running node from outside: operations from map to map, between two handlers.
+
+The command line, a stranger with pyzmq and msgpack, and other nodes that miss messages all ask these, at the
+node's ROUTER. Each operation gets the request's map and returns the reply's; whatever it raises becomes
+``{"error": text}``. In lockstep, those that change something wait for the node's next round.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.messages.message import Message, decode, encode, encode_any
+from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.journal import OUTSIDE, PARAMETERS
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.node import class_name
+from palp_core.graph.node.param_description import describe_params
+from palp_core.graph.node.params import changed_params
+from palp_core.graph.node.timers import TimerEnd
+from palp_core.graph.transport.request_server import Operation
+
+__all__ = ["CHANGING", "NodeCommands", "read_request", "serve_outside", "set_parameters"]
+
+CHANGING = ("set_parameters", "call", "transition", "publish")
+"""Operations that change the node or publish something."""
+
+MOST_HISTORY_BYTES = 8 << 20
+
+
+class NodeCommands:
+    """The operations of one node.
+
+    Args:
+        executor: The node.
+        edges: Returns more about each input topic, where the wall clock counts it; takes the number of
+            messages of which the latest latencies are wanted.
+    """
+
+    def __init__(
+        self, executor: Executor, edges: Callable[[int], dict[str, dict[str, Any]]] = lambda _: {}
+    ) -> None:
+        self._executor = executor
+        self._edges = edges
+
+    def operations(self) -> dict[str, Operation]:
+        """Return every operation by name."""
+        return {
+            "info": self.info,
+            "history": self.history,
+            "schemas": self.schemas,
+            "get_parameters": lambda _: {"parameters": msgspec.to_builtins(self._executor.node.params)},
+            "describe_parameters": self.describe_parameters,
+            "set_parameters": self.set_parameters,
+            "call": self.call,
+            "transition": self.transition,
+            "publish": self.publish,
+        }
+
+    def info(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Say what the node is, what it has published and what it has received."""
+        executor, declared = self._executor, self._executor.declaration
+        more = self._edges(int(request.get("window", 0)))
+        inputs = {}
+        for name, wired in executor.ends.inputs.items():
+            account = msgspec.to_builtins(wired[0].counter)
+            fixed = {"port": wired[0].port, "qos": msgspec.to_builtins(wired[0].qos)}
+            inputs[name] = (
+                account | {"filled": 0, "rate_hz": None, "latency_s": None} | fixed | more.get(name, {})
+            )
+        return {
+            "name": executor.name,
+            "run": class_name(type(executor.node)),
+            "pid": os.getpid(),
+            "lifecycle": executor.lifecycle.value,
+            "params": msgspec.to_builtins(executor.node.params),
+            "published": {name: out.sequence for name, out in executor.outlets.items()},
+            "inputs": inputs,
+            "outputs": {
+                name: {
+                    "type": out.message.__name__,
+                    "sequence": out.sequence,
+                    "qos": msgspec.to_builtins(out.qos),
+                }
+                for name, out in executor.outlets.items()
+            },
+            "services": {
+                name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.services.items()
+            },
+            "clients": {name: executor.spec.inputs.get(name, "") for name in declared.clients},
+            "timers": {
+                name: {
+                    "rate_hz": float(getattr(executor.node.params, declared.timers[name].hz)),
+                    "tick": end.k,
+                }
+                for name, end in executor.ends.timers.items()
+                if isinstance(end, TimerEnd)
+            },
+            "external": executor.spec.external,
+            "swaps": executor.swaps,
+            "rejected": executor.events.rejected_count,
+            "unread": len(executor.inbox),
+            **executor.ends.counts(),
+        }
+
+    def history(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Return remembered frames of an output, as many as fit in a reply, the oldest first."""
+        executor = self._executor
+        out = executor.outlets.get(request["topic"])
+        if out is None:
+            raise GraphError(f"{executor.name} does not publish {request['topic']}")
+        executor.begin_command()
+        frames: list[bytes] = []
+        size = 0
+        for frame in out.kept(int(request["first"]), int(request["last"]), executor.now_ns()):
+            size += len(frame)
+            if frames and size > MOST_HISTORY_BYTES:
+                break
+            frames.append(frame)
+        return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
+
+    def schemas(self, _request: dict[str, Any]) -> dict[str, Any]:
+        """Return the message types of every port; of a service those of request and reply."""
+        declared = self._executor.declaration
+        ports: dict[str, Any] = {}
+        for kind, group in (("sub", declared.subs), ("pub", declared.pubs)):
+            for name, port in group.items():
+                ports[name] = {"kind": kind, "types": [_type(port.message)]}
+        for kind, pairs in (("srv", declared.services), ("client", declared.clients)):
+            for name, pair in pairs.items():
+                types = [_type(pair.request), _type(pair.reply)]
+                ports[name] = {"kind": kind, "types": types}
+        return {"ports": ports}
+
+    def describe_parameters(self, _request: dict[str, Any]) -> dict[str, Any]:
+        """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""
+        values = msgspec.to_builtins(self._executor.node.params)
+        described = describe_params(self._executor.declaration.params)
+        return {
+            "parameters": {
+                name: msgspec.to_builtins(param) | {"value": values[name]}
+                for name, param in described.items()
+            }
+        }
+
+    def set_parameters(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Change parameters, all of them or none."""
+        set_parameters(self._executor, dict(request["parameters"]))
+        return {"parameters": msgspec.to_builtins(self._executor.node.params)}
+
+    def call(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Let the node answer a service request; the request's id makes a repeated one harmless."""
+        executor = self._executor
+        declared = executor.declaration.services.get(request["service"])
+        if declared is None:
+            known = ", ".join(executor.declaration.services) or "none"
+            raise GraphError(f"{executor.name} has no service '{request['service']}'; it has: {known}")
+        self._must_be_active()
+        message = decode(declared.request, encode_any(request["request"]))
+        reply = serve_outside(executor, request["service"], message)
+        return {"reply": msgspec.msgpack.decode(encode(reply))}
+
+    def transition(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Run a lifecycle transition."""
+        executor = self._executor
+        known = [transition.value for transition in Transition]
+        if request["transition"] not in known:
+            raise GraphError(f"no transition '{request['transition']}'; there are: {', '.join(known)}")
+        executor.transition(Transition(request["transition"]))
+        return {"lifecycle": executor.lifecycle.value}
+
+    def publish(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Publish a message into one of the node's inputs that the launch file declares external."""
+        executor, port = self._executor, request["port"]
+        if port not in executor.spec.external:
+            known = ", ".join(executor.spec.external) or "none"
+            raise GraphError(
+                f"input '{port}' of {executor.name} takes no messages from outside (those that do: {known}); "
+                "declare it external: true in the launch file"
+            )
+        self._must_be_active()
+        executor.begin_command()
+        out = executor.outlets[executor.spec.inputs[port]]
+        out.put(decode(out.message, encode_any(request["message"])))
+        return {"sequence": out.sequence}
+
+    def _must_be_active(self) -> None:
+        if not self._executor.publishing:
+            raise GraphError(f"{self._executor.name} is {self._executor.lifecycle.value}; activate it first")
+
+
+def set_parameters(executor: Executor, changes: dict[str, Any]) -> None:
+    """Replace a node's parameters as a whole, and publish what has changed.
+
+    Raises:
+        GraphError: A change does not fit, is of a read-only parameter, or the node refuses it; nothing is
+            changed.
+    """
+    executor.begin_command()
+    node = executor.node
+    params = changed_params(executor.declaration, node.params, changes, executor.name)
+    try:
+        node.on_parameters(params)
+    except ValueError as error:
+        raise GraphError(f"{executor.name} refuses the parameters: {error}") from error
+    before, after = msgspec.to_builtins(node.params), msgspec.to_builtins(params)
+    node.params = params
+    for end in executor.ends.timers.values():
+        end.retime(executor.now_ns())
+    executor.order.note_change(PARAMETERS, changes, executor.now_ns())
+    changed = {name: [before[name], value] for name, value in after.items() if before[name] != value}
+    if changed:
+        text = ", ".join(f"{name} = {new}" for name, (_, new) in changed.items())
+        executor.events.say("parameters", text, changed)
+
+
+def serve_outside(executor: Executor, service: str, request: Message) -> Message:
+    """Answer a call from outside the graph; whoever asks sees to it that it is made once.
+
+    Raises:
+        NodeError: The handler failed, and the node with it.
+    """
+    executor.begin_command()
+    written = base64.b64encode(encode(request)).decode()
+    executor.order.note_change(f"{OUTSIDE}{service}", {"request": written}, executor.now_ns())
+    reply: Message = executor.ends.services[service](request)
+    return reply
+
+
+def _type(message: type[Message]) -> dict[str, Any]:
+    schema = schema_of(message)
+    return {
+        "name": schema.name,
+        "type_hash": f"{schema.type_hash:016x}",
+        "ros_text": ros_text(schema),
+        "json_schema": json_schema(schema),
+    }
+
+
+def read_request(executor: Executor, service: str, written: str) -> Message:
+    """Return the request of a recorded call from outside."""
+    request: Message = decode(executor.declaration.services[service].request, base64.b64decode(written))
+    return request

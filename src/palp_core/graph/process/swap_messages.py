@@ -1,0 +1,189 @@
+"""What the supervisor and two processes of one node say to each other while one takes the other's place.
+
+The *predecessor* works; the *successor* is configured, hears the same inputs, and publishes nothing until it
+is told :class:`Go`. That word is the one instant at which the node changes hands: before it everything can be
+taken back, after it the predecessor only leaves.
+"""
+
+from __future__ import annotations
+
+from palp_core.graph.process.line import Line
+
+__all__ = [
+    "Announced",
+    "EndShadow",
+    "FromSwapped",
+    "Go",
+    "HandIn",
+    "HandedIn",
+    "Leave",
+    "Listening",
+    "Meet",
+    "Met",
+    "Place",
+    "Rehearse",
+    "Rehearsed",
+    "Resume",
+    "Shadow",
+    "Shadowed",
+    "Stay",
+    "TakeOver",
+    "ToSwapped",
+    "TookOver",
+    "Working",
+]
+
+
+class Place(Line, frozen=True):
+    """To the predecessor: readers should listen to a second place too, from where the node will go on."""
+
+    publish: str
+    serve: str
+
+
+class Announced(Line, frozen=True):
+    """The readers have been told; ``readers`` are how many there are, by topic."""
+
+    readers: dict[str, int]
+
+
+class Listening(Line, frozen=True):
+    """From a reader: it listens to a topic at the second place, too."""
+
+    topic: str
+    publish: str
+
+
+class Meet(Line, frozen=True):
+    """To the successor: say when so many readers listen here."""
+
+    readers: dict[str, int]
+
+
+class Met(Line, frozen=True):
+    """They do; ``missing`` are those that did not come in time."""
+
+    missing: dict[str, int]
+
+
+class HandIn(Line, frozen=True):
+    """To the predecessor: write down everything at a handler boundary.
+
+    Attributes:
+        after: Epoch and sequence by input topic: up to there it must have received, because the successor
+            hears only what comes later.
+        pause: Then take up nothing more, until :class:`Resume` or :class:`Leave`.
+    """
+
+    after: dict[str, tuple[int, int]]
+    pause: bool
+
+
+class HandedIn(Line, frozen=True):
+    """What the predecessor has written down.
+
+    Attributes:
+        hand_over: An encoded :class:`~palp_core.graph.node.handover.HandOver`.
+        at_ns: When, on the host's monotonic clock.
+        remembered: Replies to requests from outside that may be asked again.
+        frames: In lockstep, what it has published on this occasion.
+    """
+
+    hand_over: bytes
+    at_ns: int
+    remembered: dict[str, bytes]
+    frames: list[bytes] = []
+
+
+class Rehearse(Line, frozen=True):
+    """To the successor: would this hand-over fit? ``params`` are those that the swap sets."""
+
+    hand_over: bytes
+    params: dict[str, object]
+
+
+class Rehearsed(Line, frozen=True):
+    """Why not, or ""; and up to where the successor has not heard its inputs (see :class:`HandIn`)."""
+
+    error: str
+    after: dict[str, tuple[int, int]]
+
+
+class TakeOver(Line, frozen=True):
+    """To the successor: continue from here, but publish nothing yet. ``start_ns`` is the graph's start."""
+
+    hand_over: bytes
+    params: dict[str, object]
+    start_ns: int
+    remembered: dict[str, bytes]
+
+
+class Shadow(Line, frozen=True):
+    """To the successor: work as from here, unheard, and compare with what ``publish`` has to say."""
+
+    hand_over: bytes
+    params: dict[str, object]
+    start_ns: int
+    publish: str
+
+
+class EndShadow(Line, frozen=True):
+    """To the successor: pause, and say how it went."""
+
+
+class Shadowed(Line, frozen=True):
+    """How it went (JSON, empty in lockstep), and ``after`` as in :class:`Rehearsed`."""
+
+    report: bytes
+    after: dict[str, tuple[int, int]]
+
+
+class TookOver(Line, frozen=True):
+    """Ready to go on, or why not.
+
+    Attributes:
+        error: Empty if it is.
+        held: Messages that wait to be taken up.
+        frames: In lockstep, what it has published while it took over.
+        next_due_ns: In lockstep, when it is due next; -1: never.
+    """
+
+    error: str
+    held: int = 0
+    frames: list[bytes] = []
+    next_due_ns: int = -1
+
+
+class Go(Line, frozen=True):
+    """To the successor: the node is yours.
+
+    ``record`` is what the node is to remember of the swap; ``paused_ns`` when the predecessor took up nothing
+    more, on the host's monotonic clock; 0 in simulated time, which stands still.
+    """
+
+    record: dict[str, object]
+    paused_ns: int
+
+
+class Working(Line, frozen=True):
+    """The successor takes up what comes; ``record`` is what it remembers of the swap."""
+
+    record: dict[str, object]
+
+
+class Resume(Line, frozen=True):
+    """To the predecessor: the swap is off, go on."""
+
+
+class Stay(Line, frozen=True):
+    """To the predecessor: readers can forget the second place."""
+
+
+class Leave(Line, frozen=True):
+    """To the predecessor: the successor works; let the readers go, and end."""
+
+    patience_ns: int
+
+
+ToSwapped = Place | HandIn | Resume | Stay | Leave | Meet | Rehearse | TakeOver | Go | Shadow | EndShadow
+FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening

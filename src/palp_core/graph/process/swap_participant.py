@@ -1,0 +1,254 @@
+"""One process's part in a hot swap: the predecessor's, who hands in, or the successor's, who takes over.
+
+Whoever drives the node asks it to :meth:`Changeover.obey` what the supervisor says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import PalpError, in_words
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.messages.message import decode_any, encode_any
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.succession import fitting, hand_over_of
+from palp_core.graph.process.line import Line
+from palp_core.graph.process.shadow import Comparison, array_fields
+from palp_core.graph.process.swap_messages import (
+    Announced,
+    EndShadow,
+    Go,
+    HandedIn,
+    HandIn,
+    Leave,
+    Meet,
+    Met,
+    Place,
+    Rehearse,
+    Rehearsed,
+    Resume,
+    Shadow,
+    Shadowed,
+    Stay,
+    TakeOver,
+    TookOver,
+    ToSwapped,
+    Working,
+)
+from palp_core.graph.transport.moves import Move
+from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.subscriber_socket import Subscriber
+
+__all__ = ["Changeover", "Heard"]
+
+READERS_NS = 300_000_000
+"""How long readers that are no nodes of the graph may take to listen to a second place (assumed: a terminal
+that is stopped must not keep a node from its swap)."""
+
+Heard = dict[str, tuple[int, int]]
+"""Epoch and sequence by input topic: received, with all that came before."""
+
+
+class Changeover:
+    """A node's part in a swap.
+
+    Args:
+        executor: The node.
+        broadcast: Where it publishes.
+        say: Answers the supervisor.
+        heard: Returns up to where the inputs have been received.
+        succeed: Merges what this process has received with what was handed over; returns how many messages
+            wait.
+        begin: Is told the graph's start before the node takes over.
+        depart: Stops listening to the inputs.
+        line: Descriptor of the line to the supervisor.
+        successor: This process waits for its word.
+    """
+
+    def __init__(
+        self,
+        executor: Executor,
+        broadcast: Broadcast,
+        say: Callable[[Line], None],
+        line: int,
+        *,
+        heard: Callable[[], Heard] = dict[str, tuple[int, int]],
+        succeed: Callable[[HandOver], int] = lambda hand_over: len(hand_over.inbox),
+        begin: Callable[[int], None] = lambda _: None,
+        depart: Callable[[], None] = lambda: None,
+        successor: bool = False,
+    ) -> None:
+        self._executor, self._broadcast, self._say, self._line = executor, broadcast, say, line
+        self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
+        self._place: Place | None = None
+        self._hand_in: HandIn | None = None
+        self._meet: tuple[Meet, int] | None = None
+        self._comparison: Comparison | None = None
+        self._eavesdropper: Subscriber | None = None
+        self.silent = successor
+        self.left = False
+        if successor:
+            broadcast.hold()
+            broadcast.greeting = lambda _: []
+
+    @property
+    def waiting(self) -> bool:
+        """True while :meth:`turn` has to look."""
+        return self._hand_in is not None or self._meet is not None or self._eavesdropper is not None
+
+    def obey(self, line: ToSwapped) -> None:
+        """Do what the supervisor says."""
+        match line:
+            case Place():
+                self._place = line
+                self._broadcast.greeting = lambda outlet: [outlet.heartbeat(), self._moved(outlet, "prepare")]
+                self._broadcast.tell(self._moved_all("prepare"))
+                self._say(Announced(self._broadcast.readers))
+            case HandIn():
+                self._hand_in = line
+            case Resume():
+                self._hand_in = None
+                self._executor.resume()
+            case Stay():
+                self._broadcast.tell(self._moved_all("stay"))
+                self._broadcast.greeting = lambda outlet: [outlet.heartbeat()]
+                self._place = None
+            case Leave(patience_ns=patience_ns):
+                self._leave(patience_ns)
+            case Meet():
+                self._meet = line, monotonic_ns() + READERS_NS
+            case Rehearse():
+                self._say(Rehearsed(self._objection(line), self._heard()))
+            case TakeOver():
+                self._say(self._take_over(line))
+            case Go():
+                self._go(line)
+            case Shadow():
+                self._say(self._begin_shadow(line))
+            case EndShadow():
+                self._say(self._end_shadow())
+        self.turn()
+
+    def turn(self) -> None:
+        """Look whether what was waited for has come."""
+        if self._hand_in is not None and _covers(self._heard(), self._hand_in.after):
+            pause, self._hand_in = self._hand_in.pause, None
+            if pause:
+                self._executor.pause()
+            at_ns = monotonic_ns()
+            hand_over = self._executor.hand_over() if pause else hand_over_of(self._executor)
+            self._say(HandedIn(encode_any(hand_over), at_ns, self._broadcast.remembered))
+        if self._meet is not None:
+            self._broadcast.poll()
+            meet, until_ns = self._meet
+            missing = _missing(meet.readers, self._broadcast.readers)
+            if not missing or monotonic_ns() >= until_ns:
+                self._meet = None
+                self._say(Met(missing))
+
+        if self._eavesdropper is not None and self._comparison is not None:
+            for raw in self._eavesdropper.receive():
+                self._comparison.old(raw)
+
+    # Predecessor
+
+    def _moved(self, outlet: Outlet[Any], phase: str) -> bytes:
+        assert self._place is not None
+        return outlet.moved(encode_any(Move(phase, self._place.publish, self._place.serve)))
+
+    def _moved_all(self, phase: str) -> list[bytes]:
+        if self._place is None:
+            return []
+        readers = self._broadcast.readers
+        return [self._moved(out, phase) for name, out in self._executor.outlets.items() if name in readers]
+
+    def _leave(self, patience_ns: int) -> None:
+        """Send the readers away, and wait for those that are slow to go."""
+        self._broadcast.greeting = lambda outlet: [self._moved(outlet, "gone")]
+        self._broadcast.tell(self._moved_all("gone"))
+        self._depart()
+        self._broadcast.see_off(patience_ns, self._line)
+        self._executor.leave()
+        self.left = True
+
+    # Successor
+
+    def _objection(self, line: Rehearse) -> str:
+        try:
+            hand_over = decode_any(HandOver, line.hand_over)
+            fitting(self._executor, hand_over, line.params)
+        except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
+            return in_words(error)
+        return ""
+
+    def _take_over(self, line: TakeOver) -> TookOver:
+        try:
+            self._begin(line.start_ns)
+            hand_over = decode_any(HandOver, line.hand_over)
+            self._executor.take_over(hand_over, line.params)
+            self._broadcast.remember(line.remembered)
+            return TookOver("", self._succeed(hand_over))
+        except PalpError as error:
+            return TookOver(in_words(error))
+
+    @property
+    def shadowing(self) -> bool:
+        """True while this node works unheard."""
+        return self._comparison is not None
+
+    def _begin_shadow(self, line: Shadow) -> TookOver:
+        """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
+        published = decode_any(HandOver, line.hand_over).published
+        outlets = self._executor.outlets.items()
+        arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in outlets}
+        self._comparison = Comparison(published, arrays)
+        self._broadcast.hold(self._comparison.new)
+        if line.publish:
+            places = dict.fromkeys(published, line.publish)
+            self._eavesdropper = Subscriber(places, self._broadcast.context, queue=100_000)
+            for out in self._executor.outlets.values():
+                out.listened = True
+        return self._take_over(TakeOver(line.hand_over, line.params, line.start_ns, {}))
+
+    def _end_shadow(self) -> Shadowed:
+        assert self._comparison is not None
+        self._executor.pause()
+        self._executor.paused = False  # it is no more than ready to take over
+        self.turn()
+        report = b""
+        if self._eavesdropper is not None:
+            self._eavesdropper.close()
+            self._eavesdropper = None
+            report = msgspec.json.encode(self._comparison.report())
+            self._broadcast.offer(self._executor.outlets.values(), direct=True)
+        self._comparison = None
+        self._broadcast.hold()
+        return Shadowed(report, self._heard())
+
+    def _go(self, line: Go) -> None:
+        self.silent = False
+        broadcast = self._broadcast
+        broadcast.greeting = lambda outlet: [outlet.heartbeat()]
+        here = encode_any(Move("here", *broadcast.endpoints))
+        readers = broadcast.readers
+        broadcast.tell(out.moved(here) for name, out in self._executor.outlets.items() if name in readers)
+        broadcast.release()
+        gap_s = (monotonic_ns() - line.paused_ns) / 1e9 if line.paused_ns else 0.0
+        record = {**line.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
+        self._executor.swaps.append(record)
+        self._say(Working(record))
+
+
+def _covers(heard: Heard, after: Heard) -> bool:
+    return all(heard.get(topic, (-1, 0)) >= point for topic, point in after.items())
+
+
+def _missing(expected: dict[str, int], present: dict[str, int]) -> dict[str, int]:
+    counts = {name: count - present.get(name, 0) for name, count in expected.items()}
+    return {name: count for name, count in counts.items() if count > 0}

@@ -1,0 +1,1 @@
+"""Recording a graph while it runs."""

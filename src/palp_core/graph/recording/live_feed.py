@@ -1,0 +1,245 @@
+"""Everything that chosen topics of a running graph carry, from now on; what is missing is asked for.
+
+A frame goes to the recorder as it arrives, so that a crash costs no more than an open chunk. What had to be
+asked for comes after what was published later; sequences tell the order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
+
+import msgspec
+
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
+from palp_core.graph.recording.live_topics import LiveTopic
+from palp_core.graph.transport.migration import Following, Unordered
+from palp_core.graph.transport.requester_socket import Inquirer
+from palp_core.graph.transport.subscriber_socket import Subscriber
+
+__all__ = ["Feed", "Taker", "renewed"]
+
+QUEUE = 100_000
+SLICE_NS = 20_000_000
+ANSWER_NS = 4_000_000_000
+"""How long an answer is waited for; a publisher that is gone gives none, one on a busy host takes its time.
+
+Nothing waits for it here as in a reader; it is less than what a replay allows a message to come late.
+"""
+_FLAGS_OFFSET = 3  # from the NUL: version, kind, then flags
+
+
+class Taker(Protocol):
+    """What takes frames and keeps an account of them: a recorder."""
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        """Take a frame."""
+
+    def fill(self, now_ns: int, frame: bytes) -> None:
+        """Take a frame that was asked for, if it is missing still."""
+
+    def begin(self, topic: str, epoch: int, first: int) -> None:
+        """Expect a topic to begin with a sequence."""
+
+
+class _Question(NamedTuple):
+    epoch: int
+    first: int
+    last: int
+    asked_ns: int
+
+
+class Feed:
+    """The receiving end.
+
+    Args:
+        graph: The running graph.
+        taker: Takes every frame.
+        from_start: Everything is expected from sequence 1 on; otherwise latched values come first, and the
+            rest from where it is.
+
+    Attributes:
+        graph: The running graph as it is now.
+        unmatched: Topics that have not been heard yet.
+        start_ns: The graph's start on the machine's monotonic clock; None: not known yet.
+    """
+
+    def __init__(self, graph: RunningGraph, taker: Taker, *, from_start: bool) -> None:
+        self.graph = graph
+        self.start_ns: int | None = None
+        self.unmatched: dict[bytes, LiveTopic] = {}
+        self._taker = taker
+        self._from_start = from_start
+        self._topics: dict[str, LiveTopic] = {}
+        self._new: set[str] = set()
+        self._subscriber = Subscriber({}, queue=QUEUE, name=f"recorder {os.getpid()}")
+        self._following = Following(self._subscriber, {}, defaultdict(Unordered))
+        self._inquirer = Inquirer(self._subscriber.context)
+        self._questions: dict[str, _Question] = {}
+        self._waiting: dict[str, deque[_Question]] = {}
+        self._latest_ns = 0
+
+    def follow(self, topics: Mapping[str, LiveTopic], *, new: bool = False) -> None:
+        """Listen to more topics.
+
+        Args:
+            topics: By name.
+            new: They have just come to be: their first messages are wanted.
+        """
+        self._new |= topics.keys() if new else set()
+        self._topics.update(topics)
+        self.unmatched |= {name.encode(): live for name, live in topics.items()}
+        for name, live in topics.items():
+            self._following.add(name, live.publish, "")
+        self._subscriber.follow({name: live.publish for name, live in topics.items()})
+
+    def move(self, frame: Frame) -> None:
+        """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
+        if frame.topic in self._topics:
+            with contextlib.suppress(SchemaMismatch):
+                self._following.take(frame, monotonic_ns())
+
+    def describe(self, graph: RunningGraph) -> None:
+        """Take the graph as it is described now: publishers may be elsewhere."""
+        before = {entry.name: entry.publish for entry in self.graph.record.topics}
+        self.graph = graph
+        for entry in graph.record.topics:
+            # After a swap the old place's name leads to the new one: whoever followed is there already.
+            if entry.name in self._topics and entry.publish != before.get(entry.name, entry.publish):
+                self._following.find(entry.name, entry.publish)
+
+    def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
+        """Ask a topic's publisher for what is missing."""
+        question = _Question(epoch, first, last, monotonic_ns())
+        if topic in self._questions:
+            self._waiting.setdefault(topic, deque()).append(question)
+        else:
+            self._put(topic, question)
+
+    @property
+    def asking(self) -> bool:
+        """Whether answers are to come."""
+        return bool(self._questions)
+
+    def take(self, wait_ms: int) -> bool:
+        """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
+        more, _ = self._subscriber.take(self._arrive, SLICE_NS, wait_ms)
+        self._following.tick(monotonic_ns())
+        if self._questions:
+            self._take_answers()
+        return more
+
+    def now_ns(self, monotonic: int) -> int:
+        """Return a time of the machine's monotonic clock on the graph's, as far as that is known."""
+        if self.start_ns is None:
+            return self._latest_ns
+        return max(monotonic - self.start_ns, 0)
+
+    def find_start(self) -> None:
+        """Ask the launcher when the graph has started, if that is not known."""
+        try:
+            told = self.graph.ask("graph", "clock", timeout_s=0.5)
+        except GraphError:
+            return
+        if told["now_ns"]:
+            self.start_ns = told["monotonic_ns"] - told["now_ns"]
+
+    def close(self) -> None:
+        """Let go."""
+        self._inquirer.close()
+        self._subscriber.close()
+
+    def _arrive(self, raw: bytes, monotonic: int) -> None:
+        end = raw.find(0)
+        if len(raw) > end + _FLAGS_OFFSET and raw[end + _FLAGS_OFFSET] & IN_PIECES:
+            raw = b"".join((raw, *self._subscriber.rest()))
+        if self.unmatched and raw[:end] in self.unmatched:
+            self._meet(raw, raw[:end])
+        if self.start_ns is None:
+            self._guess(raw)
+        self._taker(self.now_ns(monotonic), raw)
+
+    def _guess(self, raw: bytes) -> None:
+        """Take the latest stamp for the time until the graph's start is known."""
+        try:
+            self._latest_ns = max(self._latest_ns, parse(raw).stamp_ns)
+        except SchemaMismatch:
+            return
+
+    def _meet(self, raw: bytes, name: bytes) -> None:
+        """Hear a topic for the first time; a latched one has something to say from before."""
+        try:
+            frame = parse(raw)
+        except SchemaMismatch:
+            return
+        live = self.unmatched.pop(name)
+        if live.described.name in self._new:
+            self._taker.begin(live.described.name, frame.epoch, 1)
+            return
+        last = frame.sequence - (frame.kind == Kind.DATA)
+        if self._from_start or not live.described.latched_depth or not last:
+            return
+        first = max(last - live.described.latched_depth, 0) + 1
+        topic = live.described.name
+        try:
+            reply = self.graph.ask(live.node, "history", timeout_s=1.0, topic=topic, first=first, last=last)
+        except GraphError:
+            return
+        kept: list[bytes] = reply["frames"]
+        if kept:
+            self._taker.begin(topic, frame.epoch, parse(kept[0]).sequence)
+        for one in kept:
+            self._taker(self.now_ns(monotonic_ns()), one)
+
+    def _put(self, topic: str, question: _Question) -> None:
+        live = self._topics.get(topic)
+        if live is None:
+            return
+        self._questions[topic] = question._replace(asked_ns=monotonic_ns())
+        asked = {"topic": topic, "first": question.first, "last": question.last}
+        try:
+            serve = self._following.servers[topic] or self.graph.node(live.node).serve
+        except GraphError:
+            return
+        self._inquirer.ask(serve, {"op": "history", "node": live.node, **asked})
+
+    def _take_answers(self) -> None:
+        now_ns = monotonic_ns()
+        for reply in self._inquirer.replies():
+            question = self._questions.pop(reply.get("topic", ""), None)
+            if question is not None:
+                self._take_answer(reply, question, now_ns)
+        for topic, question in list(self._questions.items()):
+            if now_ns - question.asked_ns > ANSWER_NS:
+                del self._questions[topic]
+        for topic, waiting in list(self._waiting.items()):
+            if topic not in self._questions:
+                self._put(topic, waiting.popleft())
+                if not waiting:
+                    del self._waiting[topic]
+
+    def _take_answer(self, reply: dict[str, object], question: _Question, now_ns: int) -> None:
+        frames = reply.get("frames")
+        if reply.get("epoch") != question.epoch or not isinstance(frames, list) or not frames:
+            return
+        for raw in frames:
+            self._taker.fill(self.now_ns(now_ns), raw)
+        reached = parse(frames[-1]).sequence
+        if question.first <= reached < question.last:  # a reply holds only so many bytes
+            rest = question._replace(first=reached + 1)
+            self._waiting.setdefault(str(reply["topic"]), deque()).appendleft(rest)
+
+
+def renewed(graph: RunningGraph) -> RunningGraph:
+    """Return a running graph as its run directory describes it now."""
+    try:
+        record = msgspec.json.decode((graph.folder / "graph.json").read_bytes(), type=type(graph.record))
+    except (OSError, msgspec.MsgspecError):
+        return graph
+    return RunningGraph(record)

@@ -1,0 +1,231 @@
+"""Record a running graph on the wall clock: into a bag as it goes, or into memory until somebody asks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
+from palp_core.graph.bag.selection import topic_selection
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.recording.live_feed import Feed, renewed
+from palp_core.graph.recording.live_snapshot import SnapshotTaker
+from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, live_topics
+from palp_core.graph.recording.provenance import attachments
+from palp_core.graph.recording.record_options import RecordOptions
+
+__all__ = ["LiveRecorder"]
+
+WAIT_MS = 50
+LOOK_NS = 100_000_000
+ALIVE_NS = 500_000_000
+SAY_WAITING_NS = 5_000_000_000
+DRAIN_NS = 300_000_000
+LONGEST_DRAIN_NS = 10_000_000_000
+QUIET_TURNS = 4
+"""On a busy host no time says that nothing comes: the thread that fetches it may have had no turn."""
+
+
+class LiveRecorder:
+    """Follows a graph and records it.
+
+    Args:
+        graph: The running graph.
+        options: What and how.
+        say: Takes what a person should know.
+
+    Attributes:
+        saved: Snapshots that were written.
+        unheard: Topics that were waited for, and never heard.
+
+    Raises:
+        BagError: Nothing to record, a graph in simulated time, or the bag exists.
+        GraphError: The launcher does not answer.
+    """
+
+    def __init__(self, graph: RunningGraph, options: RecordOptions, say: Callable[[str], None]) -> None:
+        if graph.record.clock != "wall":
+            raise BagError(
+                f"graph '{graph.record.graph}' runs in simulated time: "
+                "record it with palp launch FILE --record DIR"
+            )
+        self._options, self._say = options, say
+        self._chosen = topic_selection(options.topics, options.regex, options.exclude_regex)
+        self._known = live_topics(graph)
+        unknown = [name for name in options.topics if name not in self._known]
+        if unknown:
+            graph.topic(unknown[0])  # says which name is near
+        if not any(map(self._chosen, self._known)):
+            raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
+        self._graph = graph
+        self._look_ns = 0
+        self._changed_ns = self._described_ns()
+        self.saved: list[str] = []
+        self.unheard: list[str] = []
+        topics = [live.described for live in self._known.values()]
+        self._attached = self._attachments()
+        taker: BagRecorder | SnapshotTaker
+        if options.snapshot_s:
+            taker = SnapshotTaker(round(options.snapshot_s * 1e9), topics)
+        else:
+            taker = self._bag(Path(options.out), from_start=options.from_start)
+        self._taker = taker
+        self._feed = Feed(graph, taker, from_start=options.from_start)
+        taker.missed, taker.moved = self._feed.ask, self._feed.move
+
+    @property
+    def ended(self) -> bool:
+        """Whether the graph has ended."""
+        return not self._graph.alive
+
+    def begin(self, wanted: Callable[[], bool]) -> bool:
+        """Listen until every topic has been heard; return whether that was so before the end was wanted.
+
+        What a node consumes comes last: it begins with the node's state, and everything that the node takes
+        up after that is in the bag.
+        """
+        chosen = {name: live for name, live in self._known.items() if self._chosen(name)}
+        orders = {name: live for name, live in chosen.items() if is_order(name)}
+        rest = {name: live for name, live in chosen.items() if name not in orders}
+        self.unheard = sorted(chosen)
+        for part in (rest, orders):
+            self._feed.follow(part)
+            if not self._match(wanted):
+                return False
+        self.unheard = []
+        kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
+        self._say(
+            f"recording {len(chosen)} topics of '{self._graph.record.graph}' to {self._options.out}{kept}"
+        )
+        return True
+
+    def _match(self, wanted: Callable[[], bool]) -> bool:
+        begin_ns, said = monotonic_ns(), False
+        while self._feed.unmatched:
+            self.turn()
+            self.unheard = [name for name in self.unheard if not self._taker.knows(name)]
+            if wanted() or self.ended:
+                return False
+            if not said and monotonic_ns() - begin_ns > SAY_WAITING_NS:
+                said = True
+                names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
+                self._say(f"not heard yet, recording what comes: {names}")
+        return True
+
+    def turn(self) -> None:
+        """Take what comes, for a moment."""
+        self._feed.take(WAIT_MS)
+        now_ns = monotonic_ns()
+        self._taker.tick(now_ns)
+        if self._feed.start_ns is None:
+            self._feed.find_start()
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            self._look()
+
+    def run(self, wanted: Callable[[], bool]) -> None:
+        """Record until the end is wanted or the graph has ended."""
+        look_ns = 0
+        while not wanted():
+            self.turn()
+            if monotonic_ns() >= look_ns:
+                look_ns = monotonic_ns() + ALIVE_NS
+                if self.ended:
+                    return
+
+    def save(self) -> str:
+        """Snapshot mode: write what is kept into a bag of its own; return what to say."""
+        if not isinstance(self._taker, SnapshotTaker):
+            raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
+        count = len(self.saved)
+        out = Path(self._options.out + (f"-{count}" if count else ""))
+        recorder = self._bag(out, from_start=False)
+        self._taker.save(recorder)
+        summary = recorder.close()
+        self.saved.append(str(out))
+        return f"{out}: {summary.text()}"
+
+    def close(self, *, patient: bool) -> RecordingSummary:
+        """Take what is still on its way, finish the bag, and return its account.
+
+        Args:
+            patient: The publishers have ended: wait until nothing more comes. Otherwise for a moment only, as
+                more always will.
+        """
+        end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
+        quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._taker.taken
+        while (now_ns := monotonic_ns()) < end_ns or self._feed.asking:
+            if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
+                break
+            self._feed.take(WAIT_MS)
+            self._taker.tick(now_ns)
+            quiet_turns += 1
+            if self._taker.taken != before:
+                before, quiet_ns, quiet_turns = self._taker.taken, now_ns, 0
+        summary = self._taker.close()
+        self._feed.close()
+        return summary
+
+    def _bag(self, out: Path, *, from_start: bool) -> BagRecorder:
+        options = self._options
+        writer = BagWriter(
+            out,
+            compression=options.compression,
+            max_bytes=options.max_bytes,
+            max_duration_ns=round(options.max_duration_s * 1e9),
+            custom={"start_unix_ns": str(unix_ns())},
+        )
+        record = self._graph.record
+        run = {
+            "graph": record.graph,
+            "file": record.file,
+            "clock": record.clock,
+            "run": self._graph.folder.name,
+        }
+        writer.note("palp", {**run, "run_start_unix_ns": str(record.start_unix_ns)})
+        topics = [live.described for live in self._known.values()]
+        return BagRecorder(writer, topics, from_start=from_start, attachments=self._attached)
+
+    def _attachments(self) -> dict[str, bytes]:
+        facts = self._graph.ask("graph", "launch")
+        answers = self._graph.ask_all("get_parameters", timeout_s=ASK_S) if self._graph.node_names else None
+        params = {name: reply["parameters"] for name, reply in answers.replies.items()} if answers else {}
+        return {
+            **attachments(facts, params),
+            "palp/run.json": json.dumps(msgspec.to_builtins(self._graph.record), indent=1).encode(),
+        }
+
+    def _look(self) -> None:
+        """See whether the graph has changed: a node that joined, or goes on elsewhere."""
+        changed_ns = self._described_ns()
+        if changed_ns == self._changed_ns:
+            return
+        self._changed_ns = changed_ns
+        self._graph = renewed(self._graph)
+        self._feed.describe(self._graph)
+        known = {entry.name for entry in self._graph.record.topics}
+        if not known <= self._known.keys():
+            self._add({n: live for n, live in live_topics(self._graph).items() if n not in self._known})
+
+    def _described_ns(self) -> int:
+        """Return when the graph was described last; 0 if it is gone."""
+        with contextlib.suppress(OSError):
+            return (self._graph.folder / "graph.json").stat().st_mtime_ns
+        return 0
+
+    def _add(self, new: dict[str, LiveTopic]) -> None:
+        """Record topics that have appeared."""
+        self._known |= new
+        for live in new.values():
+            self._taker.describe(live.described)
+        chosen = {name: live for name, live in new.items() if self._chosen(name)}
+        if chosen:
+            self._feed.follow(chosen, new=True)
+            self._say(f"also recording {', '.join(sorted(chosen))}")

@@ -1,0 +1,78 @@
+"""What a running graph publishes: every topic with its type, its place, and how much of it is kept."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.discovery.running_graph import LAUNCHER, RunningGraph
+from palp_core.graph.messages import builtin
+from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.node.event_publisher import EVENTS_PORT
+from palp_core.graph.node.journal import ORDER_PORT
+from palp_core.graph.node.spec import topic
+from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
+
+__all__ = ["ASK_S", "LiveTopic", "is_order", "live_topics"]
+
+ASK_S = 3.0
+_LATCHED = {EVENTS: 100, HEALTH: 1}
+_HIDDEN: dict[str, type[Message]] = {EVENTS_PORT: builtin.NodeEvent, ORDER_PORT: builtin.Order}
+
+
+class LiveTopic(NamedTuple):
+    """A topic of a running graph.
+
+    Attributes:
+        described: As a bag knows it.
+        node: Who publishes it, and is asked for what was missed.
+        publish: Where.
+    """
+
+    described: Topic
+    node: str
+    publish: str
+
+
+def is_order(name: str) -> bool:
+    """Tell whether a topic carries what a node consumes in which order."""
+    return name.endswith(f"/{ORDER_PORT}")
+
+
+def live_topics(graph: RunningGraph) -> dict[str, LiveTopic]:
+    """Return every topic of a running graph, the hidden ones and the launcher's among them, by name.
+
+    What the record of the run does not tell, the nodes are asked for; one that does not answer has only the
+    topics that are known without it, and none of them is known to be latched.
+    """
+    outputs: dict[str, dict[str, Any]] = {}
+    for info in graph.ask_all("info", timeout_s=ASK_S).replies.values() if graph.node_names else ():
+        outputs |= info.get("outputs", {})
+    found = {}
+    for entry in graph.record.topics:
+        depth = _LATCHED.get(entry.name, _latched_depth(outputs.get(entry.name, {})))
+        described = Topic(
+            name=entry.name,
+            type=entry.type,
+            type_hash=entry.type_hash,
+            json_schema=entry.json_schema,
+            latched_depth=depth,
+        )
+        found[entry.name] = LiveTopic(described, entry.node or LAUNCHER, entry.publish)
+    for node_entry in graph.record.nodes:
+        for port, message in _HIDDEN.items():
+            described = _described(topic(node_entry.name, port), message)
+            found[described.name] = LiveTopic(described, node_entry.name, node_entry.publish)
+    return found
+
+
+def _described(name: str, message: type[Message]) -> Topic:
+    schema = schema_of(message)
+    described = json_schema(schema)
+    return Topic(name=name, type=schema.name, type_hash=f"{schema.type_hash:016x}", json_schema=described)
+
+
+def _latched_depth(output: dict[str, Any]) -> int:
+    qos = output.get("qos", {})
+    return int(qos["depth"]) if qos.get("durability") == "transient_local" else 0

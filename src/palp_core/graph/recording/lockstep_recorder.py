@@ -1,0 +1,68 @@
+"""Record a lockstep run into a bag that stands alone: topics, graph, parameters, versions, git state."""
+
+from __future__ import annotations
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.selection import topic_selection
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.recording.provenance import attachments, launch_facts
+from palp_core.graph.recording.record_options import RecordOptions
+
+__all__ = ["RunRecorder"]
+
+TICK_FRAMES = 64
+
+
+class RunRecorder:
+    """Observes a lockstep graph and writes its bag.
+
+    Args:
+        graph: The graph about to run.
+        options: What to record, and how.
+
+    Raises:
+        BagError: The bag exists, or snapshots are wanted: in lockstep nobody can ask in time.
+    """
+
+    def __init__(self, graph: CheckedGraph, options: RecordOptions) -> None:
+        if options.snapshot_s:
+            raise BagError(f"{graph.file}: a recorder keeps the last seconds on the wall clock only")
+        select = topic_selection(options.topics, options.regex, options.exclude_regex)
+        writer = BagWriter(
+            options.out,
+            compression=options.compression,
+            max_bytes=options.max_bytes,
+            max_duration_ns=round(options.max_duration_s * 1e9),
+            custom={"start_unix_ns": str(unix_ns())},
+        )
+        topics = [
+            Topic(
+                name=name,
+                type=topic.type,
+                type_hash=topic.type_hash,
+                json_schema=topic.json_schema,
+                latched_depth=topic.qos.depth if topic.qos.durability == "transient_local" else 0,
+            )
+            for name, topic in graph.topics.items()
+        ]
+        self._recorder = BagRecorder(
+            writer, topics, select=select, attachments=attachments(launch_facts(graph))
+        )
+        self._out = options.out
+        self._count = 0
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        """Record one frame."""
+        self._recorder(now_ns, frame)
+        self._count += 1
+        if self._count % TICK_FRAMES == 0:
+            self._recorder.tick(monotonic_ns())
+
+    def close(self) -> tuple[bool, str]:
+        """Close the bag; return whether nothing is missing, and what to say."""
+        summary = self._recorder.close()
+        return summary.complete, f"{self._out}: {summary.text()}"

@@ -1,0 +1,75 @@
+"""What a bag says of the run it holds: graph, parameters, nodes, versions, git state.
+
+Every launcher can be asked for it, and few are: what it takes is imported then.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
+
+__all__ = ["attachments", "launch_facts"]
+
+PACKAGES = ("palp", "numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq")
+_YAML, _NODES, _WORKSPACE = "graph_yaml", "nodes", "workspace"
+
+
+def launch_facts(graph: CheckedGraph) -> dict[str, Any]:
+    """Return what only the launcher knows, as plain data for whoever records its graph."""
+    return {
+        _YAML: resolved_yaml(graph),
+        _NODES: msgspec.to_builtins(graph.nodes),
+        _WORKSPACE: graph.workspace,
+    }
+
+
+def attachments(facts: dict[str, Any], params: dict[str, dict[str, Any]] | None = None) -> dict[str, bytes]:
+    """Return a bag's attachments by name.
+
+    Args:
+        facts: From :func:`launch_facts`.
+        params: The nodes' parameters now; default: those of the launch file.
+    """
+    from palp_core.graph.bag.rounds import NODES_ATTACHMENT
+
+    launched = {spec["name"]: spec["params"] for spec in facts[_NODES]}
+    return {
+        "palp/graph.yaml": facts[_YAML].encode(),
+        NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(facts[_NODES])),
+        "palp/parameters.json": json.dumps(launched | (params or {}), indent=1).encode(),
+        "palp/versions.json": json.dumps(_versions(), indent=1).encode(),
+        "palp/git.txt": _git_state(Path(facts[_WORKSPACE])),
+    }
+
+
+def _versions() -> dict[str, str]:
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _git_state(workspace: Path) -> bytes:
+    """Return commit and changed files of the workspace; empty where it is no checkout or there is no git."""
+    import subprocess
+
+    said = b""
+    for command in (("rev-parse", "HEAD"), ("status", "--porcelain")):
+        try:
+            said += subprocess.run(
+                ("git", "-C", str(workspace), *command), capture_output=True, check=True, timeout=10.0
+            ).stdout
+        except (OSError, subprocess.SubprocessError):
+            return said
+    return said

@@ -1,0 +1,232 @@
+"""The recorders of a graph: of ``palp launch --record`` and of the launch file's entries."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+
+from palp_core.errors import BagError, NodeError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.discovery.run_directory import RunRecord
+from palp_core.graph.process.channel import LinkClosed
+from palp_core.graph.recording.record_options import RecordOptions
+from palp_core.graph.recording.recorder_messages import (
+    FromRecorder,
+    Record,
+    Recorded,
+    Recording,
+    Said,
+    from_recorder,
+)
+from palp_core.graph.recording.recorder_node import RecorderParams
+from palp_core.graph.supervision.launcher_node import GraphBus
+from palp_core.graph.supervision.sidecar import Companion
+
+if TYPE_CHECKING:
+    from palp_core.graph.recording.lockstep_recorder import RunRecorder
+
+__all__ = ["Recordings"]
+
+DEFAULT_NAME = "recorder"
+FINISH_NS = 60_000_000_000
+_LOG = logging.getLogger("palp.supervisor")
+
+
+class Loop(Protocol):
+    """Where descriptors are waited for."""
+
+    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
+        """Call when a descriptor can be read."""
+
+    def forget(self, descriptor: int) -> None:
+        """Wait for it no longer."""
+
+    def follow(self, until: Callable[[], bool]) -> object:
+        """Handle what happens until something is so."""
+
+
+class Recordings:
+    """Every recorder of one graph.
+
+    On the simulated clock the launcher itself writes the bags, as every message passes through it; on the
+    wall clock each recorder is a process.
+
+    Args:
+        graph: The graph about to run; None: there is none yet, and nothing to record.
+        out: A bag for all of it; None: only what the launch file says.
+
+    Raises:
+        BagError: A bag exists, or a recorder's flags make no sense.
+    """
+
+    def __init__(self, graph: CheckedGraph | None = None, out: Path | None = None) -> None:
+        self._results: list[tuple[bool, str]] = []
+        self._writers: list[RunRecorder] = []
+        self._processes: list[_Process] = []
+        self._wanted: list[tuple[str, RecordOptions, bool]] = []
+        if out is not None:
+            options = RecordOptions(out=str(out.absolute()), from_start=True)
+            self._wanted.append((DEFAULT_NAME, options, False))
+        for spec in graph.recorders if graph is not None else ():
+            params = msgspec.convert(spec.params, RecorderParams)
+            self._wanted.append((spec.name, _options(params), params.required))
+        for _, options, _ in self._wanted:
+            if Path(options.out).exists():
+                raise BagError(f"{options.out} exists already: choose another name")
+            if graph is not None and graph.clock == "sim":
+                from palp_core.graph.recording.lockstep_recorder import RunRecorder
+
+                self._writers.append(RunRecorder(graph, options))
+
+    def observe(self, now_ns: int, frame: bytes) -> None:
+        """Simulated clock: take a frame."""
+        for writer in self._writers:
+            writer(now_ns, frame)
+
+    def begin(self, folder: Path, bus: GraphBus, loop: Loop | None) -> None:
+        """Wall clock: start the recorders; return when each hears every topic.
+
+        Args:
+            folder: The run directory.
+            bus: Knows where everything is, and is told when one ends.
+            loop: Waits for what they say; None where all nodes are in this process.
+
+        Raises:
+            BagError: One cannot record.
+        """
+        if self._writers or not self._wanted or loop is None or bus.record is None:
+            return
+        for name, options, required in self._wanted:
+            self._processes.append(_Process(name, bus.record, options, folder, bus, loop, required=required))
+        for process in self._processes:
+            loop.follow(lambda process=process: process.ready)  # type: ignore[misc]
+            if process.refused:
+                raise BagError(f"recorder '{process.name}': {process.refused}")
+
+    def close(self) -> None:
+        """Let every recorder finish its bag."""
+        self._results += [writer.close() for writer in self._writers]
+        self._results += [process.close() for process in self._processes]
+        self._writers, self._processes = [], []
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is missing in any of the bags."""
+        return all(complete for complete, _ in self._results)
+
+    @property
+    def text(self) -> str:
+        """What to say about the bags; "" if there are none."""
+        return "\n".join(text for _, text in self._results)
+
+
+class _Process:
+    """One recorder's process, as the launcher sees it.
+
+    Attributes:
+        ready: It records, or it never will.
+        refused: Why it cannot record; "" if it can.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        record: RunRecord,
+        options: RecordOptions,
+        folder: Path,
+        bus: GraphBus,
+        loop: Loop,
+        *,
+        required: bool,
+    ) -> None:
+        self.name = name
+        self.ready = False
+        self.refused = ""
+        self._options, self._bus, self._loop, self._required = options, bus, loop, required
+        self._result: tuple[bool, str] | None = None
+        self._companion: Companion[FromRecorder] = Companion(
+            "palp_core.graph.recording.recorder_process", from_recorder(), folder / "log" / f"{name}.log"
+        )
+        self._began = self._gone = False
+        loop.watch(self._companion.descriptor, self._hear)
+        with contextlib.suppress(LinkClosed):
+            self._companion.send(Record(record, options))
+
+    def _hear(self) -> None:
+        """Take what it says.
+
+        Raises:
+            NodeError: It is gone, and the launch file wants the graph to end with it.
+        """
+        try:
+            for word in self._companion.news():
+                self._take(word)
+        except LinkClosed:
+            self._lose()
+
+    def _take(self, word: FromRecorder) -> None:
+        if isinstance(word, Recording):
+            self.ready = self._began = True
+        elif isinstance(word, Said):
+            _LOG.log(logging.INFO if self.ready else logging.WARNING, "%s: %s", self.name, word.text)
+        elif isinstance(word, Recorded):
+            self._result = (word.complete, word.text)
+        elif self._began:
+            self._fail(word.text)
+        else:
+            self.ready, self.refused = True, word.text
+
+    def _lose(self) -> None:
+        self._loop.forget(self._companion.descriptor)
+        self._gone = self.ready = True
+        if self._result is None and not self.refused:
+            out = self._options.out
+            self._fail(f"the recorder has ended; save what it has written: palp bag recover {out} -o NEW")
+
+    def _fail(self, text: str) -> None:
+        """Say that there will be no whole bag.
+
+        Raises:
+            NodeError: The launch file wants the graph to end with its recorder.
+        """
+        self._result = (False, f"{self._options.out}: {text}")
+        self._bus.report("recorder", self.name, text)
+        _LOG.warning("%s: %s", self.name, text)
+        if not self._began:
+            self.refused = "its process has ended"
+        elif self._required:
+            raise NodeError(self.name, text)
+
+    def close(self) -> tuple[bool, str]:
+        """Ask for the bag's end and wait for it; return whether nothing is missing, and what to say."""
+        self._required = False  # the graph has ended
+        if not self._gone:
+            self._loop.forget(self._companion.descriptor)
+            end_ns = monotonic_ns() + FINISH_NS
+            self._companion.finish()
+            with contextlib.suppress(LinkClosed):
+                while self._result is None and self._companion.wait((end_ns - monotonic_ns()) / 1e9):
+                    for word in self._companion.news():
+                        self._take(word)
+        self._companion.close()
+        return self._result or (False, f"{self._options.out}: the recorder did not finish its bag")
+
+
+def _options(params: RecorderParams) -> RecordOptions:
+    return RecordOptions(
+        out=str(Path(params.out).absolute()),
+        topics=[name if name.startswith("/") else f"/{name}" for name in params.topics],
+        regex=params.regex or None,
+        exclude_regex=params.exclude_regex or None,
+        max_bytes=params.max_bag_size,
+        max_duration_s=params.max_bag_duration_s,
+        snapshot_s=params.snapshot_s,
+        compression=params.compression,
+        from_start=not params.snapshot_s,
+    )

@@ -1,0 +1,210 @@
+"""Where played messages go: into a run of their own, or into ports of a running graph."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.clock import WallClock, monotonic_ns
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.node import class_name
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.node_services import CHANGING, NodeCommands
+from palp_core.graph.replay.player import Replayed, replayed_class
+from palp_core.graph.supervision.launcher_node import NAME, GraphBus
+from palp_core.graph.transport.publisher_socket import Broadcast
+
+__all__ = ["GraphSink", "PlayRun", "Sink"]
+
+GRAPH = "play"
+PROCESS = "player"
+BEAT_NS = 100_000_000
+
+
+class Sink(Protocol):
+    """Takes what is played."""
+
+    @property
+    def file_descriptors(self) -> tuple[int, ...]:
+        """Become readable when :meth:`poll` has something to do."""
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Publish a message with these bytes."""
+
+    def poll(self) -> bool:
+        """Answer whoever asks, without waiting; return whether there may be more."""
+
+    def reader_count(self) -> int:
+        """Return how many subscriptions there are."""
+
+    def close(self) -> None:
+        """End."""
+
+
+class PlayRun:
+    """A run of its own, in which the recorded nodes seem to run: tools find them, their topics, their types.
+
+    Args:
+        source: The bag, for the record.
+        topics: What will be played, by the names under which it is.
+
+    Raises:
+        BagError: A topic that cannot be played.
+    """
+
+    def __init__(self, source: Path, topics: Mapping[str, Topic]) -> None:
+        by_node: dict[str, dict[str, Topic]] = {}
+        for name, topic in topics.items():
+            _, node, port = name.split("/")
+            by_node.setdefault(node, {})[port] = topic
+        classes = {node: replayed_class(Replayed, node, ports) for node, ports in by_node.items()}
+        with contextlib.ExitStack() as stack:
+            self._clock = WallClock(monotonic_ns())
+            self._directory = RunDirectory(GRAPH)
+            stack.callback(self._directory.remove)
+            where = str(self._directory.path)
+            self._broadcast = Broadcast(*endpoints(where, PROCESS))
+            stack.callback(self._broadcast.close)
+            self._bus = GraphBus(where, self._clock.now_ns)
+            stack.callback(self._bus.close)
+            self._bus.answer("stop", lambda _: self._stop())
+            self._executors = {
+                node: Executor(
+                    node_class, NodeSpec(name=node, run=class_name(node_class)), self._clock, self._send
+                )
+                for node, node_class in classes.items()
+            }
+            self._way = {
+                out.topic: (executor, out)
+                for executor in self._executors.values()
+                for out in executor.outlets.values()
+            }
+            for node, executor in self._executors.items():
+                executor.resend = self._send
+                executor.transition(Transition.CONFIGURE)
+                executor.transition(Transition.ACTIVATE)
+                self._broadcast.offer(executor.outlets.values())
+                self._broadcast.answer(node, NodeCommands(executor).operations(), CHANGING)
+            self._announce(source, where, topics)
+            self._bus.report("started", "", f"{source}: {len(classes)} recorded nodes are played")
+            self._stack = stack.pop_all()
+        self._next_beat_ns = 0
+
+    def _send(self, frame: bytes) -> None:
+        self._broadcast.send(frame)
+
+    def _stop(self) -> dict[str, str]:
+        raise GraphError("a bag is played here; end it where it was started, with Ctrl-C")
+
+    def _announce(self, source: Path, where: str, topics: Mapping[str, Topic]) -> None:
+        at = endpoints(where, PROCESS)
+        nodes = [NodeEntry(n, executor.spec.run, os.getpid(), *at) for n, executor in self._executors.items()]
+        entries = []
+        for name, topic in topics.items():
+            kind = schema_of(self._way[name][1].message)
+            entries.append(
+                TopicEntry(
+                    name, kind.name, f"{kind.type_hash:016x}", name.split("/")[1], at[0], topic.json_schema
+                )
+            )
+        entries += GraphBus.topics(where)
+        self._bus.record = record_for(GRAPH, str(source), "wall", endpoints(where, NAME)[1], nodes, entries)
+        self._directory.write(self._bus.record)
+
+    @property
+    def file_descriptors(self) -> tuple[int, ...]:
+        """As of :class:`Sink`."""
+        return (*self._broadcast.file_descriptors, *self._bus.file_descriptors)
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """As of :class:`Sink`."""
+        executor, outlet = self._way[topic]
+        executor.begin_command()
+        outlet.forward(payload)
+
+    def poll(self) -> bool:
+        """As of :class:`Sink`."""
+        now_ns = monotonic_ns()
+        if now_ns >= self._next_beat_ns:
+            self._next_beat_ns = now_ns + BEAT_NS
+            self._broadcast.beat()
+        self._broadcast.poll()
+        self._broadcast.perform()
+        self._bus.poll()
+        return self._broadcast.pending()
+
+    def reader_count(self) -> int:
+        """As of :class:`Sink`."""
+        return self._broadcast.subscription_count
+
+    def close(self) -> None:
+        """As of :class:`Sink`."""
+        self._bus.report("ending", "", "the bag has come to its end")
+        self._broadcast.beat()
+        self._stack.close()
+
+
+class GraphSink:
+    """Ports of a running graph that its launch file declares external.
+
+    Args:
+        graph: The graph.
+        topics: What is to be played.
+
+    Attributes:
+        taken: Those of the topics that are such ports.
+
+    Raises:
+        GraphError: None of them is.
+    """
+
+    file_descriptors: tuple[int, ...] = ()
+
+    def __init__(self, graph: RunningGraph, topics: Mapping[str, Topic]) -> None:
+        self._graph = graph
+        known: dict[str, str] = {}
+        for node, info in graph.ask_all("info").replies.items():
+            ports = graph.ask(node, "schemas")["ports"] if info.get("external") else {}
+            known |= {
+                f"/{node}/{port}": ports[port]["types"][0]["type_hash"] for port in info.get("external", [])
+            }
+        self.taken = [name for name in topics if name in known]
+        if not self.taken:
+            raise GraphError(
+                f"graph '{graph.record.graph}' takes none of the bag's topics from outside; it takes: "
+                f"{', '.join(known) or 'none'}. Declare an input external: true in the launch file, or name "
+                "one with --remap RECORDED:=/node/port"
+            )
+        for name in self.taken:
+            if topics[name].type_hash not in ("", known[name]):
+                raise GraphError(
+                    f"{name} takes another type than {topics[name].type}; remap another topic to it"
+                )
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """As of :class:`Sink`; what the node refuses is an error."""
+        _, node, port = topic.split("/")
+        self._graph.ask(node, "publish", port=port, message=msgspec.msgpack.decode(payload))
+
+    def poll(self) -> bool:
+        """As of :class:`Sink`."""
+        return False
+
+    def reader_count(self) -> int:
+        """As of :class:`Sink`: a port's node reads it."""
+        return len(self.taken)
+
+    def close(self) -> None:
+        """As of :class:`Sink`: the graph goes on."""

@@ -1,0 +1,238 @@
+"""Nodes that say again what recorded nodes said: the payload bytes as recorded, under the same topics.
+
+In a launch file a :class:`Player` takes the place of a recorded node: it runs under that node's name, its
+outputs are that node's topics in the bag, and on either clock it publishes each message when the recorded
+node did; in lockstep in the same round. Time counts from the start of the recorded graph, or from the first
+message of a bag that was begun later. Its sequences begin at 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Self
+
+from msgspec import Meta
+
+from palp_core.errors import BagError, GraphError
+from palp_core.graph.bag.message_class import message_class
+from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.bag.rounds import Rounds
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.node import Node, Params, ReadOnly, State
+from palp_core.graph.node.ports import Alarm, Pub, on
+from palp_core.graph.node.publisher import Outlet
+from palp_core.units import Count, Seconds
+
+__all__ = ["Player", "Replayed", "playable", "replayed_class", "span_ns"]
+
+Rate = Annotated[float, Meta(ge=1e-3, le=1e3)]
+LAUNCHER = "graph"
+TOGETHER_NS = 1_000_000_000
+"""Players that are activated within this of the graph's start count from the start, all from the same; a bag
+that begins within this of its graph's start was begun with it."""
+ROUND_GAP_NS = 2_000_000
+"""On the wall clock, time between the rounds of one recorded instant: more than a message is on its way to
+another process (assumed), so that effects do not overtake causes where each player is a process."""
+
+
+def playable(bag: Bag) -> dict[str, Topic]:
+    """Return the topics of a bag that a node published of its own will; the runtime's own are not among them.
+
+    Orders, events and health are the runtime's, and replies to services belong to who asked.
+
+    Raises:
+        BagError: A file was never closed, so that what is in it is not known before it is read.
+    """
+    if torn := [file.path.name for file in bag.files if not file.closed]:
+        raise BagError(f"{bag.path}: {torn[0]} was never closed; mend it first: palp bag recover BAG -o NEW")
+    found = {}
+    for name, topic in bag.topics().items():
+        parts = name.split("/")
+        if len(parts) == 3 and not parts[0] and parts[1] != LAUNCHER and not parts[2].startswith("_"):
+            found[name] = topic
+    return found
+
+
+def span_ns(bag: Bag) -> tuple[int, int]:
+    """Return the log times of a bag's first and last message, in ns; (0, 0) of an empty one."""
+    known = [file.statistics for file in bag.files if file.statistics is not None]
+    if len(known) == len(bag.files):
+        filled = [s for s in known if sum(s.counts.values())]
+        return min((s.start_ns for s in filled), default=0), max((s.end_ns for s in filled), default=0)
+    first = last = None
+    for message in bag.recorded():  # another tool's file may have no statistics
+        first = message.log_ns if first is None else min(first, message.log_ns)
+        last = message.log_ns if last is None else max(last, message.log_ns)
+    return first or 0, last or 0
+
+
+def replayed_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> type[Node]:
+    """Return a node class whose outputs are recorded topics.
+
+    Args:
+        base: What it does.
+        node: The name it runs under.
+        topics: By port.
+
+    Raises:
+        BagError: A topic that cannot be played: no schema, or a name that is the runtime's.
+    """
+    ports = {port: Pub(message_class(topic), qos=_offer(topic)) for port, topic in topics.items()}
+    own = sorted(port for port in ports if hasattr(base, port))
+    if own:
+        raise BagError(f"/{node}/{own[0]} cannot be played: the name is the player's own; remap the topic")
+    body = {
+        **ports,
+        "__module__": base.__module__,
+        "__qualname__": base.__qualname__,
+        "__doc__": base.__doc__,
+    }
+    try:
+        return type(base.__name__, (base,), body)
+    except GraphError as error:
+        raise BagError(f"/{node} cannot be played: {error}") from error
+
+
+def _offer(topic: Topic) -> Qos:
+    if topic.latched_depth:
+        return Qos(durability="transient_local", depth=topic.latched_depth)
+    return Qos(depth=100)
+
+
+class Replayed(Node):
+    """Stands for a recorded node and does nothing by itself: whoever plays the bag publishes for it."""
+
+
+class PlayerParams(Params):
+    """Which bag, and how fast.
+
+    Attributes:
+        bag: Its folder or one of its files, from where you are.
+        rate: Times the recorded speed.
+        start_offset_s: What to leave out from the bag's beginning.
+        hold_s: Time on the graph's clock from the last message of the bag to the end of the player's work.
+    """
+
+    bag: ReadOnly[str]
+    rate: ReadOnly[Rate] = 1.0
+    start_offset_s: ReadOnly[Seconds] = 0.0
+    hold_s: ReadOnly[Seconds] = 0.5
+
+
+class PlayerState(State):
+    """How many messages have been published, and when on the graph's clock the bag began; -1: it has not."""
+
+    played_count: Count = 0
+    begin_ns: int = -1
+
+    @classmethod
+    def adopt(cls, old: Any) -> Self:  # noqa: ARG003 - what another node remembered is nothing to a player
+        """Begin at the bag's beginning in the place of any node."""
+        return cls()
+
+
+class Player(Node):
+    """Publish what the node of this name published when a bag was recorded."""
+
+    params: PlayerParams
+    state: PlayerState
+    next_message_is_due = Alarm()
+
+    _messages: Iterator[tuple[int, RecordedMessage]]
+    _next: tuple[int, RecordedMessage] | None
+    _bag: Bag | None = None
+    _instant_ns = -1
+    _round = 0
+
+    @classmethod
+    def shaped(cls, name: str, params: Mapping[str, Any]) -> type[Node]:
+        path = params.get("bag")
+        if not isinstance(path, str):
+            return cls  # the check of the parameters says what is wrong
+        with Bag(path) as bag:
+            known = playable(bag)
+            mine = {t.split("/")[2]: topic for t, topic in known.items() if t.split("/")[1] == name}
+            if not mine:
+                there = sorted({topic.split("/")[1] for topic in known})
+                raise BagError(
+                    f"{path} has no messages of a node '{name}' that could be played; it has those of: "
+                    f"{', '.join(there) or 'none'}"
+                )
+            return replayed_class(cls, name, mine)
+
+    def on_configure(self) -> None:
+        self._open()
+
+    def on_activate(self) -> None:
+        now_ns = self.now_ns()
+        self.state.begin_ns = now_ns if now_ns > TOGETHER_NS else 0
+        self._go_on()
+
+    def on_resume(self) -> None:
+        if self.state.begin_ns < 0:
+            self.state.begin_ns = self.now_ns()
+        for _ in range(self.state.played_count):
+            self._next = next(self._messages, None)
+        self._go_on()
+
+    def on_cleanup(self) -> None:
+        self._close()
+
+    def on_shutdown(self) -> None:
+        self._close()
+
+    @on(next_message_is_due)
+    def _play(self) -> None:  # no name that a recorded port could have
+        self._round += 1
+        self._go_on()
+
+    def _open(self) -> None:
+        self._bag = Bag(self.params.bag)
+        first_ns, self._last_ns = span_ns(self._bag)
+        begin_ns = first_ns if first_ns > TOGETHER_NS else 0
+        self._first_ns = begin_ns + round(self.params.start_offset_s * 1e9)
+        self._messages = self._mine(self._bag)
+        self._next = next(self._messages, None)
+
+    def _mine(self, bag: Bag) -> Iterator[tuple[int, RecordedMessage]]:
+        """Yield this node's messages, each with the round of its instant."""
+        rounds, known = Rounds.of(bag), playable(bag)
+        shown = [topic for topic in bag.topics() if topic.startswith("/") and "/_" not in topic]
+        for message in bag.recorded(shown, start_ns=self._first_ns):
+            name = message.stream.topic.name
+            place = rounds(message.log_ns, name)
+            if name in known and name.split("/")[1] == self.name:
+                yield place, message
+
+    def _close(self) -> None:
+        if self._bag is not None:
+            self._bag.close()
+
+    def _go_on(self) -> None:
+        """Publish everything that is due, and set the alarm for what comes next."""
+        while self._next is not None:
+            place, message = self._next
+            due_ns = self._due_ns(message.publish_ns)
+            if due_ns > self.now_ns():
+                self.next_message_is_due.set(due_ns)
+                return
+            if message.log_ns != self._instant_ns:
+                self._instant_ns, self._round = message.log_ns, 0
+            if place > self._round:
+                late = self.now_ns() > due_ns  # as always on the wall clock and never in lockstep
+                self.next_message_is_due.set(self.now_ns() + (ROUND_GAP_NS if late else 0))
+                return
+            outlet: Outlet[Any] = getattr(self, message.stream.topic.name.split("/")[2])
+            outlet.forward(message.payload)
+            self.state.played_count += 1
+            self._next = next(self._messages, None)
+        end_ns = self._due_ns(self._last_ns) + round(self.params.hold_s * 1e9)
+        if end_ns > self.now_ns():
+            self.next_message_is_due.set(end_ns)
+        else:
+            self.finish()
+
+    def _due_ns(self, recorded_ns: int) -> int:
+        since_ns = max(recorded_ns - self._first_ns, 0)
+        return self.state.begin_ns + round(since_ns / self.params.rate)

@@ -1,0 +1,299 @@
+"""Drive nodes again from a bag and compare what they publish with what was recorded, byte by byte.
+
+Each node wrote down what it consumed, in order: activation, timers, messages, changes of parameters. A fresh
+node is driven through exactly that on a clock that shows what it showed then, as fast as the machine allows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import BagError, NodeError
+from palp_core.graph.bag.diff import first_difference
+from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.bag.recorder import SUMMARY_NAME
+from palp_core.graph.bag.rounds import NODES_ATTACHMENT
+from palp_core.graph.bag.values import decoder_for
+from palp_core.graph.clock import SimClock, monotonic_ns
+from palp_core.graph.messages.builtin import Order
+from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.message import decode, decode_any
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.loading import load_class
+from palp_core.graph.node.node import class_name
+from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.process.node_services import read_request, serve_outside, set_parameters
+from palp_core.graph.replay.replay_result import Divergence, NodeReplay, differing_fields
+from palp_core.graph.replay.streams import InOrder, Inputs, key_of
+
+__all__ = ["Divergence", "NodeReplay", "replay"]
+
+RECENT = 5
+Close = Callable[[float, float], bool]
+
+
+def replay(
+    path: str | Path, nodes: Sequence[str], workspace: str | Path, close: Close | None = None
+) -> list[NodeReplay]:
+    """Replay named nodes of a recorded run, each from the bag alone.
+
+    Args:
+        path: The bag.
+        nodes: Running names.
+        workspace: Folder that holds ``nodes/``.
+        close: Tells of two numbers whether they count as equal (another kind of processor rounds otherwise);
+            None: outputs are to have the recorded bytes.
+
+    Raises:
+        BagError: The bag was not recorded with its graph, has no such node, lacks a message that the node
+            consumed, or the node writes files or moves a device.
+        NodeError: The node fails where it did not.
+    """
+    with Bag(path) as bag:
+        attached = bag.attachments().get(NODES_ATTACHMENT)
+        if attached is None:
+            raise BagError(
+                f"{path}: no {NODES_ATTACHMENT} in it; "
+                "record with palp launch FILE --record DIR, or palp bag record -a"
+            )
+        specs = {spec.name: spec for spec in msgspec.json.decode(attached, type=list[NodeSpec])}
+        for name in nodes:
+            if name not in specs:
+                raise BagError(f"{path}: no node '{name}' in it; there are: {', '.join(specs)}")
+        return [_Replay(bag, specs[name], str(workspace), close).run() for name in nodes]
+
+
+class _Replay:
+    """One node driven from its written order.
+
+    It begins where the node became active; in a recording that began later, where the node's state was
+    written down; and anew after a restart, a swap or a hole in the written order.
+    """
+
+    def __init__(self, bag: Bag, spec: NodeSpec, workspace: str, close: Close | None) -> None:
+        self._bag, self._spec, self._workspace, self._close = bag, spec, workspace, close
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        self._clock = SimClock()
+        self._frames: list[bytes] = []
+        self._executor: Executor | None = None
+        self._hand_over: HandOver | None = None
+        self._order_topic = topic(spec.name, ORDER_PORT)
+        self._inputs = Inputs(bag)
+        self._outputs: dict[str, InOrder] = {}
+        self._waiting: dict[str, RecordedMessage | None] = {}
+        self._synced: set[str] = set()
+        self._last_input: tuple[str, int, int] | None = None
+        self._recent: deque[str] = deque(maxlen=RECENT)
+        self._compared = self._uncovered = self._consumed = 0
+        self._first_ns: int | None = None
+        self._whole = SUMMARY_NAME in bag.attachments()
+        self._cut = False
+
+    def run(self) -> NodeReplay:
+        """Drive the node to the end of its order, or to the first difference."""
+        begin_ns = monotonic_ns()
+        divergence, end = self._drive()
+        if self._executor is None:
+            raise BagError(
+                f"{self._bag.path}: it is not recorded what node '{self._spec.name}' consumed "
+                f"({self._order_topic}): record all topics, palp bag record -a"
+            )
+        if divergence is None:
+            divergence = self._missing(end)
+            with contextlib.suppress(NodeError):
+                self._executor.transition(Transition.SHUTDOWN)
+        return NodeReplay(
+            node=self._spec.name,
+            consumed=self._consumed,
+            compared=self._compared,
+            uncovered=self._uncovered,
+            clock_s=(self._clock.now_ns() - (self._first_ns or 0)) / 1e9,
+            wall_s=(monotonic_ns() - begin_ns) / 1e9,
+            divergence=divergence,
+        )
+
+    def _drive(self) -> tuple[Divergence | None, tuple[int, int]]:
+        """Consume the order; return the first difference, and the epoch and time that the order reaches."""
+        place, end = (-1, 0), (-1, 0)
+        for message in InOrder(self._bag, self._order_topic):
+            order = decode(Order, message.payload)
+            follows = key_of(message) == (place[0], place[1] + 1)
+            if not self._begin(order, message.stream.epoch, follows=follows and self._executor is not None):
+                continue
+            assert self._executor is not None
+            place, end = key_of(message), (message.stream.epoch, order.stamp_ns)
+            for entry in range(len(order.source)):
+                now_ns = order.now_ns[entry]
+                self._first_ns = now_ns if self._first_ns is None else self._first_ns
+                self._clock.set(now_ns)
+                try:
+                    self._consume(order, entry)
+                except NodeError:
+                    if entry + 1 < len(order.source):
+                        raise
+                    self._executor.finish(1)  # it failed then, too: nothing follows but its next process
+                self._consumed += 1
+                divergence = self._difference()
+                if divergence is not None or self._cut:
+                    return divergence, end
+        return None, end
+
+    def _begin(self, order: Order, epoch: int, *, follows: bool) -> bool:
+        """Have a node for a batch of the order; return False if it does not say where to begin."""
+        hand_over = decode_any(HandOver, order.hand_over) if order.hand_over else None
+        if follows and (hand_over is None or not self._was_replaced(hand_over)):
+            return True
+        begins = bool(order.source) and order.sources[order.source[0]] == Transition.ACTIVATE
+        if hand_over is None and not begins:
+            return False
+        spec = msgspec.structs.replace(self._spec, epoch=epoch)
+        if hand_over is not None:
+            spec = msgspec.structs.replace(spec, params=hand_over.params)
+            run = self._spec.run if self._has_class(hand_over.node_class) else hand_over.node_class
+            spec = msgspec.structs.replace(spec, run=run)
+        self._executor = executor = _executor(spec, self._workspace, self._clock, self._frames)
+        if hand_over is not None:
+            executor.take_over(hand_over)
+            executor.ends.resume(hand_over)  # whatever it said as it took over, it has said before
+        self._frames.clear()
+        self._synced.clear()
+        self._hand_over = hand_over
+        return True
+
+    def _has_class(self, name: str) -> bool:
+        return class_name(load_class(self._spec.run, self._workspace)) == name
+
+    def _was_replaced(self, hand_over: HandOver) -> bool:
+        """Tell whether another class is at work since the last batch: a swap."""
+        assert self._executor is not None
+        return class_name(type(self._executor.node)) != hand_over.node_class
+
+    def _consume(self, order: Order, entry: int) -> None:
+        executor = self._executor
+        assert executor is not None
+        source, sequence = order.sources[order.source[entry]], order.sequence[entry]
+        self._recent.append(f"{source} {sequence} at {order.now_ns[entry] / 1e9:.6f} s")
+        if source in TRANSITIONS or source == Transition.SHUTDOWN:
+            executor.transition(Transition(source))
+        elif source == PARAMETERS:
+            set_parameters(executor, json.loads(order.changes[sequence]))
+        elif source.startswith(OUTSIDE):
+            service = source.removeprefix(OUTSIDE)
+            written = json.loads(order.changes[sequence])["request"]
+            serve_outside(executor, service, read_request(executor, service, written))
+        elif source.startswith("timer:"):
+            executor.ring(source.removeprefix("timer:"), sequence)
+        else:
+            name = executor.ends.topic_of_source[source]
+            this = (name, order.epoch[entry], sequence)
+            if this != self._last_input:  # one topic may feed two inputs: both are served at once
+                self._last_input = this
+                frame = self._recorded_frame(*this)
+                if frame:
+                    executor.consume(frame)
+
+    def _recorded_frame(self, name: str, epoch: int, sequence: int) -> bytes:
+        """Return a message that the node consumed; empty at the end of a bag whose recorder was killed."""
+        message = self._inputs.find(name, epoch, sequence)
+        self._cut = message is None and not self._whole
+        if self._cut:
+            return b""
+        if message is None:
+            raise BagError(
+                f"{self._spec.name} consumed {name} {sequence} (epoch {epoch}); it is not in the bag"
+            )
+        type_hash = int(message.stream.topic.type_hash, 16)
+        return pack(name.encode(), Kind.DATA, epoch, sequence, message.publish_ns, type_hash, message.payload)
+
+    def _difference(self) -> Divergence | None:
+        """Compare what the node has just published with the recording."""
+        frames, self._frames[:] = self._frames[:], []
+        for frame in map(parse, frames):
+            if frame.topic == self._order_topic:
+                continue
+            recorded = self._next_output(frame.topic, (frame.epoch, frame.sequence))
+            if recorded is None and not self._whole:
+                self._cut = True
+                return None
+            if recorded is None:
+                return self._diverged(frame.topic, frame.sequence, "replayed, but not recorded")
+            if (recorded.sequence, recorded.publish_ns) != (frame.sequence, frame.stamp_ns):
+                was = f"recorded as {recorded.sequence} at {recorded.publish_ns} ns"
+                return self._diverged(
+                    frame.topic, frame.sequence, f"{was}, replayed as {frame.sequence} at {frame.stamp_ns} ns"
+                )
+            if not self._same(recorded, bytes(frame.payload)):
+                return self._diverged(
+                    frame.topic, frame.sequence, differing_fields(recorded.payload, bytes(frame.payload))
+                )
+            self._waiting[frame.topic] = None
+            self._compared += 1
+        return None
+
+    def _same(self, recorded: RecordedMessage, payload: bytes) -> bool:
+        if recorded.payload == payload or self._close is None:
+            return recorded.payload == payload
+        name = recorded.stream.topic.name
+        known = self._decoders[name] = self._decoders.get(name) or decoder_for(recorded.stream)
+        return first_difference(known(recorded.payload), known(payload), self._close) is None
+
+    def _next_output(self, name: str, key: tuple[int, int]) -> RecordedMessage | None:
+        """Return the recorded output that is due; what is before the place of beginning is not compared."""
+        messages = self._outputs.setdefault(name, InOrder(self._bag, name))
+        message = self._waiting.get(name) or next(messages, None)
+        while message is not None and name not in self._synced and key_of(message) < key:
+            self._uncovered += 1
+            message = next(messages, None)
+        self._synced.add(name)
+        self._waiting[name] = message
+        return message
+
+    def _missing(self, end: tuple[int, int]) -> Divergence | None:
+        """Return the first output that was recorded and not replayed, as far as the order reaches."""
+        assert self._executor is not None
+        taken_in = {topic(self._spec.name, port) for port in (ORDER_PORT, *self._spec.external)}
+        for name, outlet in self._executor.outlets.items():
+            if name in taken_in:
+                continue
+            left = self._next_output(name, (outlet.epoch, outlet.sequence + 1))
+            if left is not None and (left.stream.epoch, left.publish_ns) <= end:
+                return self._diverged(name, left.sequence, "recorded, but not replayed")
+            rest = self._outputs[name]
+            self._uncovered += (left is not None) + sum(1 for _ in rest)
+        return None
+
+    def _diverged(self, name: str, sequence: int, what: str) -> Divergence:
+        return Divergence(
+            topic=name,
+            sequence=sequence,
+            now_s=self._clock.now_ns() / 1e9,
+            what=what,
+            after=self._recent[-1] if self._recent else "nothing",
+            inputs=list(self._recent),
+        )
+
+
+def _executor(spec: NodeSpec, workspace: str, clock: SimClock, frames: list[bytes]) -> Executor:
+    """Return a configured node that can be driven without harm.
+
+    Raises:
+        BagError: It writes files or moves a device.
+    """
+    node_class = load_class(spec.run, workspace)
+    if node_class.records:
+        raise BagError(f"node '{spec.name}' keeps a record on disk; replaying it would write it again")
+    if node_class.moves and spec.params.get("device", "sim") != "sim":
+        raise BagError(f"node '{spec.name}' moves a device; only simulated ones are replayed")
+    executor = Executor(node_class, spec, clock, frames.append)
+    executor.transition(Transition.CONFIGURE)
+    return executor

@@ -1,0 +1,1 @@
+"""The processes of a graph: started, watched, restarted, ended."""

@@ -1,0 +1,168 @@
+"""The supervisor's ends of all nodes' lines: who is connected, and what they say.
+
+Nothing here waits for a node: one that is stopped in the middle of a message must not stop the supervisor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from palp_core.graph.process.channel import FromNode, Hello, Link, LinkClosed, ToNode, supervisor_end
+
+__all__ = ["Switchboard"]
+
+
+class Switchboard:
+    """Lines to named nodes, numbered by their place in the list.
+
+    Args:
+        path: Unix socket on which nodes report.
+        names: Nodes that may connect; whoever else does is turned away.
+        others: Descriptors of others to wait for in the same place.
+    """
+
+    def __init__(self, path: Path, names: Sequence[str], others: Iterable[int]) -> None:
+        self._names = list(names)
+        self._links: dict[int, Link[FromNode]] = {}
+        self._strangers: dict[int, Link[FromNode]] = {}
+        self._index_of: dict[int, int] = {}
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        self._listener.listen(len(self._names) + 8)
+        self._handlers: dict[int, Callable[[], None]] = {}
+        self._poll = select.poll()
+        for descriptor in (self._listener.fileno(), *others):
+            self._poll.register(descriptor, select.POLLIN)
+
+    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
+        """Wait for one more of the others, too; ``handle`` is whose turn it is when it can be read."""
+        self._handlers[descriptor] = handle
+        self._poll.register(descriptor, select.POLLIN)
+
+    def forget(self, descriptor: int) -> None:
+        """Wait for it no longer."""
+        if self._handlers.pop(descriptor, None) is not None:
+            self._poll.unregister(descriptor)
+
+    def handlers(self, others: Collection[int]) -> list[Callable[[], None]]:
+        """Return whose turn it is, of those that are watched."""
+        return [handle for descriptor, handle in self._handlers.items() if descriptor in others]
+
+    def expect(self, name: str) -> int:
+        """Let one more process connect; return its number."""
+        self._names.append(name)
+        return len(self._names) - 1
+
+    def exchange(self, one: int, other: int) -> None:
+        """Let two processes change their numbers."""
+        self._names[one], self._names[other] = self._names[other], self._names[one]
+        links = self._links.pop(one, None), self._links.pop(other, None)
+        for index, link in zip((other, one), links, strict=True):
+            if link is not None:
+                self._links[index] = link
+                self._index_of[link.socket.fileno()] = index
+
+    def connected(self, index: int) -> bool:
+        """Tell whether a node's line is open."""
+        return index in self._links
+
+    def send(self, index: int, message: ToNode) -> None:
+        """Say something to a node; what its line cannot take at once leaves during :meth:`wait`.
+
+        Raises:
+            LinkClosed: Its line is not open.
+        """
+        if index not in self._links:
+            raise LinkClosed("no line")
+        link = self._links[index]
+        if not link.post(message):
+            self._poll.modify(link.socket.fileno(), select.POLLIN | select.POLLOUT)
+
+    def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
+        """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
+        heard: list[tuple[int, FromNode]] = []
+        others: set[int] = set()
+        for descriptor, events in self._poll.poll(timeout_s * 1e3):
+            if descriptor in self._index_of:
+                index = self._index_of[descriptor]
+                if events & select.POLLOUT:
+                    self._flush(index)
+                if events & ~select.POLLOUT:
+                    heard += [(index, message) for message in self._receive(index)]
+            elif descriptor == self._listener.fileno():
+                connection, _ = self._listener.accept()
+                self._strangers[connection.fileno()] = supervisor_end(connection)
+                self._poll.register(connection.fileno(), select.POLLIN)
+            elif descriptor in self._strangers:
+                heard += self._welcome(descriptor)
+            else:
+                others.add(descriptor)
+        return heard, others
+
+    def _flush(self, index: int) -> None:
+        link = self._links[index]
+        try:
+            if not link.flush():
+                return
+        except LinkClosed:
+            pass  # what it still has to say is read first, then its line ends
+        self._poll.modify(link.socket.fileno(), select.POLLIN)
+
+    def _receive(self, index: int) -> Iterator[FromNode]:
+        """Yield what a node has said; hang up at the end of its line."""
+        link = self._links[index]
+        try:
+            link.fill(socket.MSG_DONTWAIT)
+        except LinkClosed:
+            self.hang_up(index)  # the fork server will say how it ended
+        while link.buffered():
+            yield link.receive()
+
+    def last_words(self, index: int) -> Iterator[FromNode]:
+        """Yield what is still in the line of a node that has ended, even if a child of it holds the line."""
+        while index in self._links:
+            yield from self._receive(index)
+
+    def _welcome(self, descriptor: int) -> list[tuple[int, FromNode]]:
+        """Take a line whose first words are a node's name into the list; hang up on anybody else."""
+        link = self._strangers[descriptor]
+        hello: FromNode | None = None
+        with contextlib.suppress(LinkClosed, msgspec.MsgspecError):
+            link.fill(socket.MSG_DONTWAIT)
+            if not link.buffered():
+                return []
+            hello = link.receive()
+        del self._strangers[descriptor]
+        if not isinstance(hello, Hello) or hello.name not in self._names:
+            self._poll.unregister(descriptor)
+            link.close()
+            return []
+        index = self._names.index(hello.name)
+        self.hang_up(index)
+        self._links[index], self._index_of[descriptor] = link, index
+        heard: list[tuple[int, FromNode]] = []
+        while link.buffered():
+            heard.append((index, link.receive()))
+        return heard
+
+    def hang_up(self, index: int) -> None:
+        """Close a node's line."""
+        link = self._links.pop(index, None)
+        if link is not None:
+            self._index_of.pop(link.socket.fileno(), None)
+            self._poll.unregister(link.socket.fileno())
+            link.close()
+
+    def close(self) -> None:
+        """Close every line."""
+        for index in list(self._links):
+            self.hang_up(index)
+        for link in self._strangers.values():
+            link.close()
+        self._listener.close()

@@ -1,0 +1,112 @@
+"""What a process does between the fork and being a node: leave the server, take its place on the host."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import gc
+import logging
+import os
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from typing import NoReturn
+
+from palp_core.graph.node.spec import NodeSpec
+
+__all__ = ["become", "take_place"]
+
+PR_SET_PDEATHSIG = 1
+
+
+def become(
+    work: Callable[[], int], server: int, libc: ctypes.CDLL, output: int, leave: Callable[[], None]
+) -> NoReturn:
+    """Turn a freshly forked process into what ``work`` does, and end with the status it returns.
+
+    Args:
+        work: The process's main function.
+        server: Process id of the fork server; with its death comes this one's.
+        libc: The C library.
+        output: Descriptor that takes the place of standard output and error.
+        leave: Lets go of what is the server's.
+    """
+    status = 1
+    try:
+        os.setsid()
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != server:
+            os._exit(1)
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        _redirect(output)
+        leave()
+        gc.enable()
+        faulthandler.enable()  # a crash in C names its Python lines
+        status = work()
+    except BaseException:  # noqa: BLE001 - nothing may escape into the fork server's loop
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def _redirect(output: int) -> None:
+    """Send output on without buffering, so that the last words of a crash are there."""
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.close(output)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(write_through=True)  # type: ignore[union-attr]
+
+
+def take_place(spec: NodeSpec) -> None:
+    """Move the process to the cores and the scheduler that its launch entry asks for.
+
+    Before the node begins, so that its threads inherit both. What the host refuses is said, with the limit
+    and how to raise it, and the node goes on without.
+    """
+    if not spec.cpus and not spec.realtime_priority:
+        return
+    logging.basicConfig(level=logging.INFO, format=f"[%(levelname)s] [{spec.name}]: %(message)s")
+    log = logging.getLogger(f"palp.{spec.name}")
+    if spec.cpus:
+        allowed = os.sched_getaffinity(0)
+        missing = sorted(set(spec.cpus) - allowed)
+        if missing:
+            log.warning(
+                "cpus: this process may not run on %s, only on %s; change the launch file, or the cpuset "
+                "of the container or service",
+                ", ".join(map(str, missing)),
+                ", ".join(map(str, sorted(allowed))),
+            )
+        if allowed & set(spec.cpus):
+            os.sched_setaffinity(0, allowed & set(spec.cpus))
+    if spec.realtime_priority:
+        _go_realtime(spec.realtime_priority, log)
+
+
+def _go_realtime(priority: int, log: logging.Logger) -> None:
+    highest = os.sched_get_priority_max(os.SCHED_FIFO)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(min(priority, highest)))
+    except OSError as error:
+        limit, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
+        log.warning(
+            "real-time priority %d refused (%s; the limit RLIMIT_RTPRIO is %s): it runs with the ordinary "
+            "scheduler. Raise the limit with a line '%s - rtprio %d' in /etc/security/limits.conf and a new "
+            "login, or start palp under 'systemd-run --user --scope -p LimitRTPRIO=%d'",
+            priority,
+            error.strerror,
+            "none" if limit == resource.RLIM_INFINITY else limit,
+            os.environ.get("USER", "USER"),
+            priority,
+            priority,
+        )

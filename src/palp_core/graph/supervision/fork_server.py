@@ -1,0 +1,243 @@
+"""The parent of every node's process: warm, single-threaded, and the guarantee that no orphan remains.
+
+It is started by the launcher, imports what nodes share (see :mod:`.preload`), and forks on
+request from its main thread only. It writes down what its children print. When the launcher's line closes, it
+brings all children down (SIGTERM, then SIGKILL after a grace of 0.6 s) and exits. If it is killed itself, the
+kernel kills its children. What a node has started goes with the node; what has left the node's process group,
+with the server.
+
+Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the line>``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import select
+import signal
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.node_class import DescribeRequest, describe
+from palp_core.graph.messages.message import encode_any
+from palp_core.graph.node.loading import NodeProcess
+from palp_core.graph.process.channel import Line, Link, LinkClosed
+from palp_core.graph.supervision.fork_child import become, take_place
+from palp_core.graph.supervision.logs import LogKeeper
+from palp_core.graph.supervision.preload import Announcer, import_announced, preload
+
+__all__ = ["Describe", "Exited", "Signal", "Spawn", "Started", "main"]
+
+GRACE_NS = 600_000_000
+PR_SET_CHILD_SUBREAPER = 36
+LOOKING = ""
+"""Name of a describing child."""
+
+
+class Spawn(Line, frozen=True):
+    """Fork a node; its output goes to ``log``."""
+
+    birth: NodeProcess
+    log: str
+
+
+class Describe(Line, frozen=True):
+    """Fork a child that describes node classes and writes the answer to a file."""
+
+    requests: list[DescribeRequest]
+    workspace: str
+    answer: str
+
+
+class Signal(Line, frozen=True):
+    """Send a signal to a child."""
+
+    pid: int
+    number: int
+
+
+class Started(Line, frozen=True):
+    """A child lives; ``name`` is empty for a describing child."""
+
+    name: str
+    pid: int
+
+
+class Exited(Line, frozen=True):
+    """A child is gone and reaped; ``status`` is as :func:`os.waitstatus_to_exitcode` gives it."""
+
+    name: str
+    pid: int
+    status: int
+
+
+Request = Spawn | Describe | Signal
+News = Started | Exited
+
+
+class _Server:
+    """Children, what they print, and the launcher's line."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._line = Link(connection, msgspec.msgpack.Decoder(Request))
+        self._wake, self._wake_write = _quiet_pipe()
+        self._announced, self._announce = _quiet_pipe()
+        self._children: dict[int, str] = {}
+        self._prints: dict[int, int] = {}
+        self._keeper = LogKeeper()
+        self._pid = os.getpid()
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self._libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(self._wake_write, warn_on_full_buffer=False)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        self._poll = select.poll()
+        for descriptor in (connection.fileno(), self._wake, self._announced):
+            self._poll.register(descriptor, select.POLLIN)
+
+    def serve(self) -> None:
+        """Serve until the launcher's line closes, then end every child."""
+        line = self._line.socket.fileno()
+        with contextlib.suppress(LinkClosed):
+            while True:
+                ready = {descriptor for descriptor, _ in self._poll.poll()}
+                for descriptor in ready - {line, self._wake}:
+                    if descriptor == self._announced:
+                        import_announced(descriptor)
+                    elif not self._keeper.take(descriptor):
+                        self._poll.unregister(descriptor)  # closed by a node that lives on: nothing will come
+                if self._wake in ready:
+                    import_announced(self._announced)  # before a describing child's end is told
+                    self._reap()
+                if line in ready:
+                    self._line.fill()
+                    while self._line.buffered():
+                        self._obey(self._line.receive())
+        self._end_all()
+
+    def _obey(self, request: Request) -> None:
+        if isinstance(request, Signal):
+            if request.pid in self._children:
+                os.kill(request.pid, request.number)
+        elif isinstance(request, Spawn):
+            name = request.birth.spec.name
+            read_end, write_end = self._keeper.open(name, Path(request.log))
+            self._prints[self._fork(request.birth.place, write_end, lambda: _run(request.birth))] = read_end
+            os.close(write_end)
+            self._poll.register(read_end, select.POLLIN)
+        else:
+            said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+            self._fork(LOOKING, said, lambda: self._look(request))
+            os.close(said)
+
+    def _fork(self, name: str, output: int, work: Callable[[], int]) -> int:
+        gc.freeze()  # a child's collector leaves what is shared alone: neither time nor copied pages
+        pid = os.fork()
+        if pid == 0:
+            become(work, self._pid, self._libc, output, self._leave)
+        self._children[pid] = name
+        self._tell(Started(name, pid))
+        return pid
+
+    def _leave(self) -> None:
+        """In a child: let go of what is the server's."""
+        self._line.close()
+        for descriptor in (self._wake, self._wake_write, self._announced):
+            os.close(descriptor)
+        self._keeper.leave()
+
+    def _look(self, request: Describe) -> int:
+        Announcer(self._announce).begin()
+        answer = describe(request.requests, Path(request.workspace))
+        temporary = Path(request.answer + ".part")
+        temporary.write_bytes(encode_any(answer))
+        temporary.rename(request.answer)
+        return 0
+
+    def _tell(self, news: News) -> None:
+        with contextlib.suppress(LinkClosed):  # the launcher is gone: the loop sees the end of the line next
+            self._line.send(news)
+
+    def _reap(self) -> None:
+        """Account for who has ended; the rest of its process group ends with it, and its log is complete."""
+        with contextlib.suppress(BlockingIOError):
+            os.read(self._wake, 4096)
+        while (gone := _next_gone()) is not None:
+            pid, status = gone
+            read_end = self._prints.pop(pid, None)
+            if read_end is not None:
+                with contextlib.suppress(KeyError):
+                    self._poll.unregister(read_end)
+                self._keeper.end(read_end)
+            if pid in self._children:
+                self._tell(Exited(self._children.pop(pid), pid, status))
+
+    def _end_all(self) -> None:
+        deadline_ns = monotonic_ns() + GRACE_NS
+        for pid in self._children:
+            for number in (signal.SIGTERM, signal.SIGCONT):  # a stopped one, too, gets to its safe state
+                os.kill(pid, number)
+        while self._children and (left_ns := deadline_ns - monotonic_ns()) > 0:
+            if select.select((self._wake,), (), (), left_ns / 1e9)[0]:
+                self._reap()
+        for pid in self._children:
+            os.kill(pid, signal.SIGKILL)
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+        self._reap()
+        self._end_adopted()
+
+    def _end_adopted(self) -> None:
+        """Kill what children have started in process groups of their own and left to this process."""
+        adopted = Path(f"/proc/self/task/{self._pid}/children")
+        while left := adopted.read_text(encoding="ascii").split() if adopted.exists() else []:
+            for pid in map(int, left):
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, 0)
+
+
+def _run(birth: NodeProcess) -> int:
+    take_place(birth.spec)
+    from palp_core.graph.process.main import run_node
+
+    return run_node(birth)
+
+
+def _quiet_pipe() -> tuple[int, int]:
+    ends = os.pipe()
+    for end in ends:
+        os.set_blocking(end, False)
+    return ends
+
+
+def _next_gone() -> tuple[int, int] | None:
+    """Reap a child that has ended; return its number and status, or None."""
+    try:
+        found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        return None
+    if found is None:
+        return None
+    with contextlib.suppress(OSError):  # while it is not yet reaped, its number is nobody else's
+        os.killpg(found.si_pid, signal.SIGKILL)
+    _, status = os.waitpid(found.si_pid, 0)
+    return found.si_pid, os.waitstatus_to_exitcode(status)
+
+
+def main(connection: socket.socket) -> None:
+    """Serve until the launcher's line closes, then end every child."""
+    gc.disable()  # nothing here makes cycles; collecting while importing costs a tenth of the time
+    preload()
+    _Server(connection).serve()
+
+
+if __name__ == "__main__":
+    main(socket.socket(fileno=int(sys.argv[1])))
+    os._exit(0)  # nothing is left to tidy, and tearing numpy down takes longer than all of the end

@@ -1,0 +1,96 @@
+"""Ctrl-C, SIGTERM and a closed terminal as an event that is looked at between two pieces of work.
+
+Never in the middle of one, unless that one does not end: asked a second time, half a second later, the event
+breaks into whatever has not looked at the first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+from palp_core.graph.clock import monotonic_ns
+
+__all__ = ["Interrupt", "Interrupted"]
+
+INSIST_NS = 500_000_000
+
+
+class Interrupted(BaseException):
+    """The user asked for the end; like :class:`KeyboardInterrupt`, no failure of whatever was at work.
+
+    Attributes:
+        signal: What was received.
+    """
+
+    def __init__(self, number: signal.Signals) -> None:
+        super().__init__(f"interrupted by {number.name}")
+        self.signal = number
+
+
+class Interrupt:
+    """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
+
+    Attributes:
+        insisted: The user has asked a second time.
+    """
+
+    def __init__(self) -> None:
+        self.insisted = False
+        self.descriptor, self._write = os.pipe()
+        for end in (self.descriptor, self._write):
+            os.set_blocking(end, False)
+        self._received: signal.Signals | None = None
+        self._received_ns = 0
+        self._raised = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
+            numbers.append(signal.SIGHUP)
+        try:
+            self._before = {number: signal.signal(number, self._note) for number in numbers}
+        except ValueError:  # not in the main thread (a notebook's worker): the caller has the signals
+            self._before = {}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        os.close(self.descriptor)
+        os.close(self._write)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        insisted = self._received is not None and monotonic_ns() - self._received_ns > INSIST_NS
+        if self._received is None:
+            self._received, self._received_ns = signal.Signals(number), monotonic_ns()
+        self.insisted = self.insisted or insisted
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, b"!")
+        if insisted and not self._raised:
+            self.check()
+
+    def request(self) -> None:
+        """Ask for the end as Ctrl-C does."""
+        self._note(signal.SIGINT, None)
+
+    def asked(self, whose: str) -> dict[str, Any]:
+        """End as by Ctrl-C, for a tool that asks; return what to answer."""
+        self.request()
+        return {"ending": whose}
+
+    def check(self) -> None:
+        """Raise :class:`Interrupted` if a signal has come."""
+        if self._received is not None:
+            self._raised = True
+            raise Interrupted(self._received)
+
+    def drain(self) -> None:
+        """Make the descriptor quiet again."""
+        os.read(self.descriptor, 4096)

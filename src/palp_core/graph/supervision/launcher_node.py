@@ -1,0 +1,187 @@
+"""What the launcher itself says: ``/graph/events`` and ``/graph/health``, and answers about the graph."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, NodeError, in_words
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.run_directory import RunRecord, TopicEntry
+from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeHealth
+from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.spec import topic
+from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.request_server import Operation
+
+__all__ = ["EVENTS", "HEALTH", "NAME", "GraphBus"]
+
+NAME = "graph"
+EVENTS = topic(NAME, "events")
+HEALTH = topic(NAME, "health")
+_QOS = {
+    EVENTS: Qos(durability="transient_local", depth=100),
+    HEALTH: Qos(durability="transient_local", depth=1),
+}
+_TYPES: dict[str, type[Message]] = {EVENTS: GraphEvent, HEALTH: GraphHealth}
+
+
+class GraphBus:
+    """The launcher's place in the graph, as that of a node called ``graph``.
+
+    Args:
+        folder: The run directory.
+        now_ns: The graph's clock.
+
+    Attributes:
+        record: What the operation ``graph`` answers.
+        record_event: Takes each event's frame.
+        guests: Returns how the nodes do that have joined from other hosts.
+    """
+
+    publishing = True
+    send_pieces = None
+
+    def __init__(self, folder: str, now_ns: Callable[[], int]) -> None:
+        self.record: RunRecord | None = None
+        self.now_ns = now_ns
+        self.record_event: Callable[[bytes], None] = lambda _: None
+        self.guests: Callable[[], Iterable[NodeHealth]] = tuple
+        self._closed = False
+        self._broadcast = Broadcast(*endpoints(folder, NAME))
+        self.resend = self._broadcast.send
+        self._events = Outlet(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._broadcast.send)
+        self._health = Outlet(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._broadcast.send)
+        self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
+        self._broadcast.offer(self._outlets.values())
+        self._operations: dict[str, Operation] = {
+            "graph": lambda _: self._told(),
+            "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
+            "history": self._history,
+            "info": lambda _: self._info(),
+        }
+        self._deferred: set[str] = set()
+        self._broadcast.answer(NAME, self._operations, self._deferred)
+
+    @property
+    def file_descriptors(self) -> tuple[int, ...]:
+        """Descriptors that become readable when :meth:`poll` has something to do."""
+        return self._broadcast.file_descriptors
+
+    def answer(self, operation: str, handle: Operation, *, deferred: bool = False) -> None:
+        """Answer requests ``{"op": operation, ...}`` by a function from map to map.
+
+        Args:
+            operation: Its name.
+            handle: The function.
+            deferred: It waits for :meth:`perform`.
+        """
+        self._operations[operation] = handle
+        if deferred:
+            self._deferred.add(operation)
+
+    def perform(self) -> None:
+        """Do what was asked for and had to wait.
+
+        Raises:
+            NodeError: A node has failed meanwhile.
+        """
+        self._broadcast.perform()
+
+    def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
+        """Publish what has happened, with ``data`` for a machine; after the end nobody hears it."""
+        if self._closed:
+            return
+        self._events.publish(
+            GraphEvent(stamp_ns=self.now_ns(), kind=kind, node=node, text=text, data=json.dumps(data))
+        )
+        self.poll()
+        self.record_event(self._events.remembered()[-1])
+
+    @contextlib.contextmanager
+    def telling(self, graph: str, count: int) -> Iterator[None]:
+        """Publish that a graph of so many nodes starts, and that and why it ends."""
+        self.report("started", "", f"{graph}: {count} nodes are ready")
+        why = "came to its end"
+        try:
+            yield
+        except NodeError as error:
+            self.report("failed", error.node, str(error))
+            why = "a node failed"
+            raise
+        except BaseException as error:
+            why = in_words(error)
+            raise
+        finally:
+            self.report("ending", "", f"{graph}: {why}")
+
+    def publish_health(self, nodes: list[NodeHealth]) -> None:
+        """Publish how all nodes do, and what readers should have had by now."""
+        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.guests()]))
+        self._broadcast.beat()
+        self.poll()
+
+    def poll(self) -> None:
+        """Greet readers and answer requests, without waiting; sending may have swallowed their signal."""
+        self._broadcast.poll()
+
+    def close(self) -> None:
+        """Send what is queued and let go."""
+        self._closed = True
+        self._broadcast.close()
+
+    def _told(self) -> dict[str, Any]:
+        if self.record is None:
+            raise GraphError("the graph is not up yet; ask again")
+        told: dict[str, Any] = msgspec.to_builtins(self.record)
+        return told
+
+    def _info(self) -> dict[str, Any]:
+        """Say what a node would say of itself, as far as a launcher has it."""
+        outputs = {
+            name: {
+                "type": out.message.__name__,
+                "sequence": out.sequence,
+                "qos": msgspec.to_builtins(out.qos),
+            }
+            for name, out in self._outlets.items()
+        }
+        return {
+            "name": NAME,
+            "run": "the launcher",
+            "pid": os.getpid(),
+            "lifecycle": "active",
+            "published": {name: output["sequence"] for name, output in outputs.items()},
+            "outputs": outputs,
+            **{part: {} for part in ("params", "inputs", "services", "clients", "timers")},
+            **{part: [] for part in ("external", "swaps")},
+        }
+
+    def _history(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Return remembered frames, as a node does."""
+        outlet = self._outlets.get(request["topic"])
+        if outlet is None:
+            raise GraphError(f"the launcher does not publish {request['topic']}")
+        frames = outlet.kept(int(request["first"]), int(request["last"]), self.now_ns())
+        return {"topic": outlet.topic, "epoch": outlet.epoch, "last": outlet.sequence, "frames": frames}
+
+    @staticmethod
+    def topics(folder: str) -> list[TopicEntry]:
+        """Return the launcher's own topics as the command line finds them."""
+        publish, _ = endpoints(folder, NAME)
+        entries = []
+        for name, message in _TYPES.items():
+            schema = schema_of(message)
+            entries.append(
+                TopicEntry(name, schema.name, f"{schema.type_hash:016x}", NAME, publish, json_schema(schema))
+            )
+        return entries

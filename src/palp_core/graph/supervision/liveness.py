@@ -1,0 +1,69 @@
+"""Who is alive: nodes on the wall clock say twice a second that their loop turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from palp_core.graph.messages.builtin import NodeHealth
+
+__all__ = ["GIVE_UP_NS", "HANG_NS", "Watch"]
+
+HANG_NS = 3_000_000_000
+"""Silence after which a node is called unresponsive (assumed): six pulses missed. A loaded host delays one or
+two; a handler that takes this long has missed every deadline of a rig, and a person will want to know."""
+
+GIVE_UP_NS = 10_000_000_000
+"""Silence after which a node whose rule restarts it is restarted (assumed: no handler takes this long)."""
+
+_BLIND_NS = 1_000_000_000
+
+
+class Watch:
+    """Remembers when each node was last heard, and how it was.
+
+    Only time in which the supervisor itself was at work counts as silence: after it was stopped or the host
+    was too busy for it, nobody is blamed.
+
+    Attributes:
+        silent: Numbers of the nodes that are unresponsive.
+    """
+
+    def __init__(self) -> None:
+        self.silent: set[int] = set()
+        self._heard_ns: dict[int, int] = {}
+        self._health: dict[int, NodeHealth] = {}
+        self._looked_ns = 0
+
+    def begin(self, index: int, now_ns: int) -> None:
+        """Expect a node to be heard from now on; its loop's first turn, before it is active, has been."""
+        self._heard_ns[index] = now_ns
+
+    def end(self, index: int) -> None:
+        """Expect nothing more: the process is gone, or about to go."""
+        self._heard_ns.pop(index, None)
+        self._health.pop(index, None)
+        self.silent.discard(index)
+
+    def hear(self, index: int, health: NodeHealth, now_ns: int) -> bool:
+        """Take a pulse; return True if the node was unresponsive until now."""
+        self._health[index] = health
+        if index in self._heard_ns:
+            self._heard_ns[index] = now_ns
+        was_silent = index in self.silent
+        self.silent.discard(index)
+        return was_silent
+
+    def look(self, now_ns: int) -> Iterator[tuple[int, int]]:
+        """Yield the number and the silence, in ns, of every node that is unresponsive."""
+        if now_ns - self._looked_ns > _BLIND_NS:
+            blind_ns = now_ns - self._looked_ns
+            self._heard_ns = {i: min(heard + blind_ns, now_ns) for i, heard in self._heard_ns.items()}
+        self._looked_ns = now_ns
+        for index, heard_ns in list(self._heard_ns.items()):
+            if now_ns - heard_ns >= HANG_NS and index in self._health:
+                yield index, now_ns - heard_ns
+
+    @property
+    def health(self) -> list[NodeHealth]:
+        """What each node last said of itself, in graph order."""
+        return [self._health[index] for index in sorted(self._health)]

@@ -1,0 +1,89 @@
+"""One node as the supervisor sees it: its process, its log, how far it is."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import msgspec
+
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.supervision.logs import note, tail
+
+__all__ = ["FORGIVE_NS", "Member", "how_it_ended"]
+
+LOG_LINES = 20
+FORGIVE_NS = 30_000_000_000
+"""Work without failure after which earlier restarts count no more (assumed: no crash loop takes so long)."""
+
+
+class Member:
+    """One node as the supervisor sees it.
+
+    Attributes:
+        restart_count: Restarts that count against the rule's limit.
+        respawn_at_ns: When its next process is due; None if none is.
+        reason: Why its process is being ended, where the supervisor itself does it.
+        place: Under which name its process reports and has its endpoints.
+        missing: Readers of its last process that do not listen to this one, which has waited for them.
+        handed_in: It has handed in everything to a successor, which can go on without it.
+        begun_ns: When its process was asked for, and when it was activated.
+    """
+
+    def __init__(self, spec: NodeSpec, log: Path, place: str = "") -> None:
+        self.spec = spec
+        self.place = place or spec.name
+        self.log = log
+        self.restart_count = 0
+        self.begin(0)
+
+    def begin(self, now_ns: int) -> None:
+        """Forget the process, before a start or a restart."""
+        self.pid = 0
+        self.configured = self.matched = self.active = self.done = self.ended = False
+        self.handed_in = False
+        self.missing: list[str] = []
+        self.begun_ns = self.active_ns = now_ns
+        self.respawn_at_ns: int | None = None
+
+    def activate(self, now_ns: int) -> None:
+        """Note that it is told to work."""
+        self.active, self.active_ns = True, now_ns
+
+    def may_restart(self) -> bool:
+        """Tell whether its rule allows another start; it must have been active once."""
+        was_active = self.active or self.spec.epoch > 0
+        return (
+            was_active and self.spec.restart == "on_failure" and self.restart_count < self.spec.max_restarts
+        )
+
+    def plan_restart(self, now_ns: int, cause: str) -> str:
+        """Plan a new process after a back-off that doubles each time, and say so in the log.
+
+        Returns:
+            What is planned, in words; "" if the node was never active or its rule allows no other start.
+        """
+        if self.active and now_ns - self.active_ns >= FORGIVE_NS:
+            self.restart_count = 0
+        if not self.may_restart():
+            return ""
+        spec = self.spec
+        self.restart_count += 1
+        self.spec = msgspec.structs.replace(spec, epoch=spec.epoch + 1)
+        backoff_s = spec.backoff_s * 2 ** (self.restart_count - 1)
+        self.respawn_at_ns = now_ns + round(backoff_s * 1e9)
+        text = f"{cause}; restart {self.restart_count} of {spec.max_restarts} in {backoff_s:g} s"
+        note(self.log, "WARNING", f"{spec.name} {text}")
+        return text
+
+    def last_words(self) -> str:
+        """Return where the log is and its last lines."""
+        return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))
+
+
+def how_it_ended(status: int) -> str:
+    """Say in words how a process ended."""
+    if status < 0:
+        named = -status in {int(number) for number in signal.Signals}
+        return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
+    return f"ended with status {status}"

@@ -1,0 +1,65 @@
+"""What the fork server imports for all nodes: the light things at once, a heavy one when a node wants it.
+
+The describing child says which heavy module it is about to import, and the server imports the same beside
+it. So a graph that needs none of them waits for none, and one that does waits once. No zmq is imported (a
+child may use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+__all__ = ["HEAVY", "Announcer", "import_announced", "preload"]
+
+LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
+HEAVY = frozenset(
+    {
+        "scipy.fft", "scipy.integrate", "scipy.interpolate", "scipy.linalg", "scipy.ndimage",
+        "scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats",
+        "pywt", "yaml",
+    }
+)  # fmt: skip
+_CHUNK = 4096
+
+
+class Announcer:
+    """A finder that finds nothing, but writes down each heavy module that is about to be imported.
+
+    Args:
+        descriptor: Pipe to the fork server.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
+        """Announce a module and leave the search to others."""
+        if name in HEAVY:
+            with contextlib.suppress(OSError):
+                os.write(self._descriptor, f"{name}\n".encode())
+
+    def begin(self) -> None:
+        """Hear of every import from now on."""
+        sys.meta_path.insert(0, self)
+
+
+def preload() -> None:
+    """Import what every node needs."""
+    for name in LIGHT:
+        importlib.import_module(name)
+
+
+def import_announced(descriptor: int) -> None:
+    """Import what children have announced, without waiting for more."""
+    try:
+        announced = os.read(descriptor, _CHUNK).decode().split()
+    except BlockingIOError:
+        return
+    for name in announced:
+        if name in HEAVY:
+            with contextlib.suppress(ImportError):  # the child has met it too, and says so
+                importlib.import_module(name)

@@ -1,0 +1,83 @@
+"""Where everything of a running graph is, for those who look into its run directory and those who ask."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from palp_core.graph.description.checked import CheckedGraph, TopicInfo
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.supervision.launcher_node import NAME, GraphBus
+
+if TYPE_CHECKING:
+    from palp_core.graph.network.gateway_handle import Door
+    from palp_core.graph.network.no_door import NoDoor
+
+__all__ = ["announcement", "announcement_of_one"]
+
+
+def announcement(
+    checked: CheckedGraph,
+    file: Path,
+    folder: Path,
+    pids: Mapping[str, int],
+    door: Door | NoDoor,
+    *,
+    composed: bool,
+) -> RunRecord:
+    """Return the record of a running graph.
+
+    Args:
+        checked: The graph.
+        file: Its launch file, as given.
+        folder: The run directory.
+        pids: Process of every node that has one here.
+        door: Who has joined from other hosts; they have endpoints here as any other.
+        composed: All nodes are in this process.
+    """
+
+    def at(node: str) -> tuple[str, str]:
+        return endpoints(str(folder), "composition" if composed else node)
+
+    nodes = [
+        NodeEntry(spec.name, spec.run, pids.get(spec.name, 0), *at(spec.name)) for spec in checked.spawned
+    ]
+    nodes += [NodeEntry(guest.name, guest.run, 0, *at(guest.name)) for guest in door.guests.values()]
+    described = dict(checked.topics)
+    for guest in door.guests.values():
+        described.update(guest.outputs)
+    topics = [
+        TopicEntry(name, t.type, t.type_hash, t.node, at(t.node)[0], t.json_schema)
+        for name, t in described.items()
+    ]
+    topics += GraphBus.topics(str(folder))
+    serve = endpoints(str(folder), NAME)[1]
+    record = record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
+    return msgspec.structs.replace(record, listen=door.endpoint)
+
+
+def announcement_of_one(
+    spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder: Path, pid: int
+) -> RunRecord:
+    """Return the record of a node that this host runs alone, or as part of a graph elsewhere.
+
+    Args:
+        spec: The node.
+        outputs: What it publishes, by topic.
+        folder: The run directory.
+        pid: Of its process; 0 before it has one.
+    """
+    ends = endpoints(str(folder), spec.name)
+    topics = [
+        TopicEntry(topic, info.type, info.type_hash, spec.name, ends[0], info.json_schema)
+        for topic, info in outputs.items()
+    ]
+    topics += GraphBus.topics(str(folder))
+    serve = endpoints(str(folder), NAME)[1]
+    nodes = [NodeEntry(spec.name, spec.run, pid, *ends)]
+    return record_for(spec.name, spec.run, "wall", serve, nodes, topics)

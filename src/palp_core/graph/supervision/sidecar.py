@@ -1,0 +1,97 @@
+"""A process that works for this one, starts with it and never outlives it: a gateway, a bridge."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import msgspec
+
+from palp_core.graph.process.channel import Line, Link
+
+__all__ = ["Companion"]
+
+CLOSE_TIMEOUT_S = 2.0
+Received = TypeVar("Received")
+
+
+class Companion(Generic[Received]):
+    """One process and the line to it.
+
+    It must end when the line closes; if this process is killed, the kernel kills it.
+
+    Args:
+        module: Run with the descriptor of its end of the line as its only argument.
+        decoder: Of what it says.
+        log: File for its output.
+    """
+
+    def __init__(self, module: str, decoder: msgspec.msgpack.Decoder[Received], log: Path) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs, log.open("ab") as output:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", module, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+        self._line = Link(ours, decoder)
+
+    @property
+    def descriptor(self) -> int:
+        """Becomes readable when it has said something."""
+        return self._line.socket.fileno()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    def send(self, message: Line) -> None:
+        """Say something to it.
+
+        Raises:
+            LinkClosed: It is gone.
+        """
+        self._line.send(message)
+
+    def news(self) -> list[Received]:
+        """Return what it has said; wait if it has said nothing.
+
+        Raises:
+            LinkClosed: It is gone, and everything it has said was returned before.
+        """
+        if not self._line.buffered():
+            self._line.fill()
+        found = []
+        while self._line.buffered():
+            found.append(self._line.receive())
+        return found
+
+    def finish(self) -> None:
+        """Say nothing more: it sees the end of the line, and can still be heard."""
+        with contextlib.suppress(OSError):
+            self._line.socket.shutdown(socket.SHUT_WR)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until it has said something or is gone; return False on time-out."""
+        ready = select.select((self._line.socket,), (), (), max(timeout_s, 0.0))[0]
+        return bool(ready) or self._line.buffered()
+
+    def close(self) -> int:
+        """End it; return its exit status."""
+        self._line.close()
+        try:
+            return self._process.wait(CLOSE_TIMEOUT_S)
+        except subprocess.TimeoutExpired:  # stopped, perhaps
+            self._process.kill()
+            return self._process.wait()

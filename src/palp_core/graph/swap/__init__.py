@@ -1,0 +1,1 @@
+"""Another class in the place of a running node."""

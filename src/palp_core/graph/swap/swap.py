@@ -1,0 +1,266 @@
+"""Hot swap: let another class take a running node's place, at one handler boundary, or leave all as it was.
+
+What is asked for, what came of it, and who may ask: a tool, Python, or an experiment whose plan says so.
+The steps themselves are in :mod:`.process_swap` and :mod:`.composed_swap`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import msgspec
+
+from palp_core.errors import GraphError, NodeError
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.messages.builtin import Swap
+from palp_core.graph.messages.frame import Kind, parse, topic_of
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.problems import hint
+from palp_core.graph.process.channel import Done
+from palp_core.graph.process.shadow import Comparison, array_fields
+from palp_core.graph.swap.compatibility import objections, replaced
+
+__all__ = ["STEPS", "Replacement", "SwapCrew", "SwapFailed", "SwapReport", "SwapRequest", "Swapper", "unfit"]
+
+TIMEOUT_S = 10.0
+STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over", "take over")
+"""In their order; after the last the new node works."""
+
+
+class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is asked for.
+
+    Attributes:
+        node: Whose place is taken.
+        run: ``module:Class`` or ``path.py:Class``; "": the class that runs, from its source as it is now.
+        params: Parameters of the new node; of the same class, those that are to change.
+        timeout_s: How long all of it may take, the shadow not counted.
+        shadow_s: So long, on the graph's clock, both work and only the old one is heard.
+        dry_run: Change nothing in the end.
+    """
+
+    node: str
+    run: str = ""
+    params: dict[str, Any] = {}
+    timeout_s: float = TIMEOUT_S
+    shadow_s: float = 0.0
+    dry_run: bool = False
+
+
+class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of it.
+
+    Attributes:
+        at_s: When, on the graph's clock.
+        gap_s: From when the old node took up nothing more to when the new one did; in simulated time 0.
+        held: Messages that waited meanwhile.
+        duration_s: From the request to the end of the old node.
+        shadow: How the outputs of both compare, if they worked side by side.
+        switched: False after a dry run.
+    """
+
+    node: str
+    before: str
+    after: str
+    at_s: float
+    gap_s: float
+    held: int
+    duration_s: float
+    shadow: dict[str, Any] = {}
+    switched: bool = True
+
+
+class SwapFailed(NodeError):
+    """The old node is at work, and nothing has changed.
+
+    Attributes:
+        step: Which step failed.
+    """
+
+    def __init__(self, node: str, step: str, text: str) -> None:
+        self.step, self.text = step, text
+        super().__init__(node, f"its swap failed at step '{step}': {text}; the old node goes on")
+
+
+class Replacement(msgspec.Struct, frozen=True, kw_only=True):
+    """One node in place of another: the place, who had it, who gets it."""
+
+    request: SwapRequest
+    index: int
+    old: NodeSpec
+    new: NodeSpec
+    checked: CheckedGraph
+
+    def report(self, *, at_ns: int, **found: Any) -> SwapReport:
+        """Return what came of it, which was at that time on the graph's clock."""
+        return SwapReport(
+            node=self.request.node,
+            before=self.old.run,
+            after=self.new.run,
+            at_s=at_ns / 1e9,
+            switched=not self.request.dry_run,
+            **found,
+        )
+
+    def comparison(self, published: Mapping[str, int]) -> Comparison:
+        """Return what compares the two nodes' messages after those that were published before."""
+        arrays = {name: array_fields(info.json_schema) for name, info in self.checked.topics.items()}
+        return Comparison(published, arrays)
+
+
+def unfit(found: HandOver, replacement: Replacement) -> str:
+    """Return why a node as it is now cannot be replaced, or ""."""
+    if found.finished:
+        return "it has finished its work"
+    if found.active and (replacement.old.moves or replacement.new.moves):
+        return (
+            "it moves something and is at work; bring it to its safe state first: "
+            f"palp lifecycle set /{replacement.request.node} deactivate"
+        )
+    return ""
+
+
+class SwapCrew(Protocol):
+    """The nodes, as a swap needs them."""
+
+    def describe_class(self, request: DescribeRequest, timeout_s: float) -> NodeDescription:
+        """Import a class where that does no harm, and say what it declares."""
+
+    def swap(self, replacement: Replacement, now_ns: int) -> tuple[SwapReport, Done | None]:
+        """Do it; return what came of it and, in lockstep, what the two nodes have published.
+
+        Raises:
+            SwapFailed: Nothing has changed.
+        """
+
+
+class Swapper:
+    """The swaps of one graph.
+
+    Args:
+        checked: The graph as it is.
+        crew: Its nodes.
+        now_ns: The graph's clock.
+        changed: Takes the graph as it is now, the node's index and what the two nodes have published.
+        report: Publishes what has happened: kind, node, text, data.
+    """
+
+    def __init__(
+        self,
+        checked: CheckedGraph,
+        crew: SwapCrew,
+        now_ns: Callable[[], int],
+        changed: Callable[[CheckedGraph, int, Done | None], None],
+        report: Callable[..., None],
+    ) -> None:
+        self._checked, self._crew, self._now_ns = checked, crew, now_ns
+        self._changed, self._report = changed, report
+        self._busy = ""
+        self._planned: list[tuple[int, SwapRequest]] = []
+        wanted = f"{schema_of(Swap).type_hash:016x}"
+        self._asks = {name.encode() for name, info in checked.topics.items() if info.type_hash == wanted}
+
+    def plan(self, at_ns: int, request: SwapRequest) -> None:
+        """Swap when it is that time on the graph's clock."""
+        self._planned.append((at_ns, request))
+
+    def observe(self, now_ns: int, frame: bytes) -> None:
+        """Take a message that a node publishes, which may ask for a swap."""
+        if self._asks and topic_of(frame) in self._asks and (parsed := parse(frame)).kind == Kind.DATA:
+            asked = decode(Swap, parsed.payload)
+            try:
+                params = msgspec.json.decode(asked.params, type=dict[str, Any])
+            except msgspec.MsgspecError as error:
+                text = f"'params' of its Swap message is not a JSON map: {error}: {asked.params!r}"
+                raise NodeError(parsed.topic.split("/")[1], text) from error
+            self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
+
+    def turn(self) -> None:
+        """Do what is planned and due.
+
+        Raises:
+            SwapFailed: The run would not be what its plan says.
+        """
+        if not self._planned:
+            return
+        now_ns = self._now_ns()
+        due = [request for at_ns, request in self._planned if at_ns <= now_ns]
+        self._planned = [entry for entry in self._planned if entry[0] > now_ns]
+        for request in due:
+            try:
+                self.swap(request)
+            except GraphError as error:
+                raise SwapFailed(request.node, "check", str(error)) from error
+
+    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Swap for a tool that asks.
+
+        Raises:
+            GraphError: What it asks for is no swap, or the swap has failed.
+        """
+        try:
+            wanted = msgspec.convert(request.get("request"), SwapRequest)
+        except msgspec.ValidationError as error:
+            raise GraphError(f"not a swap: {error}") from error
+        try:
+            found: dict[str, Any] = msgspec.to_builtins(self.swap(wanted))
+        except SwapFailed as error:
+            return {"failed": {"step": error.step, "text": error.text, "node": error.node}}
+        return {"report": found}
+
+    def swap(self, request: SwapRequest) -> SwapReport:
+        """Let another class take a node's place.
+
+        Raises:
+            GraphError: No such node here.
+            SwapFailed: A step failed; the old node goes on.
+        """
+        if self._busy:
+            raise GraphError(f"a swap of '{self._busy}' is under way; ask again when it is done")
+        self._busy = request.node
+        try:
+            report, done, now = self._swap(request)
+        except SwapFailed as error:
+            self._report("swap_failed", error.node, f"{error.step}: {error.text}", step=error.step)
+            raise
+        finally:
+            self._busy = ""
+        if report.switched:
+            text = f"{report.before} -> {report.after}, gap {report.gap_s * 1e3:.2f} ms, {report.held} held"
+            self._checked = now.checked
+            self._changed(now.checked, now.index, done)
+            self._report("swapped", report.node, text, **msgspec.to_builtins(report))
+        return report
+
+    def _swap(self, request: SwapRequest) -> tuple[SwapReport, Done | None, Replacement]:
+        checked = self._checked
+        specs = {spec.name: spec for spec in checked.spawned}
+        name = request.node.removeprefix("/")
+        if name not in specs:
+            elsewhere = any(spec.name == name for spec in checked.expected)
+            why = "lives on another host; swap it there" if elsewhere else f"is not there{hint(name, specs)}"
+            raise GraphError(f"node '{name}' of graph '{checked.graph}' {why}")
+        old = specs[name]
+        run = request.run or old.run
+        before = old.params if run == old.run else {}
+        looked = DescribeRequest(run, {**before, **request.params}, name=name)
+        described = self._crew.describe_class(looked, request.timeout_s)
+        described = msgspec.structs.replace(described, run=run)
+        wrong = objections(checked, old, described)
+        if wrong:
+            raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
+        now = replaced(checked, old, described, request.params)
+        new = next(spec for spec in now.spawned if spec.name == name)
+        replacement = Replacement(
+            request=msgspec.structs.replace(request, node=name),
+            index=list(specs).index(name),
+            old=old,
+            new=new,
+            checked=now,
+        )
+        return *self._crew.swap(replacement, self._now_ns()), replacement

@@ -1,0 +1,1 @@
+"""Messages over ZeroMQ, each of them accounted for."""

@@ -1,0 +1,63 @@
+"""Who reads a node, where it outlives the node's process: its successor waits for them before it speaks.
+
+A subscription to :data:`READER` and a name says who listens; no frame's topic begins so. A publisher writes
+the names down in a file of the run directory. Restarted, it waits for those that its predecessor had, so that
+its first messages reach readers that have yet to connect again, however many messages it keeps.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+import msgspec
+
+from palp_core.graph.clock import monotonic_ns
+
+__all__ = ["READER", "WAIT_NS", "Audience"]
+
+READER = b"~"
+WAIT_NS = 1_000_000_000
+"""For how long readers are waited for: a hundred attempts to connect, and as long as a gap waits."""
+
+
+class Audience:
+    """Who reads a node.
+
+    Args:
+        present: Returns the names of those who listen.
+        file: Where a predecessor has noted its readers and this process notes its own; None: no process
+            comes after this one.
+    """
+
+    def __init__(self, present: Callable[[], Collection[str]], file: Path | None) -> None:
+        self._present, self._file = present, file
+        self._noted: set[str] = set()
+        self._until_ns: int | None = None
+        if file is not None:
+            with contextlib.suppress(OSError, msgspec.MsgspecError):
+                self._noted = msgspec.json.decode(file.read_bytes(), type=set[str])
+        self._awaited = frozenset(self._noted)
+
+    @property
+    def missing(self) -> list[str]:
+        """Readers of the predecessor that do not listen."""
+        return sorted(self._awaited.difference(self._present())) if self._awaited else []
+
+    def gathered(self) -> bool:
+        """Tell whether there is nobody to wait for, or not any longer; the first question begins the wait."""
+        now_ns = monotonic_ns()
+        self._until_ns = now_ns + WAIT_NS if self._until_ns is None else self._until_ns
+        return not self.missing or now_ns >= self._until_ns
+
+    def note(self) -> None:
+        """Write down who listens, if that has changed; not before the predecessor's have been waited for."""
+        if self._file is None or self._until_ns is None or not self.gathered():
+            return
+        present = set(self._present())
+        if present != self._noted:
+            part = self._file.with_suffix(".readers.part")
+            part.write_bytes(msgspec.json.encode(sorted(present)))
+            part.rename(self._file)  # whole, whenever this process ends
+            self._noted = present

@@ -1,0 +1,241 @@
+"""Put what arrives on one edge in order, ask for what is missing, give up what cannot be had.
+
+A ``reliable`` edge holds back what came after a gap, asks the publisher for the missing messages and hands
+all of them on in order. A publisher that no longer has them says so, and one that does not answer is waited
+for no longer than :data:`FILL_NS`: then the gap is handed on as a gap, which the edge's account counts as
+lost. The same question gets a late joiner the last messages of a ``transient_local`` edge, and a restarted
+reader what it missed.
+
+Used on the wall clock only: in lockstep nothing can be missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from palp_core.errors import SchemaMismatch
+from palp_core.graph.latency import Latency
+from palp_core.graph.messages.frame import Frame, Kind
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.sequence_account import EdgeCounter
+
+__all__ = ["FILL_NS", "Reception"]
+
+FILL_NS = 1_000_000_000
+
+
+class Reception:
+    """The reader's end of one topic, before the node's inbox.
+
+    Args:
+        topic: Its name.
+        qos: What holds on the edge.
+        counter: The account of what the node has taken up; a predecessor's says where to go on.
+        deliver: Takes each frame in its order.
+        ask: Asks the publisher for the messages of this topic from a first to a last sequence.
+        ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
+
+    Attributes:
+        latency: From the publisher's stamp to arrival.
+        heard_ns: When anything of the publisher came last; -1 before.
+        data_ns: When a message came last; -1 before.
+        unread: Delivered and not yet taken up.
+        filled: Of the messages handed on, how many had to be asked for.
+        epoch: Of the publisher; -1 before it is heard.
+        next: The sequence that is next in order.
+        give_up_ns: Until when an answer is waited for; None: nothing is missing.
+        origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
+            known.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        qos: Qos,
+        counter: EdgeCounter,
+        deliver: Callable[[Frame], None],
+        ask: Callable[[str, int, int], None],
+        *,
+        ordered: bool = True,
+    ) -> None:
+        self.topic = topic
+        self.qos = qos
+        self.latency = Latency()
+        self.heard_ns = self.data_ns = -1
+        self.unread = 0
+        self.filled = 0
+        self.give_up_ns: int | None = None
+        self.origin_ns: int | None = None
+        self.epoch = counter.epoch
+        self.next = counter.sequence + 1
+        self._last = 0  # the highest sequence known to exist in this epoch
+        self._held: dict[int, Frame] = {}
+        self._asked_to = 0
+        self._accounted = -1
+        self._first = 0  # where this end began to hear the epoch
+        self._inherited = 0  # up to here a predecessor of the reader has had everything
+        self._moving = False
+        self._latched = qos.durability == "transient_local"
+        self._fills = self._latched or qos.reliability == "reliable"
+        self._ordered = ordered
+        self._deliver = deliver
+        self._ask = ask
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether its sequences have no gaps by right."""
+        return self._ordered
+
+    @property
+    def matched(self) -> bool:
+        """True once the publisher has been heard and nothing it had to say before is still to come."""
+        return self.heard_ns >= 0 and self.give_up_ns is None
+
+    def arrive(self, frame: Frame, now_ns: int) -> None:
+        """Take a frame from the publisher's socket."""
+        self.heard_ns = now_ns
+        if frame.kind == Kind.DATA:
+            self.data_ns = now_ns
+            if self.origin_ns is not None:
+                self.latency.add(now_ns - self.origin_ns - frame.stamp_ns)
+            if frame.sequence == self.next and frame.epoch == self.epoch and self.give_up_ns is None:
+                self.next += 1
+                self.unread += 1
+                self._deliver(frame)
+                return
+        self._sort(frame, now_ns)
+
+    def _sort(self, frame: Frame, now_ns: int) -> None:
+        is_data = frame.kind == Kind.DATA
+        if not self._ordered or frame.epoch < self.epoch:
+            if is_data:
+                self._hand_on(frame)  # the account tells repeats
+            return
+        if frame.epoch > self.epoch:
+            self._begin(frame)
+        if is_data and frame.sequence < self.next:
+            if frame.sequence > self._inherited:
+                self._hand_on(frame)
+            return
+        self._last = max(self._last, frame.sequence)
+        if is_data:
+            self._held[frame.sequence] = frame
+        if not is_data and self._last < self.next:
+            if self._accounted != self.epoch or frame.kind == Kind.IDLE:
+                self._deliver(frame)  # nothing new: it starts the account of the epoch
+            self._accounted = self.epoch
+        elif self._fills or self._moving:
+            self._advance(now_ns)
+        else:
+            self._skip_to(self._last)
+
+    def _begin(self, frame: Frame) -> None:
+        """Go over to a new epoch: the publisher was restarted, or is heard for the first time."""
+        first_contact = self.epoch < 0
+        if not first_contact:
+            self._skip_to(self._last)
+        self.epoch, self._last, self.give_up_ns, self._inherited = frame.epoch, 0, None, 0
+        self._held.clear()
+        if not first_contact:
+            self.next = 1
+            return
+        before = frame.sequence - 1 if frame.kind == Kind.DATA else frame.sequence
+        self.next = before + 1
+        if self._latched:
+            self.next = max(before - self.qos.depth + 1, 1)
+        self._first = self.next
+
+    def _advance(self, now_ns: int) -> None:
+        """Hand on what is complete; ask for the next gap if that is a new one."""
+        while self.next in self._held:
+            self._hand_on(self._held.pop(self.next))
+            self.next += 1
+        if self.next > self._last:
+            self.give_up_ns = None
+        elif self.give_up_ns is None:
+            self.give_up_ns = now_ns + FILL_NS
+            self._asked_to = min(self._held, default=self._last + 1) - 1
+            if not self._moving:
+                self._ask(self.topic, self.next, self._asked_to)
+
+    def fill(self, epoch: int, frames: list[Frame], now_ns: int) -> None:
+        """Take the publisher's answer: the frames that it still has of those asked for, the oldest first."""
+        if epoch != self.epoch or self.give_up_ns is None:
+            return
+        for frame in frames:
+            if frame.epoch == epoch and frame.sequence >= self.next and frame.sequence not in self._held:
+                self._held[frame.sequence] = frame
+                self.filled += 1
+        self.give_up_ns = None
+        if self.next not in self._held:  # the publisher no longer has it
+            self._skip_to(min(self._held, default=self._asked_to + 1) - 1)
+        self._advance(now_ns)
+
+    def expire(self, now_ns: int) -> None:
+        """Give up a gap that was not filled in time."""
+        if self.give_up_ns is not None and now_ns >= self.give_up_ns:
+            if self._moving:  # the old place has died before it could say how far it came
+                self.end_move(now_ns)
+                return
+            self.give_up_ns = None
+            self._skip_to(min(self._held, default=self._last + 1) - 1)
+            self._advance(now_ns)
+
+    def pardon(self, away_ns: int, now_ns: int) -> None:
+        """Let time in which this process was away count neither as silence nor as waiting for an answer.
+
+        What came meanwhile is in the socket: the process was stopped, or had no turn, or one long handler.
+        """
+        if self.give_up_ns is not None:
+            self.give_up_ns += away_ns
+        if self.heard_ns >= 0:
+            self.heard_ns = min(self.heard_ns + away_ns, now_ns)
+        if self.data_ns >= 0:
+            self.data_ns = min(self.data_ns + away_ns, now_ns)
+
+    def begin_move(self) -> None:
+        """Expect the publisher at two places: what comes from the second waits for the rest of the first."""
+        self._moving = True
+
+    def end_move(self, now_ns: int, last: int = 0) -> None:
+        """Take the first place's word that it has published its last, or that it stays the only one."""
+        if not self._moving:
+            return
+        self._moving, self.give_up_ns = False, None
+        self._last = max(self._last, last)
+        if self._fills:
+            self._advance(now_ns)
+        else:
+            self._skip_to(self._last)
+
+    def succeed(self, epoch: int, last: int) -> None:
+        """Go on where a predecessor of the reader was: it has received everything up to ``last``.
+
+        Raises:
+            SchemaMismatch: What came after that was heard by neither.
+        """
+        if not self._ordered or epoch < 0 or self.epoch > epoch:
+            return
+        if self.epoch < epoch:  # this end has not heard the publisher since it was restarted
+            self.epoch, self._last, self.next = epoch, 0, 0
+            self._held.clear()
+        if self.next > last + 1 and self._first > last + 1:
+            raise SchemaMismatch(
+                f"{self.topic}: messages {last + 1} to {self._first - 1} were heard by neither"
+            )
+        self._inherited = last
+        if self.next <= last:
+            self._held = {sequence: held for sequence, held in self._held.items() if sequence > last}
+            self.next = last + 1
+
+    def _skip_to(self, last: int) -> None:
+        """Hand on what is held up to a sequence, and let the account know of what is missing up to it."""
+        for sequence in sorted(sequence for sequence in self._held if sequence <= last):
+            self._hand_on(self._held.pop(sequence))
+        if last >= self.next:
+            self.next = last + 1
+            self._deliver(Frame(self.topic, Kind.HEARTBEAT, self.epoch, last, 0, 0, memoryview(b"")))
+
+    def _hand_on(self, frame: Frame) -> None:
+        self.unread += 1
+        self._deliver(frame)

@@ -1,0 +1,145 @@
+"""The receiving side of one process: a SUB socket that reads topics, each at its publisher's endpoint."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+
+import zmq
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.transport.matched_readers import READER
+from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
+from palp_core.graph.transport.wakeup import RING
+
+__all__ = ["Subscriber"]
+
+RECEIVE_QUEUE = 1000  # the rest waits at the publisher
+_NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
+
+
+class Subscriber:
+    """The receiving side of one process.
+
+    Args:
+        endpoints: Endpoint per topic.
+        context: The process's, if it has one.
+        queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
+        name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
+
+    Attributes:
+        file_descriptor: Becomes readable when something may have arrived.
+    """
+
+    def __init__(
+        self,
+        endpoints: Mapping[str, str],
+        context: zmq.Context[zmq.Socket[bytes]] | None = None,
+        queue: int = RECEIVE_QUEUE,
+        name: str = "",
+    ) -> None:
+        self._own_context = zmq.Context() if context is None else None
+        self._context = self._own_context or context
+        assert self._context is not None
+        self._socket = self._context.socket(zmq.SUB)
+        self._socket.setsockopt(zmq.RCVHWM, queue)
+        self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        for endpoint in sorted(set(endpoints.values())):
+            self._socket.connect(endpoint)
+        for topic in endpoints:
+            self._socket.setsockopt(zmq.SUBSCRIBE, topic.encode() + b"\0")
+        if name:  # after the topics, in which order a new connection is told of them too
+            self._socket.setsockopt(zmq.SUBSCRIBE, READER + name.encode())
+        self._wait_ms = 0
+        self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
+
+    @property
+    def context(self) -> zmq.Context[zmq.Socket[bytes]]:
+        """The process's context."""
+        assert self._context is not None
+        return self._context
+
+    def follow(self, endpoints: Mapping[str, str]) -> None:
+        """Subscribe to more topics, each at its endpoint."""
+        for endpoint in sorted(set(endpoints.values())):
+            self._socket.connect(endpoint)
+        for name in endpoints:
+            self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
+
+    def go_on(self, endpoint: str) -> None:
+        """Listen at one more endpoint, where topics that are subscribed already go on."""
+        self._socket.connect(endpoint)
+
+    def leave(self, endpoint: str) -> None:
+        """Listen at an endpoint no longer; what has arrived from it stays."""
+        with contextlib.suppress(zmq.ZMQError):  # never connected, or left already
+            self._socket.disconnect(endpoint)
+
+    def receive(self) -> list[bytes]:
+        """Return the frames that have arrived, each whole, without waiting."""
+        frames = []
+        while self.pending():
+            parts = self._socket.recv_multipart()
+            frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
+        return frames
+
+    def hear(self, endpoint: str) -> None:
+        """Let a :class:`~palp_core.graph.transport.wakeup.Doorbell` end :meth:`take`'s waiting."""
+        self._socket.connect(endpoint)
+        self._socket.setsockopt(zmq.SUBSCRIBE, RING)
+
+    def take(
+        self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
+    ) -> tuple[bool, bool]:
+        """Hand on what has arrived; return whether there may be more, and whether the doorbell has rung.
+
+        Args:
+            arrive: Takes a frame and the time; asks :meth:`rest` if its header says that pieces follow.
+            slice_ns: After so long, leave the rest to the next call.
+            wait_ms: How long to wait if nothing has arrived.
+        """
+        receive, rung = self._socket.recv, False
+        try:
+            if wait_ms:
+                if wait_ms != self._wait_ms:
+                    self._wait_ms = wait_ms
+                    self._socket.setsockopt(zmq.RCVTIMEO, wait_ms)
+                raw = receive()
+            else:
+                raw = receive(_NOBLOCK)
+            now_ns = monotonic_ns()
+            until_ns = now_ns + slice_ns
+            while True:
+                if raw == RING:
+                    rung = True
+                else:
+                    arrive(raw, now_ns)
+                if now_ns >= until_ns or (wait_ms and not readable(self._socket)):
+                    return now_ns >= until_ns, rung
+                wait_ms, raw = 0, receive(_NOBLOCK)
+                now_ns = monotonic_ns()
+        except zmq.Again:
+            return False, rung
+
+    def rest(self) -> list[memoryview]:
+        """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
+        pieces: list[memoryview] = []
+        while self._socket.getsockopt(_RCVMORE):
+            piece: zmq.Frame = self._socket.recv(copy=False)
+            pieces.append(piece.buffer)
+        return pieces
+
+    def pending(self) -> bool:
+        """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
+        return readable(self._socket)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until something may have arrived; return False on time-out."""
+        return bool(self._socket.poll(round(timeout_s * 1e3)))
+
+    def close(self) -> None:
+        """Let go."""
+        self._socket.close(linger=0)
+        if self._own_context is not None:
+            self._own_context.term()

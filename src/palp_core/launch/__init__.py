@@ -1,1 +1,0 @@
-"""From a launch file to running processes: check, supervise, conduct, end."""

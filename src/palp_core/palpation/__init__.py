@@ -1,0 +1,1 @@
+"""The rig: mechanics, perception, devices, sessions and studies."""

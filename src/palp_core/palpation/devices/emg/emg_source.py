@@ -1,0 +1,89 @@
+"""What the EMG drivers have in common: a sample line, a watch and a thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import msgspec
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.receiver import Receiver, Session
+from palp_core.palpation.devices.link.sample_line import SampleLine
+from palp_core.palpation.devices.protocols import EmgBlock
+
+__all__ = ["EmgSourceState", "EmgStream"]
+
+
+class EmgSourceState(msgspec.Struct):
+    """What outlives the driver: how many samples were numbered."""
+
+    sample_count: int = 0
+
+
+class EmgStream:
+    """Receive two muscles in volts.
+
+    Args:
+        name: The device.
+        connect: Begins a session that pushes to the line it is given.
+        rate_hz: Nominal rate.
+        stale_s: Longest silence.
+        gap_s: Lateness that means loss, for a source without sequence numbers.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        connect: Callable[[SampleLine, Watch, HostTime], Session],
+        rate_hz: float,
+        stale_s: float,
+        gap_s: float = 0.05,
+    ) -> None:
+        check_range(name, "rate_hz", rate_hz, 1.0, 1e5)
+        check_range(name, "stale_s", stale_s, 1e-3, 60.0)
+        self._name, self._rate_hz, self._gap_s = name, rate_hz, gap_s
+        self._host, self._watch = HostTime(), Watch(stale_s)
+        self._line: SampleLine | None = None
+        self._first = 0
+        self._begin = connect
+        self._receiver = Receiver(name, self._connect, self._watch, self._host)
+
+    def open(self, now_ns: int, state: EmgSourceState) -> None:
+        """Connect; errors as for the receiver."""
+        self._receiver.refuse_if_running()
+        self._host.hear(now_ns)
+        self._line, self._first = SampleLine(self._rate_hz, 2, self._gap_s), state.sample_count
+        self._receiver.start()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._receiver.stop()
+
+    def health(self, now_ns: int) -> Health:
+        """Return the present health."""
+        self._host.hear(now_ns)
+        return self._watch.read(self._host.now_ns())
+
+    def drain(self, now_ns: int, state: EmgSourceState) -> EmgBlock:
+        """Return every sample received since the last call.
+
+        Raises:
+            DeviceError: It was never open.
+        """
+        self._host.hear(now_ns)
+        if self._line is None:
+            raise DeviceError(f"{self._name}: not open; open it first")
+        stretch = self._line.take()
+        index = stretch.index + self._first
+        if len(index):
+            state.sample_count = int(index[-1]) + 1
+        fds_v, edc_v = stretch.values.T.copy()
+        return EmgBlock(stretch.times_ns, fds_v, edc_v, index, stretch.gap, stretch.clock)
+
+    def _connect(self) -> Session:
+        assert self._line is not None
+        self._line.broken()
+        return self._begin(self._line, self._watch, self._host)

@@ -1,0 +1,150 @@
+"""EMG from any program that offers it in the laboratory streaming layer (LSL)."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState, EmgStream
+from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.sample_line import SampleLine
+from palp_core.palpation.devices.protocols import EmgBlock
+
+__all__ = ["LslEmg"]
+
+_VOLT = {"microvolts": 1e-6, "uV": 1e-6, "millivolts": 1e-3, "mV": 1e-3, "volts": 1.0, "V": 1.0, "": 1e-6}
+_PULL_S = 0.1
+
+
+@dataclass
+class LslEmg:
+    """Parameters and inlet. Needs pylsl: ``pip install 'palp[lsl]'``.
+
+    Samples carry the sender's time: a step of more than ``gap_s`` beyond the nominal is a gap.
+
+    Attributes:
+        stream: Its name.
+        rate_hz: Its nominal rate; what the stream says must agree.
+        channels: Places of flexor and extensor among its channels.
+        stale_s: Longest silence.
+        find_s: Longest search for the stream.
+        gap_s: Larger than the jitter of a sender that stamps when it sends (assumed).
+    """
+
+    stream: str
+    rate_hz: float = 1500.0
+    channels: tuple[int, int] = (0, 1)
+    stale_s: float = 0.25
+    find_s: float = 5.0
+    gap_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        check_range("lsl", "find_s", self.find_s, 0.1, 600.0)
+        check_range("lsl", "gap_s", self.gap_s, 1e-4, 10.0)
+        self._emg = EmgStream("lsl", self._connect, self.rate_hz, self.stale_s)
+
+    def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
+        """Find the stream and subscribe.
+
+        Raises:
+            DeviceError: pylsl is not installed, or there is no such stream.
+        """
+        self._emg.open(now_ns, state)
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._emg.close()
+
+    def health(self, now_ns: int) -> Health:
+        return self._emg.health(now_ns)
+
+    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgBlock:
+        """Return every sample received since the last call."""
+        return self._emg.drain(now_ns, state)
+
+    def _connect(self, line: SampleLine, watch: Watch, host: HostTime) -> _Session:
+        return _Session(self, line, watch, host)
+
+
+class _Session:
+    def __init__(self, source: LslEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
+        try:
+            lsl: Any = import_module("pylsl")
+        except (ImportError, RuntimeError) as error:
+            raise DeviceError(f"lsl: pylsl cannot be used: {error}; pip install 'palp[lsl]'") from error
+        self._source, self._line, self._watch, self._host = source, line, watch, host
+        found = lsl.resolve_byprop("name", source.stream, 1, source.find_s)
+        if not found:
+            raise DeviceError(
+                f"lsl: no stream '{source.stream}' within {source.find_s:g} s; is its program running?"
+            )
+        if found[0].nominal_srate() != source.rate_hz or found[0].channel_count() <= max(source.channels):
+            raise DeviceError(
+                f"lsl: '{source.stream}': {found[0].channel_count()} channels, {found[0].nominal_srate()} Hz;"
+                f" asked for channels {source.channels} at {source.rate_hz:g} Hz"
+            )
+        try:
+            self._inlet = lsl.StreamInlet(found[0], max_buflen=60, recover=False)
+            self._volt = self._units()
+            self._inlet.open_stream(timeout=source.find_s)
+        except RuntimeError as error:  # all that pylsl raises
+            raise DeviceError(f"lsl: '{source.stream}' was found but does not open: {error}") from error
+        self._next_s: float | None = None
+        self._index = 0
+
+    def step(self, stop: threading.Event) -> None:
+        try:
+            samples, stamps = self._inlet.pull_chunk(timeout=_PULL_S, max_samples=256)
+        except RuntimeError as error:
+            raise DeviceError(f"lsl: stream '{self._source.stream}' ended: {error}") from error
+        if not len(stamps):
+            return
+        now_ns = self._host.now_ns()
+        values = np.asarray(samples, dtype=np.float64)[:, list(self._source.channels)] * self._volt
+        if not np.all(np.isfinite(values)):
+            self._line.broken()
+            self._watch.report(Condition.GARBLED, now_ns, "samples that are not finite")
+            return
+        period_s = 1.0 / self._source.rate_hz
+        if self._next_s is None:
+            self._index = self._line.rejoin(len(stamps), now_ns)
+        for begin, end, missing in _runs(np.asarray(stamps), self._next_s, period_s, self._source.gap_s):
+            self._index += missing
+            self._line.push(values[begin:end], now_ns, self._index)
+            self._index += end - begin
+        self._next_s = float(stamps[-1]) + period_s
+        self._watch.fresh(now_ns)
+
+    def close(self) -> None:
+        self._inlet.close_stream()
+
+    def _units(self) -> np.ndarray:
+        """Return what a unit of each channel is worth in V; microvolts where the stream does not say."""
+        channel = self._inlet.info(timeout=self._source.find_s).desc().child("channels").child("channel")
+        units: list[str] = []
+        while not channel.empty():
+            units.append(channel.child_value("unit"))
+            channel = channel.next_sibling("channel")
+        names = [units[i] if i < len(units) else "" for i in self._source.channels]
+        unknown = [name for name in names if name not in _VOLT]
+        if unknown:
+            raise DeviceError(f"lsl: no unit '{unknown[0]}'; known: {', '.join(filter(None, _VOLT))}")
+        return np.array([_VOLT[name] for name in names])
+
+
+def _runs(
+    stamps: np.ndarray, expected_s: float | None, period_s: float, gap_s: float
+) -> list[tuple[int, int, int]]:
+    """Split a chunk at its gaps: begin and end of each run, and how many samples are missing before it."""
+    before = np.concatenate([[stamps[0] if expected_s is None else expected_s], stamps[:-1] + period_s])
+    missing = np.where(stamps - before > gap_s, np.rint((stamps - before) / period_s), 0.0).astype(int)
+    starts: list[int] = [0, *(i for i in np.flatnonzero(missing).tolist() if i > 0)]
+    ends = [*starts[1:], len(stamps)]
+    return [(int(a), int(b), int(missing[a])) for a, b in zip(starts, ends, strict=True)]

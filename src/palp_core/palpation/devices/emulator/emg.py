@@ -1,0 +1,107 @@
+"""EMG amplifiers of the same simulated muscles: Noraxon's pages and a SpikerShield's stream."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.sim.emg import EmgState
+
+__all__ = ["Muscles", "Noraxon", "SpikerShield"]
+
+
+class Muscles:
+    """The simulated subject, sampled at a rate by a clock of the device's own.
+
+    Args:
+        world: The rig.
+        rate_hz: Samples per second of the device's clock.
+        clock_ppm: How much faster than the host's that clock runs, in millionths.
+    """
+
+    def __init__(self, world: World, rate_hz: float, clock_ppm: float = 0.0) -> None:
+        self._speed = 1.0 + clock_ppm * 1e-6
+        self._begin_ns: int | None = None
+        self.source = replace(world.emg, rate_hz=rate_hz)
+        self._state = EmgState()
+        self._rng = np.random.default_rng((world.settings.seed, 2))
+
+    def since(self, now_ns: int) -> EmgBlock:
+        """Return the samples since the last call, at times of the device's clock."""
+        begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
+        device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)
+        self.source.open(device_ns, self._state, self._rng)
+        return self.source.drain(device_ns, self._state, self._rng)
+
+
+class Noraxon:
+    """MR3's HTTP streaming: what was measured since the last poll, in microvolts."""
+
+    def __init__(self, world: World, rate_hz: float = 1500.0, clock_ppm: float = 0.0) -> None:
+        self._rate_hz = rate_hz
+        self._muscles = Muscles(world, rate_hz, clock_ppm)
+        self._enabled = [True, True]
+
+    def page(self, path: str, now_ns: int) -> bytes | None:
+        """Return the body of a page."""
+        if path == "/headers":
+            headers = [
+                {"name": n, "type": "real.emg", "samplerate": self._rate_hz, "units": "uV", "index": i}
+                for i, n in enumerate(("FDS", "EDC"))
+            ]
+            return json.dumps({"headers": headers}).encode("ascii")
+        if path == "/disable/all":
+            self._enabled = [False, False]
+            return b""
+        if (match := re.fullmatch(r"/enable/([01])", path)) is not None:
+            self._enabled[int(match[1])] = True
+            return b""
+        if path == "/samples":
+            return self._samples(now_ns)
+        return None
+
+    def _samples(self, now_ns: int) -> bytes:
+        block = self._muscles.since(now_ns)
+        channels: list[dict[str, Any]] = [
+            {"index": i, "samples": np.round(volts * 1e6, 3).tolist()}
+            for i, volts in enumerate((block.fds_v, block.edc_v))
+            if self._enabled[i]
+        ]
+        return json.dumps({"channels": channels}).encode("ascii")
+
+
+class SpikerShield:
+    """The box's serial stream: 10-bit samples of both muscles about the middle of the range."""
+
+    def __init__(self, world: World, volt_per_count: float = 4e-6, clock_ppm: float = 0.0) -> None:
+        self._world, self._volt_per_count, self._clock_ppm = world, volt_per_count, clock_ppm
+        self._muscles = Muscles(world, 5000.0, clock_ppm)
+        self._rest = b""
+        self._booted = False
+        self.ready_ns = 0
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Take configurations; the rate is shared between the channels."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            match = re.fullmatch(rb"conf s:(\d+);c:(\d+);\s*", line)
+            if match and int(match[2]) == 2:
+                self._muscles = Muscles(self._world, int(match[1]) / 2, self._clock_ppm)
+        return b""
+
+    def stream(self, now_ns: int) -> bytes:
+        """Return the samples since the last call, after the greeting."""
+        block = self._muscles.since(now_ns)
+        greeting, self._booted = b"" if self._booted else b"StartUp!\r\n", True
+        counts = np.rint(np.column_stack([block.fds_v, block.edc_v]) / self._volt_per_count) + 512.0
+        values = np.clip(counts, 0, 1023).astype(np.int64)
+        frames = np.empty((len(values), 4), dtype=np.uint8)
+        frames[:, 0::2], frames[:, 1::2] = values >> 7, values & 0x7F
+        frames[:, 0] |= 0x80
+        return greeting + frames.tobytes()

@@ -1,0 +1,79 @@
+"""An LSL outlet of the simulated muscles."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator.emg import Muscles
+from palp_core.palpation.devices.emulator.faults import Faults
+from palp_core.palpation.devices.emulator.reactor import Reactor
+from palp_core.palpation.devices.emulator.world import World
+
+__all__ = ["LslOutlet"]
+
+_CHUNK_NS = 10_000_000
+
+
+class LslOutlet:
+    """Push chunks of 10 ms into the laboratory streaming layer.
+
+    Args:
+        name: The stream's name, which also makes its source id.
+
+    Raises:
+        DeviceError: pylsl is not installed.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        world: World,
+        faults: Faults,
+        name: str,
+        rate_hz: float = 1500.0,
+        clock_ppm: float = 0.0,
+    ) -> None:
+        try:
+            self._lsl: Any = import_module("pylsl")
+        except (ImportError, RuntimeError) as error:
+            raise DeviceError(f"emulator: no LSL: {error}; pip install 'palp[lsl]'") from error
+        self._reactor, self._faults, self._name, self._rate_hz = reactor, faults, name, rate_hz
+        self._muscles = Muscles(world, rate_hz, clock_ppm)
+        self._outlet: Any = None
+        self._run = 0
+        self._clock_s = self._lsl.local_clock() - reactor.now_ns() * 1e-9
+
+    def plug(self) -> None:
+        """Offer the stream."""
+        lsl = self._lsl
+        info = lsl.StreamInfo(self._name, "EMG", 2, self._rate_hz, lsl.cf_float32, f"palp-{self._name}")
+        channels = info.desc().append_child("channels")
+        for label in ("FDS", "EDC"):
+            channel = channels.append_child("channel")
+            channel.append_child_value("label", label)
+            channel.append_child_value("unit", "microvolts")
+        self._outlet = lsl.StreamOutlet(info, 0, 60)
+        self._run += 1
+        self._push(self._run)
+
+    def unplug(self) -> None:
+        """Withdraw the stream."""
+        self._run += 1
+        self._outlet = None
+
+    def _push(self, run: int) -> None:
+        if run != self._run:
+            return
+        now_ns = self._reactor.now_ns()
+        block = self._muscles.since(now_ns)
+        values = np.column_stack([block.fds_v, block.edc_v]).astype(np.float32) * np.float32(1e6)
+        kept, delay_ns = self._faults.spoil_reply(values.tobytes())
+        values = np.frombuffer(kept, dtype=np.float32, count=len(kept) // 8 * 2).reshape(-1, 2)
+        if len(values):
+            stamp_s = self._clock_s + (int(block.times_ns[-1]) - delay_ns) * 1e-9
+            self._outlet.push_chunk(values.tolist(), stamp_s)
+        self._reactor.at(now_ns + _CHUNK_NS, lambda: self._push(run))

@@ -1,0 +1,136 @@
+"""An ATI NETCANOEM behind a socketcand server, with the bus's own pace."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from palp_core.palpation.devices.emulator.world import World
+from palp_core.units import Float64Array
+
+__all__ = ["NANO17_N_PER_V", "Netcanoem", "SocketCand"]
+
+NANO17_N_PER_V = np.array(
+    [
+        [-0.00458, -0.00979, 0.03928, -1.58147, -0.02651, 1.57113],
+        [-0.00440, 2.11251, 0.02948, -0.93552, 0.00504, -0.90799],
+        [1.84054, 0.00239, 1.88264, -0.05335, 1.89681, -0.04189],
+        [0.04046, 12.81517, 10.73979, -5.99236, -10.65846, -5.25977],
+        [-11.68856, -0.00616, 6.09687, 9.46016, 6.41318, -9.68378],
+        [-0.02776, 8.47642, -0.06629, 7.73309, -0.17538, 7.63648],
+    ]
+)
+"""Calibration of a real Nano17 SI-12-0.12: N and N mm per volt of each gauge."""
+
+_COUNTS_PER_VOLT = 3276.8
+_COUNTS_PER_UNIT = 1_000_000
+_BITS = {0: 47, 1: 57, 2: 67, 6: 107, 8: 127}  # a frame with about a tenth of stuffing, and its gap
+
+
+class Netcanoem:
+    """The sensor: identifiers and data in, identifiers and data out.
+
+    Args:
+        world: The rig.
+        base_id: Bits 4 to 10 of its identifiers.
+        bias: Gauges of the unloaded sensor.
+        gauges: What all gauges show instead of the rig's truth, for a transcript.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        base_id: int = 0x20,
+        bias: tuple[int, ...] = (37, -120, 64, 11, -85, 90),
+        gauges: tuple[int, ...] | None = None,
+    ) -> None:
+        self._world, self._base, self._bias, self._fixed = world, base_id << 4, np.array(bias), gauges
+        self.matrix: Float64Array = (NANO17_N_PER_V / _COUNTS_PER_VOLT * _COUNTS_PER_UNIT).astype(np.float32)
+        per_count = NANO17_N_PER_V / _COUNTS_PER_VOLT
+        per_count[3:] *= 1e-3
+        self._gauges_of = np.linalg.inv(per_count)
+
+    def answer(self, identifier: int, data: bytes, now_ns: int) -> list[tuple[int, bytes]]:
+        """Return the frames that answer a frame; none if it is not for this sensor."""
+        if identifier & 0x7F0 != self._base:
+            return []
+        operation, argument = identifier & 0xF, data[0] if data else -1
+        match operation, len(data):
+            case 0x0, 0:
+                return self._sample(now_ns)
+            case 0x2, 1 if argument < 6:
+                row = struct.pack(">6f", *self.matrix[argument])
+                return [(self._base + 2 + i, row[8 * i : 8 * i + 8]) for i in range(3)]
+            case 0x5, 0:
+                reply = b"FT32918 "
+            case 0x6, 1 if argument < 16:
+                reply = data
+            case 0x7, 0:
+                reply = struct.pack(">II", _COUNTS_PER_UNIT, _COUNTS_PER_UNIT)
+            case 0x8, 0:
+                reply = bytes([2, 4])
+            case 0xF, 0:
+                reply = bytes([3, 8, 0, 1])
+            case _:
+                return []
+        return [(identifier, reply)]
+
+    def _sample(self, now_ns: int) -> list[tuple[int, bytes]]:
+        if self._fixed is not None:
+            values = list(self._fixed)
+        else:
+            counts = np.rint(self._gauges_of @ self._world.wrench(now_ns)) + self._bias
+            values = np.clip(counts, -32768, 32767).astype(int).tolist()
+        for gauge in self._world.saturated_gauges:
+            values[gauge] = 32767
+        first = struct.pack(">H3h", self._world.sensor_status, *values[0::2])
+        return [(self._base, first), (self._base + 1, struct.pack(">3h", *values[1::2]))]
+
+
+class SocketCand:
+    """One client of the socketcand server; the sensor is the only other member of the bus.
+
+    Args:
+        sensor: The sensor.
+        bitrate: Of the bus, in bit/s; 0 for no pacing. Request and replies take their time one after another.
+    """
+
+    def __init__(self, sensor: Netcanoem, bitrate: int) -> None:
+        self._sensor, self._bitrate = sensor, bitrate
+        self._rest = b""
+        self._greeted = False
+        self.ready_ns = 0
+
+    def stream(self, now_ns: int) -> bytes:
+        """Greet."""
+        greeting, self._greeted = b"" if self._greeted else b"< hi >", True
+        return greeting
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Take commands in angle brackets."""
+        reply = b""
+        *commands, self._rest = (self._rest + data).split(b">")
+        for text in commands:
+            words = text.strip(b" <\r\n\x00").decode("ascii", "replace").split()
+            if words[:1] == ["open"] or words == ["rawmode"]:
+                reply += b"< ok >"
+            elif words[:1] == ["send"] and len(words) >= 3:
+                reply += self._send(words, now_ns)
+        return reply
+
+    def _send(self, words: list[str], now_ns: int) -> bytes:
+        try:
+            identifier, length = int(words[1], 16), int(words[2], 16)
+            data = bytes(int(byte, 16) for byte in words[3 : 3 + length])
+        except ValueError:
+            return b"< error could not parse >"
+        frames = self._sensor.answer(identifier, data, now_ns)
+        if self._bitrate:
+            bits = sum(_BITS.get(len(sent), 127) for sent in [data, *(answer for _, answer in frames)])
+            self.ready_ns = max(self.ready_ns, now_ns) + bits * 1_000_000_000 // self._bitrate
+        stamp = f"{now_ns * 1e-9:.6f}"
+        return b"".join(
+            f"< frame {number:03X} {stamp} {content.hex().upper()} >".encode("ascii")
+            for number, content in frames
+        )

@@ -1,0 +1,231 @@
+"""Where an emulated device is plugged in: a pseudo-terminal or a TCP port; the same bytes on either."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator.arrival import receive, stamp_arrivals
+from palp_core.palpation.devices.emulator.faults import Faults
+from palp_core.palpation.devices.emulator.reactor import Reactor
+
+__all__ = ["PtyPort", "Speaker", "TcpPort"]
+
+_STREAM_SLICE_NS = 1_000_000
+
+
+class Speaker(Protocol):
+    """The device's side of one byte stream.
+
+    Attributes:
+        ready_ns: When the last reply may leave, for a device that takes time of its own; 0 for at once.
+    """
+
+    ready_ns: int
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Take bytes and return the reply to them, if any."""
+
+    def stream(self, now_ns: int) -> bytes:
+        """Return what the device sends unasked up to now."""
+
+
+class PtyPort:
+    """A terminal that takes a UART's time for each byte, at a path that outlives unplugging.
+
+    A terminal does not pace by itself, so both directions wait for ``bits`` per byte at ``baud``. Replies go
+    out whole when their last byte is due. The emulator keeps the far end open: otherwise it could not tell a
+    client that closed from a cable that was pulled.
+
+    Args:
+        path: Where the terminal is found: a symbolic link, made anew at each plugging.
+        baud: Bits per second; 0 for no pacing.
+        bits: Bits per byte with start, parity and stop.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        path: Path,
+        make: Callable[[], Speaker],
+        faults: Faults,
+        baud: int,
+        bits: int = 10,
+        streams: bool = False,
+    ) -> None:
+        self._reactor, self._path, self._make, self._faults = reactor, path, make, faults
+        self._ns_per_byte = round(bits * 1e9 / baud) if baud else 0
+        self._streams, self._plugged = streams, 0
+        self._master = self._slave = -1
+        self._in_free_ns = self._out_free_ns = 0
+        self.address = str(path)
+
+    def plug(self) -> None:
+        """Make the terminal; the device behind it is powered up."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._speaker = self._make()
+        self._path.unlink(missing_ok=True)
+        self._path.symlink_to(os.ttyname(self._slave))
+        self._plugged += 1
+        self._reactor.add(self._master, self._arrive)
+        if self._streams:
+            self._stream()
+
+    def unplug(self) -> None:
+        """Pull the cable."""
+        if self._master < 0:
+            return
+        self._plugged += 1
+        self._reactor.remove(self._master)
+        self._path.unlink(missing_ok=True)
+        os.close(self._master)
+        os.close(self._slave)
+        self._master = self._slave = -1
+
+    def _arrive(self) -> None:
+        with suppress(BlockingIOError):
+            data = os.read(self._master, 65536)
+            now_ns = self._reactor.now_ns()
+            if not self._ns_per_byte:
+                self._hear(data, now_ns)
+                return
+            self._in_free_ns = max(self._in_free_ns, now_ns) + len(data) * self._ns_per_byte
+            plugged = self._plugged
+            self._reactor.at(
+                self._in_free_ns,
+                lambda: self._hear(data, self._reactor.now_ns()) if plugged == self._plugged else None,
+            )
+
+    def _hear(self, data: bytes, now_ns: int) -> None:
+        self._say(self._speaker.receive(self._faults.spoil_request(data), now_ns), now_ns)
+
+    def _say(self, reply: bytes, now_ns: int) -> None:
+        reply, delay_ns = self._faults.spoil_reply(reply)
+        if not reply:
+            return
+        start_ns = max(self._out_free_ns, now_ns + delay_ns)
+        self._out_free_ns = start_ns + len(reply) * self._ns_per_byte
+        if self._out_free_ns <= now_ns:
+            self._write(reply)
+            return
+        plugged = self._plugged
+        self._reactor.at(self._out_free_ns, lambda: self._write(reply) if plugged == self._plugged else None)
+
+    def _write(self, data: bytes) -> None:
+        with suppress(BlockingIOError):  # nobody reads: a UART would drop it too
+            os.write(self._master, data)
+
+    def _stream(self) -> None:
+        """Send what is due unasked, as often as a slice, no faster than the baud rate."""
+        now_ns, plugged = self._reactor.now_ns(), self._plugged
+        if self._out_free_ns <= now_ns + _STREAM_SLICE_NS:
+            self._say(self._speaker.stream(now_ns), now_ns)
+        self._reactor.at(
+            now_ns + _STREAM_SLICE_NS, lambda: self._stream() if plugged == self._plugged else None
+        )
+
+
+class TcpPort:
+    """A TCP port that serves any number of clients, each with a device's side of its own.
+
+    Args:
+        port: TCP port; 0 for a free one, which is kept over unplugging.
+    """
+
+    def __init__(
+        self,
+        reactor: Reactor,
+        port: int,
+        make: Callable[[], Speaker],
+        faults: Faults,
+        host: str = "127.0.0.1",
+    ) -> None:
+        self._reactor, self._make, self._faults = reactor, make, faults
+        self.host, self.port = host, port
+        self._listener: socket.socket | None = None
+        self._clients: dict[socket.socket, Speaker] = {}
+
+    @property
+    def address(self) -> str:
+        """Where it listens, as pyserial writes it."""
+        return f"socket://{self.host}:{self.port}"
+
+    def plug(self) -> None:
+        """Listen.
+
+        Raises:
+            DeviceError: Somebody else does, or the address is not of this host.
+        """
+        try:
+            self._listener = socket.create_server((self.host, self.port))
+        except OSError as error:
+            raise DeviceError(
+                f"emulator: cannot listen on {self.host}:{self.port}: {error.strerror};"
+                " end what does, or choose another address"
+            ) from error
+        self._listener.setblocking(False)
+        self.port = self._listener.getsockname()[1]
+        self._reactor.add(self._listener, self._accept)
+
+    def unplug(self) -> None:
+        """Close the port and drop every client."""
+        if self._listener is None:
+            return
+        self._reactor.remove(self._listener)
+        self._listener.close()
+        self._listener = None
+        for client in list(self._clients):
+            self._drop(client)
+
+    def _accept(self) -> None:
+        if self._listener is None:
+            return
+        client, _ = self._listener.accept()
+        client.setblocking(False)
+        stamp_arrivals(client)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        speaker = self._make()
+        self._clients[client] = speaker
+        self._reactor.add(client, lambda: self._arrive(client))
+        self._say(client, speaker.stream(self._reactor.now_ns()))
+
+    def _arrive(self, client: socket.socket) -> None:
+        data, arrived_ns = b"", 0
+        with suppress(OSError):
+            data, arrived_ns = receive(client, 65536)
+        if not data:
+            self._drop(client)
+            return
+        reply = self._clients[client].receive(self._faults.spoil_request(data), arrived_ns)
+        self._say(client, reply)
+
+    def _say(self, client: socket.socket, reply: bytes) -> None:
+        reply, delay_ns = self._faults.spoil_reply(reply)
+        if not reply:
+            return
+        now_ns = self._reactor.now_ns()
+        due_ns = max(now_ns, self._clients[client].ready_ns) + delay_ns
+        if due_ns > now_ns:
+            self._reactor.at(due_ns, lambda: self._send(client, reply))
+        else:
+            self._send(client, reply)
+
+    def _send(self, client: socket.socket, data: bytes) -> None:
+        if client in self._clients:
+            try:
+                client.send(data)
+            except OSError:
+                self._drop(client)
+
+    def _drop(self, client: socket.socket) -> None:
+        self._reactor.remove(client)
+        self._clients.pop(client, None)
+        client.close()

@@ -1,0 +1,299 @@
+"""All emulated devices of a rig, with their addresses and their faults."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator.aerotech import Aerotech
+from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
+from palp_core.palpation.devices.emulator.http import Http
+from palp_core.palpation.devices.emulator.lsl import LslOutlet
+from palp_core.palpation.devices.emulator.maestro import Maestro
+from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
+from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
+from palp_core.palpation.devices.emulator.ports import PtyPort, Speaker, TcpPort
+from palp_core.palpation.devices.emulator.reactor import Reactor
+from palp_core.palpation.devices.emulator.settings import RigSettings
+from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.devices.wire import aerotech as aerotech_wire
+from palp_core.palpation.devices.wire import spikershield as spikershield_wire
+
+__all__ = ["DEVICES", "EmulatedRig"]
+
+DEVICES = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+_FOR_EVER = 1 << 60
+_DEVICE_FAULTS = {
+    "aerotech": ("limit", "e-stop", "stuck"),
+    "maestro": (*CHECKED_FAULTS, "stalled"),
+    "ati": ("saturated", "status"),
+    "netft": ("saturated", "status"),
+}
+
+
+class Plug(Protocol):
+    """What can be plugged in and pulled out."""
+
+    def plug(self) -> None: ...
+    def unplug(self) -> None: ...
+
+
+class EmulatedRig:
+    """Start the devices named; stop them at the end of the ``with``.
+
+    Args:
+        settings: How they are set up.
+        devices: Which of :data:`DEVICES`.
+
+    Raises:
+        DeviceError: There is no such device.
+    """
+
+    def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:5]) -> None:
+        self.settings = settings or RigSettings()
+        self._devices = tuple(devices)
+        unknown = set(self._devices) - set(DEVICES)
+        if unknown:
+            raise DeviceError(
+                f"emulator: no device {', '.join(sorted(unknown))}; known: {', '.join(DEVICES)}"
+            )
+        self._plugs: dict[str, list[Plug]] = {}
+        self._faults = {name: Faults(seed=i) for i, name in enumerate(self._devices)}
+        self._unplugged: set[str] = set()
+        self._second: TcpPort | None = None
+        self.addresses: dict[str, str] = {}
+        self.options: dict[str, dict[str, Any]] = {}
+
+    def start(self) -> Self:
+        """Plug everything in; afterwards ``addresses`` and ``options`` (of the drivers) are known."""
+        with ExitStack() as undo:
+            if self.settings.folder:
+                self._folder = Path(self.settings.folder)
+                self._folder.mkdir(parents=True, exist_ok=True)
+            else:
+                self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
+                undo.callback(shutil.rmtree, self._folder)
+            self.world = World(self.settings.world)
+            undo.callback(self.world.close)
+            self.reactor = Reactor()
+            undo.callback(self.reactor.stop)
+            undo.callback(self._unplug_all)
+            for name in self._devices:
+                self.reactor.call(lambda name=name: self._begin(name))  # type: ignore[misc]
+            self._undo = undo.pop_all()
+        return self
+
+    @property
+    def stop_url(self) -> str:
+        """Address of the controller's second TCP port, for the safety process; empty on a terminal."""
+        return self._second.address if self._second is not None else ""
+
+    def stop(self) -> None:
+        """Pull everything out.
+
+        Raises:
+            DeviceError: An emulated device failed on the way.
+        """
+        self._undo.close()
+        failures = self.reactor.failures
+        if failures:
+            raise DeviceError(
+                f"emulator: {len(failures)} failures, the first: {failures[0]!r}"
+            ) from failures[0]
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def fault(self, device: str, name: str, count: int = _FOR_EVER, value: float = 0.1) -> None:
+        """Break something.
+
+        Args:
+            device: Which.
+            name: A fault of the wire (``garbage``, ``truncation``, ``delay``, ``silence``, ``checksum``),
+                ``disconnect``, or one of the device (:meth:`faults_of`).
+            count: For how many replies, for a fault of the wire.
+            value: Seconds of ``delay``; the bits of ``status``.
+
+        Raises:
+            DeviceError: The device does not know that fault.
+        """
+        if name not in self.faults_of(device):
+            raise DeviceError(
+                f"emulator: {device} has no fault '{name}'; known: {', '.join(self.faults_of(device))}"
+            )
+        if name == "disconnect":
+            self.disconnect(device)
+        elif name in WIRE_FAULTS + CHECKED_FAULTS:
+            self.reactor.call(lambda: self._faults[device].begin(name, count, value))
+        else:
+            self.reactor.call(lambda: self._break(name, value))
+
+    def faults_of(self, device: str) -> list[str]:
+        """Return the names of a device's faults."""
+        if device not in self._devices:
+            raise DeviceError(f"emulator: no device '{device}' here; there are {', '.join(self._devices)}")
+        return [*WIRE_FAULTS, "disconnect", *_DEVICE_FAULTS.get(device, ())]
+
+    def clear(self, device: str) -> None:
+        """Mend a device: its wire, its plug and what broke inside; a latched fault stays latched."""
+        self.faults_of(device)  # refuses an unknown device
+        self.reactor.call(self._faults[device].end)
+        self.reactor.call(lambda: self._mend(device))
+        if device in self._unplugged:
+            self.connect(device)
+
+    def disconnect(self, device: str) -> None:
+        """Pull a device's cable."""
+        self._unplugged.add(device)
+        for plug in self._plugs.get(device, []):
+            self.reactor.call(plug.unplug)
+
+    def connect(self, device: str) -> None:
+        """Plug a device in again, at the same address."""
+        self.disconnect(device)
+        self._unplugged.discard(device)
+        for plug in self._plugs[device]:
+            self.reactor.call(plug.plug)
+
+    def on_world(self, function: Callable[[World, int], Any]) -> Any:
+        """Look at or change the truth, at a time, on the emulator's thread."""
+        return self.reactor.call(lambda: function(self.world, self.reactor.now_ns()))
+
+    def _unplug_all(self) -> None:
+        for name in self._devices:
+            self.disconnect(name)
+        if self._second is not None:
+            self.reactor.call(self._second.unplug)
+
+    def _begin(self, name: str) -> None:
+        make = getattr(self, f"_make_{name}")
+        self._plugs[name] = make(self._faults[name])
+        for plug in self._plugs[name]:
+            plug.plug()
+        address = getattr(self, f"_address_{name}", None)
+        self.options[name] = address() if address else self.options[name]
+        self.addresses[name] = str(next(iter(self.options[name].values())))
+
+    def _tcp(self, port: int, speaker: Callable[[], Speaker], faults: Faults) -> TcpPort:
+        return TcpPort(self.reactor, port, speaker, faults, self.settings.host)
+
+    def _make_aerotech(self, faults: Faults) -> list[Plug]:
+        speaker = partial(Aerotech, self.world, always_end=self.settings.stage_always_ends)
+        self._stage: PtyPort | TcpPort
+        if self.settings.stage_serial:
+            path = self._folder / "aerotech"
+            self._stage = PtyPort(self.reactor, path, speaker, faults, self.settings.stage_baud)
+        else:
+            self._stage = self._tcp(self.settings.aerotech_port, speaker, faults)
+            self._second = self._tcp(self.settings.aerotech_stop_port, speaker, Faults())
+            self._second.plug()
+        return [self._stage]
+
+    def _address_aerotech(self) -> dict[str, Any]:
+        return {"url": self._stage.address, "verified": ("*",)}
+
+    def _make_maestro(self, faults: Faults) -> list[Plug]:
+        settings = self.settings.maestro
+        path = self._folder / "maestro"
+        self.options["maestro"] = {"url": str(path), "crc": settings.crc, "verified": ("*",)}
+
+        def speaker() -> Maestro:
+            return Maestro(self.world, settings, self.reactor.now_ns())
+
+        streams = settings.timeout_s > 0.0
+        return [PtyPort(self.reactor, path, speaker, faults, self.settings.maestro_baud, streams=streams)]
+
+    def _make_ati(self, faults: Faults) -> list[Plug]:
+        sensor = Netcanoem(self.world)
+        bitrate = self.settings.can_bitrate
+        self._can = self._tcp(self.settings.can_port, lambda: SocketCand(sensor, bitrate), faults)
+        return [self._can]
+
+    def _address_ati(self) -> dict[str, Any]:
+        link = {"host": self._can.host, "port": self._can.port, "tcp_tune": True}
+        return {"channel": "can0", "interface": "socketcand", "options": link, "verified": ("*",)}
+
+    def _make_netft(self, faults: Faults) -> list[Plug]:
+        given = self.settings
+        rate_hz, host, clock_ppm = given.netft_rate_hz, given.host, given.clock_ppm
+        self._netft = NetFt(self.reactor, self.world, faults, rate_hz, host, clock_ppm)
+        self._netft_page = self._tcp(
+            0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
+        )
+        return [self._netft, self._netft_page]
+
+    def _address_netft(self) -> dict[str, Any]:
+        return {
+            "host": self.settings.host,
+            "port": self._netft.port,
+            "http_port": self._netft_page.port,
+            "rate_hz": self.settings.netft_rate_hz,
+        }
+
+    def _make_noraxon(self, faults: Faults) -> list[Plug]:
+        amplifier = Noraxon(self.world, self.settings.emg_rate_hz, self.settings.clock_ppm)
+        self._noraxon = self._tcp(
+            self.settings.noraxon_port, lambda: Http(amplifier.page, "application/json"), faults
+        )
+        return [self._noraxon]
+
+    def _address_noraxon(self) -> dict[str, Any]:
+        link = {"host": self._noraxon.host, "port": self._noraxon.port}
+        return {**link, "rate_hz": self.settings.emg_rate_hz, "verified": ("*",)}
+
+    def _make_lsl(self, faults: Faults) -> list[Plug]:
+        name = self._folder.name
+        self.options["lsl"] = {"stream": name, "rate_hz": self.settings.emg_rate_hz}
+        rate_hz, clock_ppm = self.settings.emg_rate_hz, self.settings.clock_ppm
+        return [LslOutlet(self.reactor, self.world, faults, name, rate_hz, clock_ppm)]
+
+    def _make_spikershield(self, faults: Faults) -> list[Plug]:
+        path = self._folder / "spikershield"
+        self.options["spikershield"] = {"url": str(path), "volt_per_count": 4e-6, "verified": ("*",)}
+        baud = spikershield_wire.BAUD
+        speaker = partial(SpikerShield, self.world, clock_ppm=self.settings.clock_ppm)
+        return [PtyPort(self.reactor, path, speaker, faults, baud, streams=True)]
+
+    def _break(self, name: str, value: float) -> None:
+        world, now_ns = self.world, self.reactor.now_ns()
+        axes = world.axes.values()
+        match name:
+            case "limit":
+                world.axes["y"].trip(aerotech_wire.Fault.CW_END_OF_TRAVEL, now_ns)
+            case "e-stop":
+                for axis in axes:
+                    axis.estop = True
+                    axis.trip(aerotech_wire.Fault.E_STOP, now_ns)
+            case "stuck":
+                for axis in axes:
+                    axis.stuck = True
+                    if axis.moving(now_ns):
+                        axis.trip(aerotech_wire.Fault.POSITION_ERROR, now_ns)
+            case "stalled":
+                world.stall(now_ns)
+            case "saturated":
+                world.saturated_gauges = (2,)
+            case "status":
+                world.sensor_status = int(value) if value >= 1.0 else 0x8020
+
+    def _mend(self, device: str) -> None:
+        if device == "aerotech":
+            for axis in self.world.axes.values():
+                axis.estop = axis.stuck = False
+        elif device == "maestro":
+            self.world.ring_stalled = False
+        elif device in ("ati", "netft"):
+            self.world.saturated_gauges, self.world.sensor_status = (), 0

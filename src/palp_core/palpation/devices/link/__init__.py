@@ -1,0 +1,1 @@
+"""What drivers share: lines, clocks, reconnection."""

@@ -1,0 +1,121 @@
+"""A driver's thread: hold a session with the device, and take it up again when it was lost."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+
+__all__ = ["Receiver", "Session"]
+
+
+class Session(Protocol):
+    """One connection to a device, used by one thread."""
+
+    def step(self, stop: threading.Event) -> None:
+        """Receive or exchange once, for at most a fraction of a second.
+
+        Raises:
+            DeviceError: The link is lost.
+            OSError: The same, from the system.
+        """
+
+    def close(self) -> None: ...
+
+
+class Receiver:
+    """Run sessions in a thread until stopped.
+
+    The first session is begun by the caller, so that a wrong address is an error where it was given. Later
+    ones are begun by the thread every ``retry_s``: a sensor may come back by itself, as nothing moves by it.
+
+    Args:
+        name: The device, for messages and the thread.
+        connect: Begins a session.
+        watch: Told of loss.
+        host: Time.
+        retry_s: Time between attempts.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        connect: Callable[[], Session],
+        watch: Watch,
+        host: HostTime,
+        retry_s: float = 0.1,
+    ) -> None:
+        self._name, self._connect, self._watch, self._host, self._retry_s = (
+            name,
+            connect,
+            watch,
+            host,
+            retry_s,
+        )
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.lost_count = 0
+
+    def start(self) -> None:
+        """Begin the first session and the thread.
+
+        Raises:
+            DeviceError: The device does not answer, or the receiver runs already.
+        """
+        self.refuse_if_running()
+        try:
+            session = self._connect()
+        except DeviceError:  # it says what to do, and may be a time-out of the system's kind as well
+            raise
+        except (OSError, ValueError) as error:
+            raise DeviceError(f"{self._name}: cannot connect: {error}; check address and cable") from error
+        self._watch.fresh(self._host.now_ns())
+        self._stop.clear()
+        self._thread = threading.Thread(
+            target=self._run, args=(session,), name=f"palp-{self._name}", daemon=True
+        )
+        self._thread.start()
+
+    def refuse_if_running(self) -> None:
+        """Refuse to be opened twice, before anything is changed.
+
+        Raises:
+            DeviceError: The receiver runs.
+        """
+        if self._thread is not None:
+            raise DeviceError(f"{self._name}: open already; close it first")
+
+    def stop(self) -> None:
+        """End thread and session."""
+        if self._thread is not None:
+            self._stop.set()
+            self._thread.join()
+            self._thread = None
+        self._watch.report(Condition.CLOSED, self._host.now_ns())
+
+    def _run(self, session: Session | None) -> None:
+        while not self._stop.is_set():
+            try:
+                if session is None:
+                    session = self._connect()
+                session.step(self._stop)
+            except Exception as error:  # noqa: BLE001 - or the thread would end, and nobody would know why
+                if session is not None:
+                    self.lost_count += 1
+                    _close(session)
+                    session = None
+                told = str(error) if isinstance(error, DeviceError) else f"{self._name}: {error!r}"
+                self._watch.report(Condition.LINK_LOST, self._host.now_ns(), told)
+                self._stop.wait(self._retry_s)
+        if session is not None:
+            _close(session)
+
+
+def _close(session: Session) -> None:
+    with suppress(Exception):
+        session.close()

@@ -1,0 +1,126 @@
+"""A serial port by address: a device file, ``socket://HOST:PORT``, or any other that pyserial knows."""
+
+from __future__ import annotations
+
+import socket
+import termios
+import threading
+from contextlib import suppress
+from typing import Any
+
+import serial
+
+from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.palpation.devices.link.reply_timeout import Patience
+
+__all__ = ["LinkLost", "SerialLink"]
+
+_LOST = (OSError, TypeError, termios.error)  # TypeError: pyserial on a port that another thread closed
+_SLICE_S = 0.02  # how long one read waits; changing a port's own time-out is costly, so it is set once
+
+
+class LinkLost(DeviceError):
+    """The device file is gone, the connection closed: only opening it anew helps."""
+
+
+class SerialLink:
+    """Bytes to and from a serial device, with time-outs and clear errors.
+
+    A device file is locked: of two programs on one line each would get a part of the answers.
+
+    Args:
+        name: The device, for messages.
+        url: Its address.
+        baud: Its speed in bit/s.
+
+    Raises:
+        DeviceError: It cannot be opened.
+    """
+
+    def __init__(self, name: str, url: str, baud: int) -> None:
+        self.name, self.url = name, url
+        self._write_lock = threading.Lock()
+        try:
+            self._port: Any = serial.serial_for_url(
+                url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0, exclusive=True
+            )
+            connection = getattr(self._port, "_socket", None)
+            if connection is not None:  # an ABORT does not wait 40 ms for the answer to what went before
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except (OSError, ValueError, termios.error) as error:
+            raise DeviceError(
+                f"{name}: cannot open {url}: {error};"
+                " check address, cable and rights, and that no other program has it"
+            ) from error
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        try:
+            with self._write_lock:
+                self._port.write(data)
+        except _LOST as error:
+            raise self._lost(error) from error
+
+    def read_some(self) -> bytes:
+        """Return what is there, waiting a moment for the first byte; empty if there is none.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        try:
+            first: bytes = self._port.read(1)
+            if first and (waiting := self._port.in_waiting):
+                first += self._port.read(waiting)
+        except _LOST as error:
+            raise self._lost(error) from error
+        return first
+
+    def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        """Return ``count`` bytes.
+
+        Raises:
+            DeviceTimeout: They did not come in time.
+            DeviceError: The link is lost.
+        """
+        data, patience = b"", Patience(timeout_s)
+        while len(data) < count:
+            over = patience.over()
+            try:
+                data += self._port.read(count - len(data))
+            except _LOST as error:
+                raise self._lost(error) from error
+            if len(data) < count and over:
+                raise DeviceTimeout(
+                    f"{self.name}: {len(data)} of {count} bytes within {timeout_s:g} s on {self.url}"
+                )
+        return data
+
+    def drop_input(self) -> None:
+        """Throw away what came and was not read.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        try:
+            self._port.reset_input_buffer()
+        except _LOST as error:
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        """Release the port.
+
+        A socket is closed here: pyserial would leave one open that the other end has closed, and sleep.
+        """
+        connection = getattr(self._port, "_socket", None)
+        with suppress(*_LOST):
+            if connection is not None:
+                connection.close()
+                self._port.is_open = False
+            self._port.close()
+
+    def _lost(self, error: Exception) -> LinkLost:
+        return LinkLost(f"{self.name}: lost {self.url}: {error}; check cable and power, then reopen")

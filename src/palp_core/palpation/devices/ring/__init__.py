@@ -1,0 +1,1 @@
+"""Drivers of the anchor ring's motor."""

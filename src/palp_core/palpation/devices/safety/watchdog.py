@@ -1,0 +1,230 @@
+"""What the safety process checks on everything it hears, without a node or a link in sight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import Level, TravelLimits, WrenchLimits
+from palp_core.palpation.devices.safety.state_machine import Cause
+from palp_core.units import Float64Array
+
+__all__ = ["Finding", "Load", "Stage", "WatchLimits", "Watchdog"]
+
+_GOOD = ("ok", "")
+_LINK = ("link lost", "stale", "garbled")
+
+
+class Finding(NamedTuple):
+    """A limit that is passed: which, and the numbers in words."""
+
+    cause: Cause
+    text: str
+
+
+@dataclass(frozen=True)
+class WatchLimits:
+    """Limits of the watch. The window and the speed stand for the scene and the stage; the rest is assumed.
+
+    Attributes:
+        wrench: Loads at which to warn and to stop.
+        travel: Where the stage may be and how fast, as its driver has it.
+        slack_m: How far beyond the driver's window is a trip: the driver stops before.
+        speed_share: How much faster than the driver's limit is a trip: speeds are differences of polls.
+        following_m: Largest difference of commanded and measured position.
+        stale_s: Longest time without a sample while motion is permitted.
+        beat_s: Longest time without a report of sensor, stage or ring, or without the watch itself running.
+        bring_up_s: As much while the stage homes.
+    """
+
+    wrench: WrenchLimits = field(default_factory=WrenchLimits)
+    travel: TravelLimits = field(default_factory=TravelLimits)
+    slack_m: float = 0.5e-3
+    speed_share: float = 1.25
+    following_m: float = 0.5e-3
+    stale_s: float = 0.025
+    beat_s: float = 0.050
+    bring_up_s: float = 70.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("slack_m", 0.0, 0.01),
+            ("speed_share", 1.0, 10.0),
+            ("following_m", 1e-6, 0.01),
+            ("stale_s", 1e-3, 10.0),
+            ("beat_s", 1e-3, 10.0),
+            ("bring_up_s", 1e-3, 600.0),
+        ):
+            check_range("safety", name, getattr(self, name), low, high)
+
+
+@dataclass(frozen=True)
+class Load:
+    """The largest load since the last report, when the latest sample was taken, and when that was said."""
+
+    sample_ns: int
+    torque_n_m: float
+    force_n: float
+    saturated: bool = False
+    faulty: bool = False
+    condition: str = "ok"
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where the stage is, how fast, and how it does; ``released``: it has taken note of the last release."""
+
+    stamp_ns: int
+    y_m: float
+    z_m: float
+    speed_m_per_s: float
+    moving: bool
+    bring_up: bool = False
+    released: bool = True
+    condition: str = "ok"
+
+
+class Watchdog:
+    """Keep the latest word of everything that is watched, and say what is wrong with it.
+
+    ``arm`` forgets what was heard: after a release everything must be heard again before anything moves.
+    """
+
+    def __init__(self, limits: WatchLimits) -> None:
+        self.limits = limits
+        self.warning = ""
+        self.arm()
+
+    def arm(self) -> None:
+        """Forget what was heard."""
+        self._sample_ns = self._load_ns = self._stage_ns = self._ring_ns = 0
+        self._run_ns = self._judges_ns = 0
+        self._bring_up = self._hears_first = False
+
+    def load(self, load: Load) -> list[Finding]:
+        """Take note of a load; return what is wrong with it."""
+        limits, found = self.limits.wrench, []
+        fresh = load.sample_ns > self._sample_ns  # silence does not take a load away
+        if load.sample_ns:
+            self._sample_ns = max(self._sample_ns, load.sample_ns)
+        self._load_ns = max(self._load_ns, load.stamp_ns or load.sample_ns)
+        if load.saturated:
+            found.append(Finding(Cause.SATURATED, "a gauge of the sensor is at the end of its range"))
+        if load.faulty or load.condition == "device fault":
+            found.append(Finding(Cause.SENSOR_FAULT, f"the sensor says of its data: {load.condition}"))
+        if not math.isfinite(load.torque_n_m) or not math.isfinite(load.force_n):
+            found.append(Finding(Cause.SENSOR_FAULT, "a load is not a number"))
+        elif limits.level(_one(load.torque_n_m), _one(load.force_n)) is Level.STOP:
+            torque = load.torque_n_m >= limits.stop_torque_n_m
+            said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
+            found.append(Finding(Cause.TORQUE if torque else Cause.FORCE, said))
+        if fresh:
+            self.warning = self._warning(load)
+        return found
+
+    def stage(self, stage: Stage) -> list[Finding]:
+        """Take note of the stage's report; return what is wrong with it."""
+        travel, slack = self.limits.travel, self.limits.slack_m
+        self._bring_up = stage.bring_up
+        if stage.released:
+            self._stage_ns = max(self._stage_ns, stage.stamp_ns)
+        found = []
+        for axis, place, (low, high) in (("y", stage.y_m, travel.y_m), ("z", stage.z_m, travel.z_m)):
+            if stage.moving and not stage.bring_up and not low - slack <= place <= high + slack:
+                window = f"outside of {low * 1e3:.1f} to {high * 1e3:.1f} mm"
+                found.append(Finding(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
+        fastest = travel.speed_m_per_s * self.limits.speed_share
+        if not stage.bring_up and not abs(stage.speed_m_per_s) <= fastest:
+            said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, the limit is {travel.speed_m_per_s * 1e3:g}"
+            found.append(Finding(Cause.SPEED, said))
+        if stage.released and stage.condition not in (*_GOOD, "closed"):
+            cause = Cause.LINK_LOST if stage.condition in _LINK else Cause.AXIS_FAULT
+            cause = Cause.HEARTBEAT if stage.condition == "unheard" else cause
+            found.append(Finding(cause, f"the stage says: {stage.condition}"))
+        return found
+
+    def ring(self, stamp_ns: int, condition: str, *, released: bool = True) -> list[Finding]:
+        """Take note of the ring's report; return what is wrong with it.
+
+        One that has not taken note of the last release says what was before it, and may be busy leaving it.
+        """
+        if not released:
+            return []
+        self._ring_ns = max(self._ring_ns, stamp_ns)
+        if condition in (*_GOOD, "closed"):
+            return []
+        cause = Cause.LINK_LOST if condition in _LINK else Cause.RING_FAULT
+        return [Finding(cause, f"the ring's driver says: {condition}")]
+
+    def axis(self, axis: str, fault: str, following_m: float) -> list[Finding]:
+        """Judge what an axis says on the safety process's own link."""
+        found = [Finding(Cause.AXIS_FAULT, f"axis {axis}: {fault}")] if fault else []
+        if not abs(following_m) <= self.limits.following_m:
+            said = f"axis {axis} is {following_m * 1e3:.2f} mm away from where it is sent"
+            found.append(Finding(Cause.FOLLOWING, said))
+        return found
+
+    def run(self, now_ns: int, period_s: float) -> list[Finding] | None:
+        """Note that the watch runs; say whether it was kept from it, and None if it had better hear first.
+
+        A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
+        Being late itself for longer than a heartbeat is a reason of its own to stop, as
+        nobody has watched meanwhile.
+
+        Args:
+            now_ns: Time of this run.
+            period_s: Time between two.
+        """
+        before_ns, self._run_ns = self._run_ns, now_ns
+        late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0
+        if late_s > self.limits.beat_s:
+            said = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
+            return [Finding(Cause.LATE, f"{said}, the limit is {self.limits.beat_s * 1e3:g} ms")]
+        if late_s > period_s and not self._hears_first:
+            self._hears_first, self._judges_ns = True, now_ns + round(2e9 * period_s)
+        if now_ns < self._judges_ns:
+            return None
+        self._hears_first = False  # it judges now, before it may be excused again: it may be late for ever
+        return []
+
+    def late(self, now_ns: int) -> list[Finding]:
+        """Say what has not been heard of for too long; empty while motion may go on.
+
+        A sensor that is silent while its node speaks is stale; a node that does not speak has lost its
+        heartbeat, whatever its device does.
+        """
+        limits = self.limits
+        stage_s = limits.bring_up_s if self._bring_up else limits.beat_s
+        return [
+            Finding(cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms")
+            for name, cause, last_ns, longest_s in (
+                ("last report of the sensor", Cause.HEARTBEAT, self._load_ns, limits.stale_s),
+                ("last torque sample", Cause.STALE, self._sample_ns, limits.stale_s),
+                ("last report of the stage", Cause.HEARTBEAT, self._stage_ns, stage_s),
+                ("last report of the ring", Cause.HEARTBEAT, self._ring_ns, limits.beat_s),
+            )
+            if not last_ns or abs(now_ns - last_ns) > longest_s * 1e9  # nor may a stamp lie ahead
+        ]
+
+    @staticmethod
+    def _age(now_ns: int, last_ns: int) -> str:
+        return f"{(now_ns - last_ns) * 1e-6:.0f} ms ago" if last_ns else "none yet"
+
+    def _warning(self, load: Load) -> str:
+        limits = self.limits.wrench
+        if load.torque_n_m >= limits.warn_torque_n_m:
+            return (
+                f"torque of {load.torque_n_m * 1e3:.0f} N mm; the stop is at {limits.stop_torque_n_m * 1e3:g}"
+            )
+        if load.force_n >= limits.warn_force_n:
+            return f"force of {load.force_n:.1f} N; the stop is at {limits.stop_force_n:g}"
+        return ""
+
+
+def _one(value: float) -> Float64Array:
+    return np.array([value])

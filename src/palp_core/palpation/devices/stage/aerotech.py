@@ -1,0 +1,299 @@
+"""The XY stage on an Aerotech controller: y along the sweep, z above the scanning height.
+
+A move is bounded, never a jog, so that a host that dies leaves the stage at the end of a short leg. A path
+of several legs is sent leg by leg by the driver's thread, which also polls positions, status and faults. The
+driver never acknowledges a fault by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.motion_profile import MotionProfile
+from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
+from palp_core.palpation.devices.stage.aerotech_leg import Leg, duration_s, in_segments
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
+from palp_core.palpation.devices.stage.aerotech_motion import Motion
+from palp_core.palpation.devices.unverified import warn_unverified
+from palp_core.palpation.devices.wire import aerotech as wire
+
+__all__ = ["AerotechStage", "AerotechState"]
+
+_PLACE_M = 50e-6  # how close to a place counts as being there
+_NO_WAY_M = _PLACE_M / 10  # a shorter leg is none
+
+
+class AerotechState(msgspec.Struct):
+    """What outlives the driver: whether the stage was brought up."""
+
+    homed: bool = False
+
+
+@dataclass
+class AerotechStage:
+    """Parameters and link of the stage. The controller counts in millimetres.
+
+    Attributes:
+        url: Address as pyserial knows it: ``/dev/ttyUSB0`` or ``socket://HOST:8000``.
+        baud: Of a serial line.
+        axes: The controller's names of the axes y and z.
+        origin_m: Controller's position of y = 0 and z = 0.
+        sign: Direction of y and z on the controller's axes, each +1 or -1.
+        limits: Window and speed, checked before a move is sent.
+        sweep_speed_m_per_s: Speed of a sweep (the paper: 20 mm/s).
+        return_speed_m_per_s: Speed of the way back.
+        lift_speed_m_per_s: Speed of raising and lowering.
+        lift_m: Height of the way back.
+        lead_m: Way at full speed before a sweep's interval.
+        segment_m: Longest move that is sent at once, 2 mm on a single RS-232; 0 with a second link.
+        settle_s: Allowance for starting and ending a leg, in the times that are predicted.
+        poll_hz: How often positions are read; four questions each, so 50 Hz fill 42 % of a line at 115200.
+        stale_s: Longest silence.
+        timeout_s: Longest wait for an answer.
+        home_timeout_s: Longest homing.
+        home_on_open: Whether opening homes axes that are not; it drives them to their references.
+        verified: Parameters checked on the device; ``*`` for all.
+    """
+
+    UNVERIFIED: ClassVar[dict[str, str]] = {
+        "baud": "the controller's parameter 111",
+        "axes": "which axis sweeps and which lifts",
+        "origin_m": "where the bead and the scanning height are",
+        "sign": "which way the axes count",
+        "limits": "the stage's variant and travel; the speed stays at 50 mm/s until it is known",
+    }
+
+    url: str
+    baud: int = 115200
+    axes: tuple[str, str] = ("X", "Y")
+    origin_m: tuple[float, float] = (0.0, 0.0)
+    sign: tuple[int, int] = (1, 1)
+    limits: TravelLimits = field(default_factory=TravelLimits)
+    sweep_speed_m_per_s: float = 0.020
+    return_speed_m_per_s: float = 0.050
+    lift_speed_m_per_s: float = 0.020
+    lift_m: float = 0.020
+    lead_m: float = 1e-3
+    segment_m: float = 0.0
+    settle_s: float = 0.08
+    poll_hz: float = 50.0
+    stale_s: float = 0.25
+    timeout_s: float = 0.25
+    home_timeout_s: float = 60.0
+    home_on_open: bool = True
+    verified: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("sweep_speed_m_per_s", "return_speed_m_per_s", "lift_speed_m_per_s"):
+            check_range("stage", name, getattr(self, name), 1e-6, self.limits.speed_m_per_s)
+        check_range("stage", "lift_m", self.lift_m, *self.limits.z_m)
+        for name, high in (("lead_m", 1.0), ("segment_m", 1.0), ("settle_s", 10.0)):
+            check_range("stage", name, getattr(self, name), 0.0, high)
+        for name in ("stale_s", "timeout_s", "home_timeout_s"):  # 0 s of silence would be any silence
+            check_range("stage", name, getattr(self, name), 1e-3, 600.0)
+        check_range("stage", "poll_hz", self.poll_hz, 1.0, 500.0)
+        if len(self.axes) != 2 or self.axes[0] == self.axes[1] or any(s not in (1, -1) for s in self.sign):
+            raise DeviceError(f"stage: axes {self.axes}, sign {self.sign}; two names, and +1 or -1 for each")
+        self._host = HostTime()
+        self._watch = Watch(self.stale_s)
+        self._motion: Motion | None = None
+
+    def open(self, now_ns: int, state: AerotechState, rng: np.random.Generator) -> None:
+        """Connect, enable, and bring a fresh stage home, raised, to y = 0.
+
+        Raises:
+            DeviceError: No controller, a latched fault, an axis that is not homed and must not be, or homing
+                that fails.
+        """
+        self._host.hear(now_ns)
+        if self._motion is not None:
+            raise DeviceError("stage: open already; close it first")
+        warn_unverified("stage", self.UNVERIFIED, self.verified)
+        link = AerotechLink(self.url, self.baud, self.timeout_s)
+        motion = Motion(link, self.axes, self._host, self._watch, self.poll_hz)
+        try:
+            motion.enable()
+            self._accel_m_per_s2 = 1e-3 * link.number(
+                f"GETPARM({self.axes[0]}, {wire.Parameter.DEFAULT_RAMP_RATE})"
+            )
+            check_range("stage", "ramp rate read from the controller, m/s^2", self._accel_m_per_s2, 1e-6, 1e3)
+            if not motion.homed():
+                if not self.home_on_open:
+                    raise DeviceError("stage: not homed; home it at the controller, or set home_on_open")
+                motion.home(self.home_timeout_s)
+                state.homed = False
+            motion.start()
+        except BaseException:
+            link.close()
+            raise
+        self._motion = motion
+        if not state.homed:
+            try:
+                legs = self._way_to(0.0, self.lift_m)
+                self._follow(motion, legs)
+            except DeviceError:
+                self.close()
+                raise
+            if not motion.wait(self._duration_s(legs) * 1.5 + 5.0):
+                self.close()
+                raise DeviceError("stage: did not reach its place of rest after homing; check for faults")
+            state.homed = True
+
+    def close(self) -> None:
+        """Release the link; a leg under way ends at its end."""
+        if self._motion is not None:
+            self._motion.stop_polling()
+            self._motion = None
+
+    def health(self, now_ns: int) -> Health:
+        self._host.hear(now_ns)
+        return self._watch.read(self._host.now_ns())
+
+    @property
+    def moving(self) -> bool:
+        """Whether legs of a path are under way or waiting."""
+        return self._motion is not None and self._motion.busy
+
+    def sweep_start(self, from_m: float, to_m: float) -> float:
+        """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
+        return from_m - math.copysign(self._run_up_m, to_m - from_m)
+
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
+        """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``.
+
+        Raises:
+            DeviceError: Not up, moving, raised, too close to ``from_m``, or a path that leaves the window.
+        """
+        motion, y_m, z_m = self._resting(now_ns, state)
+        check_range("stage", "from_m", from_m, *self.limits.y_m)
+        check_range("stage", "to_m", to_m, *self.limits.y_m)
+        if from_m == to_m:
+            raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
+        sign = math.copysign(1.0, to_m - from_m)
+        start_m, end_m = self.sweep_start(from_m, to_m), to_m + sign * self._run_up_m
+        if z_m > _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
+            raise DeviceError(
+                f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
+                f" return_to(sweep_start(...)) = {start_m:g} m first"
+            )
+        leg = self._leg("y", y_m, end_m, self.sweep_speed_m_per_s)
+        started_ns = self._follow(motion, [leg])
+        if self.segment_m > 0.0:  # it stops and goes: only its ends are predicted
+            end_ns = started_ns + round(self._duration_s([leg]) * 1e9)
+            return SweepTimes(started_ns, end_ns, end_ns)
+        profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self._accel_m_per_s2, started_ns)
+        return SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns + round(self.settle_s * 1e9))
+
+    def return_to(self, y_m: float, now_ns: int, state: AerotechState) -> int:
+        """Raise, go to ``y_m``, lower; return the predicted time of arrival in ns; errors as for a sweep."""
+        motion, here_y, here_z = self._resting(now_ns, state)
+        check_range("stage", "y_m", y_m, *self.limits.y_m)
+        above = max(self.lift_m, here_z)
+        legs = [
+            self._leg("z", here_z, above, self.lift_speed_m_per_s),
+            self._leg("y", here_y, y_m, self.return_speed_m_per_s),
+            self._leg("z", above, 0.0, self.lift_speed_m_per_s),
+        ]
+        return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
+
+    def retreat(self, speed_m_per_s: float, now_ns: int, state: AerotechState) -> int:
+        """Raise to ``lift_m``; return the predicted time of arrival in ns; errors as for a sweep."""
+        motion, _, z_m = self._resting(now_ns, state)
+        legs = [self._leg("z", z_m, max(z_m, self.lift_m), speed_m_per_s)]
+        return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
+
+    def stop(self, now_ns: int, state: AerotechState) -> int:
+        """Abort every axis at once, whatever it was doing; return the predicted time of rest in ns."""
+        self._host.hear(now_ns)
+        if self._motion is not None:
+            self._motion.abort()
+        return self._host.now_ns() + round(self.settle_s * 1e9)
+
+    def acknowledge(self, now_ns: int, state: AerotechState) -> None:
+        """Clear latched faults and enable again: the operator's step after a trip, never the driver's own.
+
+        Raises:
+            DeviceError: The cause persists (an emergency stop that is still pressed), or the link is lost.
+        """
+        self._host.hear(now_ns)
+        self._opened(state).acknowledge()
+
+    def read(self, times_ns: Int64Array, state: AerotechState) -> StageReading:
+        """Return positions at times, from the polls around them; at most ``stale_s`` beyond the last one.
+
+        Raises:
+            DeviceError: The stage is not open, or the last poll is older than that.
+        """
+        motion = self._opened(state)
+        positions = motion.positions(times_ns, self.stale_s)
+        return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
+
+    def measured(self) -> tuple[float, float, float]:
+        """Return the y and z that were polled last, in m, and the larger speed, in m/s."""
+        y, z, speed_mm_per_s = self._opened(AerotechState()).measured()
+        return float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3
+
+    @property
+    def _run_up_m(self) -> float:
+        accel_m_per_s2 = getattr(self, "_accel_m_per_s2", 1.0)
+        return float(self.sweep_speed_m_per_s**2 / (2.0 * accel_m_per_s2)) + self.lead_m
+
+    def _opened(self, state: AerotechState) -> Motion:
+        if self._motion is None:
+            raise DeviceError("stage: not open; open it first")
+        return self._motion
+
+    def _resting(self, now_ns: int, state: AerotechState) -> tuple[Motion, float, float]:
+        """Return the motion and where the stage rests.
+
+        Raises:
+            DeviceError: It does not rest, or must not move.
+        """
+        self._host.hear(now_ns)
+        motion, health = self._opened(state), self.health(now_ns)
+        if not health.ok:
+            raise DeviceError(
+                f"stage: {health.condition}: {health.cause}; clear it and acknowledge before a move"
+            )
+        if not state.homed:
+            raise DeviceError("stage: not homed; open it with a fresh state")
+        if motion.busy:
+            raise DeviceError("stage: moves; wait for the end or stop it first")
+        y, z = motion.here()
+        return motion, float(self._place(0, y)), float(self._place(1, z))
+
+    def _place(self, axis: int, controller_mm: np.ndarray | float) -> np.ndarray:
+        return np.asarray(self.sign[axis] * (np.asarray(controller_mm) * 1e-3 - self.origin_m[axis]))
+
+    def _way_to(self, y_m: float, z_m: float) -> list[Leg]:
+        motion = self._opened(AerotechState())
+        y, z = (float(self._place(i, value)) for i, value in enumerate(motion.here()))
+        return [
+            self._leg("z", z, z_m, self.lift_speed_m_per_s),
+            self._leg("y", y, y_m, self.return_speed_m_per_s),
+        ]
+
+    def _leg(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> Leg:
+        """Return a leg that is within the limits; the check comes before anything is sent."""
+        self.limits.check(axis, from_m, to_m, speed_m_per_s)
+        number = 0 if axis == "y" else 1
+        start_mm, target_mm = (
+            1e3 * (self.sign[number] * place_m + self.origin_m[number]) for place_m in (from_m, to_m)
+        )
+        return Leg(self.axes[number], start_mm, target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m))
+
+    def _follow(self, motion: Motion, legs: list[Leg]) -> int:
+        return motion.follow(in_segments([leg for leg in legs if leg.length_m > _NO_WAY_M], self.segment_m))
+
+    def _duration_s(self, legs: list[Leg]) -> float:
+        return duration_s(in_segments(legs, self.segment_m), self._accel_m_per_s2, self.settle_s)

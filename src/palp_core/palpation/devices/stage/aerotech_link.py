@@ -1,0 +1,170 @@
+"""Question and answer with an Aerotech controller, and back in step after a garbled or late answer."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.wire import aerotech as wire
+
+__all__ = ["AerotechLink", "Refused"]
+
+_LONGEST = 64
+_ALPHABET = b"%!#$0123456789+-.eE \r\n"
+
+
+class Refused(DeviceError):
+    """The controller answered that it cannot or will not.
+
+    Attributes:
+        reply: ``!`` invalid, ``#`` not executable, ``$`` timed out.
+    """
+
+    def __init__(self, sent: bytes, reply: bytes) -> None:
+        asked = sent.decode("ascii").strip()
+        super().__init__(
+            f"aerotech: '{asked}': {wire.REPLIES[reply]} ({reply.decode()});"
+            " read the axis faults, acknowledge, and mind the limits"
+        )
+        self.reply = reply
+
+
+class AerotechLink:
+    """One connection to the controller, usable from several threads.
+
+    A bare acknowledgement may come with a line feed or without, as the controller is set up. An answer that
+    is late or garbled may be followed by others: before the next question the link sends ``NONE``, which
+    every controller refuses as invalid, and throws away all that comes before that refusal.
+
+    Args:
+        url: Address as pyserial knows it.
+        baud: Speed of a serial line.
+        timeout_s: How long to wait for an answer.
+
+    Raises:
+        DeviceError: The address cannot be opened or nobody answers there.
+    """
+
+    def __init__(self, url: str, baud: int, timeout_s: float) -> None:
+        self._link = SerialLink("aerotech", url, baud)
+        self._timeout_s = timeout_s
+        self._lock = threading.Lock()
+        self._rest = b""
+        self._in_step = True
+        self.garbled_count = 0
+        try:
+            with self._lock:
+                self._resynchronise()
+        except DeviceError:
+            self._link.close()
+            raise
+
+    def close(self) -> None:
+        self._link.close()
+
+    def do(self, sent: bytes) -> None:
+        """Send a command and wait for its acknowledgement.
+
+        Raises:
+            Refused: The controller cannot or will not.
+            DeviceTimeout: No answer in time.
+            DeviceError: The answer is garbled, or the link is lost.
+        """
+        with self._lock:
+            self._exchange(sent, has_value=False)
+
+    def ask(self, question: str) -> bytes:
+        """Send a question and return the value of the answer; errors as for :meth:`do`."""
+        with self._lock:
+            return self._exchange(wire.command(question), has_value=True)
+
+    def number(self, question: str) -> float:
+        """Return the answer as a number; errors as for :meth:`do`."""
+        answer = self.ask(question)
+        try:
+            if math.isfinite(value := float(answer)):
+                return value
+            raise ValueError(value)
+        except ValueError as error:
+            raise self._out_of_step(f"answered {answer!r} to '{question}', no number") from error
+
+    def bits(self, question: str) -> int:
+        """Return the answer as 32 bits; errors as for :meth:`do`."""
+        answer = self.ask(question)
+        try:
+            return wire.mask(answer)
+        except DeviceError as error:
+            raise self._out_of_step(f"answered {answer!r} to '{question}', no 32 bits") from error
+
+    def shout(self, commands: bytes) -> None:
+        """Send at once, past a question that is under way; its answer, and this one's, are not waited for."""
+        self._in_step = False
+        self._link.write(commands)
+        self._in_step = False  # whoever got back in step before the bytes left is out of it now
+
+    def _exchange(self, sent: bytes, *, has_value: bool) -> bytes:
+        if not self._in_step:
+            self._resynchronise()
+        self._link.write(sent)
+        patience = Patience(self._timeout_s)
+        try:
+            reply = self._byte(patience)
+            while reply in b"\r\n":
+                reply = self._byte(patience)
+            if reply not in wire.REPLIES:
+                raise self._out_of_step(f"answered {reply!r} to {sent!r}")
+            if reply != wire.ACKNOWLEDGED:
+                raise Refused(sent, reply)
+            return self._line(patience) if has_value else b""
+        except DeviceTimeout:
+            self._in_step = False
+            raise
+
+    def _resynchronise(self) -> None:
+        self._rest = b""
+        self._in_step = True
+        self._link.write(wire.command("NONE"))
+        patience, strange = Patience(self._timeout_s), b""
+        try:
+            while (byte := self._byte(patience)) != b"!":
+                strange += byte if byte not in _ALPHABET else b""
+        except DeviceTimeout as error:
+            self._in_step = False
+            if strange:
+                raise self._out_of_step(f"answered {strange[:8]!r} to NONE") from error
+            raise
+        except DeviceError:
+            self._in_step = False
+            raise
+
+    def _byte(self, patience: Patience) -> bytes:
+        while not self._rest:
+            over = patience.over()
+            self._rest = self._link.read_some()
+            if not self._rest and over:
+                raise DeviceTimeout(
+                    f"aerotech: no answer within {self._timeout_s:g} s on {self._link.url};"
+                    " check power, baud rate and the controller's ASCII interface"
+                )
+        byte, self._rest = self._rest[:1], self._rest[1:]
+        return byte
+
+    def _line(self, patience: Patience) -> bytes:
+        line = b""
+        while True:
+            end = self._rest.find(b"\n")
+            if end >= 0:
+                line, self._rest = line + self._rest[:end], self._rest[end + 1 :]
+                return line.strip()
+            line, self._rest = line + self._rest, b""
+            if len(line) > _LONGEST:
+                raise self._out_of_step(f"answered {len(line)} bytes without an end")
+            self._rest = self._byte(patience) + self._rest
+
+    def _out_of_step(self, what: str) -> DeviceError:
+        self._in_step = False
+        self.garbled_count += 1
+        return DeviceError(f"aerotech: {what}; check baud rate, wiring and the reply characters")

@@ -1,0 +1,297 @@
+"""Legs of motion on an Aerotech controller, and the thread that sends them and watches."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from contextlib import suppress
+
+from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.serial_link import LinkLost
+from palp_core.palpation.devices.protocols import Int64Array
+from palp_core.palpation.devices.stage.aerotech_home import home
+from palp_core.palpation.devices.stage.aerotech_leg import Leg, condition_of
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
+from palp_core.palpation.devices.stage.position_history import PositionHistory
+from palp_core.palpation.devices.wire import aerotech as wire
+from palp_core.units import Float64Array
+
+__all__ = ["Motion"]
+
+_TRIES = 3
+_REST_S = 2.0
+_THERE_MM = 0.1  # how far off a leg may end (assumed; a controller in position is much closer)
+_RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
+
+
+class Motion:
+    """Poll the axes, send leg after leg, stop at the first sign of trouble.
+
+    Args:
+        link: Open link; closed by :meth:`stop_polling`.
+        axes: The controller's names.
+        host: Time.
+        watch: Told of faults and loss.
+        poll_hz: Rate of the polls.
+    """
+
+    def __init__(
+        self, link: AerotechLink, axes: tuple[str, str], host: HostTime, watch: Watch, poll_hz: float
+    ) -> None:
+        self._link, self._axes, self._host, self._watch = link, axes, host, watch
+        self._period_s = 1.0 / poll_hz
+        self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
+        self._history = PositionHistory()
+        self._legs: deque[Leg] = deque()
+        self._active: Leg | None = None
+        self._starting = self._aborting = False
+        self._turn = self._failures = self._aborts = 0
+        self._change, self._stop = threading.Condition(), threading.Event()
+        self._judging = threading.Lock()  # no poll from before an acknowledgement is judged after it
+        self._thread = threading.Thread(target=self._run, name="palp-aerotech", daemon=True)
+
+    @property
+    def busy(self) -> bool:
+        """Whether legs are under way or waiting."""
+        return self._starting or self._aborting or self._active is not None or bool(self._legs)
+
+    def enable(self) -> None:
+        """Enable every axis.
+
+        Raises:
+            DeviceError: An axis has a latched fault, which only a person acknowledges.
+        """
+        for axis in self._axes:
+            fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
+            if fault:
+                raise DeviceError(
+                    f"stage: axis {axis} has a latched fault: {fault.words}; clear the cause,"
+                    " then acknowledge it at the controller (FAULTACK) before opening"
+                )
+            self._link.do(wire.command(f"ENABLE {axis}"))
+        self._link.do(wire.command("WAIT MODE NOWAIT"))
+
+    def acknowledge(self) -> None:
+        """Clear faults, enable, and let the next good poll end the trip.
+
+        Raises:
+            DeviceError: The controller refuses: the cause persists.
+        """
+        with self._judging:
+            self._forget()
+            for axis in self._axes:
+                self._link.do(wire.command(f"FAULTACK {axis}"))
+            self.enable()
+            self._watch.fresh(self._host.now_ns())
+
+    def homed(self) -> bool:
+        """Tell whether every axis knows where it is."""
+        return all(self._link.bits(f"AXISSTATUS({axis})") & wire.Status.HOMED for axis in self._axes)
+
+    def home(self, timeout_s: float) -> None:
+        """Home the lifting axis, then the sweeping one.
+
+        Raises:
+            DeviceError: It takes too long, or somebody stops it.
+        """
+        home(self._link, self._axes[::-1], self._host, timeout_s, self._period_s)
+
+    def start(self) -> None:
+        """Stop what may still move from before, wait for rest, and begin to poll.
+
+        Raises:
+            DeviceError: No rest, or no answer.
+        """
+        self._link.shout(self._abort)
+        until_ns = self._host.now_ns() + round(_REST_S * 1e9)
+        self._aborting = True
+        while self._aborting:
+            if self._host.now_ns() > until_ns:
+                raise DeviceTimeout(f"stage: moves still {_REST_S:g} s after ABORT; check the controller")
+            self._see_rest()
+        self._poll_positions()
+        self._watch.fresh(self._host.now_ns())
+        self._thread.start()
+
+    def stop_polling(self) -> None:
+        """End the thread and close the link."""
+        self._stop.set()
+        self._thread.join()
+        self._link.close()
+        self._watch.report(Condition.CLOSED, self._host.now_ns())
+
+    def follow(self, legs: list[Leg]) -> int:
+        """Send the first leg now and the others one after another; return when the first started, in ns.
+
+        Raises:
+            DeviceError: The controller refuses the first leg, or the link is lost.
+        """
+        with self._change:
+            if self.busy:
+                raise DeviceError("stage: moves; wait for the end or stop it first")
+            if not legs:
+                return self._host.now_ns()
+            self._starting, aborts = True, self._aborts
+            self._legs.extend(legs[1:])
+        try:
+            self._send(legs[0], aborts)
+        except DeviceError:
+            self._forget()
+            raise
+        finally:
+            self._starting = False
+        return self._host.now_ns()
+
+    def abort(self) -> None:
+        """Send ABORT for every axis past whatever is under way, and forget the legs.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._forget()
+        self._aborting = True
+        self._link.shout(self._abort)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for the end of all legs; abort them if it does not come; tell whether it came, in health."""
+        with self._change:
+            done = self._change.wait_for(lambda: not self.busy, timeout_s)
+        if not done:
+            with suppress(DeviceError):
+                self.abort()
+        return done and self._watch.read(self._host.now_ns()).ok
+
+    def measured(self) -> tuple[float, float, float]:
+        """Return the last positions and the larger speed, in mm and mm/s."""
+        return self._history.measured()
+
+    def here(self) -> tuple[float, float]:
+        """Return the last positions, in mm."""
+        return self._history.last
+
+    def positions(self, times_ns: Int64Array, beyond_s: float) -> tuple[Float64Array, Float64Array]:
+        """Return both positions in mm at times; errors as for :meth:`PositionHistory.at`."""
+        return self._history.at(times_ns, beyond_s, moving=self._active is not None)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            began_ns = self._host.now_ns()
+            try:
+                with self._judging:
+                    self._poll()
+                self._failures = 0
+            except Refused as error:
+                self._trouble(Condition.DEVICE_FAULT, str(error))
+            except DeviceTimeout as error:
+                self._failed(Condition.STALE, str(error))
+            except LinkLost as error:
+                self._trouble(Condition.LINK_LOST, str(error))
+            except DeviceError as error:
+                self._failed(Condition.GARBLED, str(error))
+            spent_s = (self._host.now_ns() - began_ns) * 1e-9
+            self._stop.wait(max(0.0, self._period_s - spent_s))
+
+    def _poll(self) -> None:
+        self._poll_positions()
+        active = self._active
+        axis = active.axis if active else self._axes[self._turn % 2]
+        status = self._link.bits(f"AXISSTATUS({axis})")
+        self._turn += 1
+        watched = self._axes[self._turn // 2 % 2] if status & wire.Status.ENABLED else axis
+        fault = wire.Fault(self._link.bits(f"AXISFAULT({watched})"))
+        now_ns = self._host.now_ns()
+        if self._aborting:
+            self._see_rest()
+        if fault:
+            self._trouble(condition_of(fault), f"axis {watched}: {fault.words}")
+        elif not status & wire.Status.ENABLED:
+            self._trouble(Condition.DISABLED, f"axis {axis} is disabled, and not by this driver")
+        else:
+            recovers = self._watch.read(now_ns).condition in _RECOVERS
+            (self._watch.fresh if recovers else self._watch.touch)(now_ns)
+            if active is not None and not status & wire.Status.MOVING:
+                self._next(active)
+
+    def _see_rest(self) -> None:
+        """Notice that every axis has come to rest after an abort."""
+        if not any(self._link.bits(f"AXISSTATUS({axis})") & wire.Status.MOVING for axis in self._axes):
+            with self._change:
+                self._aborting = False
+                self._change.notify_all()
+
+    def _next(self, done: Leg) -> None:
+        """Start the next leg once the plane agrees that the last has ended, and only from its end."""
+        if self._link.bits("PLANESTATUS(0)") & wire.Plane.MOVING:
+            return
+        self._poll_positions()
+        off_mm = abs(self.here()[self._axes.index(done.axis)] - done.target_mm)
+        with self._change:
+            if self._active is not done:  # aborted meanwhile
+                return
+            if there := off_mm <= _THERE_MM:
+                self._active = None
+                following, aborts = self._legs.popleft() if self._legs else None, self._aborts
+                self._starting = following is not None
+                self._change.notify_all()
+        if not there:  # from here the way is another one
+            words = f"axis {done.axis} rests {off_mm:.2f} mm from where it was sent"
+            self._trouble(Condition.DISABLED, f"{words}: stopped, and not by this driver")
+            return
+        try:
+            if following is not None:
+                self._send(following, aborts)
+        finally:
+            self._starting = False
+
+    def _send(self, leg: Leg, aborts: int) -> None:
+        """Start a leg, and stop it again if somebody aborted in the meantime.
+
+        Raises:
+            DeviceError: The controller refuses it, the link is lost, or it was aborted.
+        """
+        try:
+            self._link.do(leg.command)
+        except DeviceError:  # it may have begun all the same, and after somebody's ABORT
+            with suppress(DeviceError):
+                self._link.shout(self._abort)
+            raise
+        with self._change:
+            if self._aborts == aborts:
+                self._active = leg
+                return
+        self._link.shout(self._abort)
+        raise DeviceError("stage: stopped while a move began")
+
+    def _poll_positions(self) -> None:
+        asked_ns = self._host.now_ns()
+        first_mm = self._link.number(f"PFBKPROG({self._axes[0]})")
+        error_ns = (self._host.now_ns() - asked_ns) // 2
+        second_mm = self._link.number(f"PFBKPROG({self._axes[1]})")
+        self._history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
+
+    def _failed(self, condition: Condition, cause: str) -> None:
+        """Take up to two bad answers in a row as noise on the line."""
+        self._failures += 1
+        if self._failures >= _TRIES or condition is Condition.STALE:
+            self._trouble(condition, cause)
+
+    def _trouble(self, condition: Condition, cause: str) -> None:
+        """Enter a condition, send no further leg, and stop what is still under way."""
+        was_busy = self.busy and not self._aborting
+        self._watch.report(condition, self._host.now_ns(), cause)  # first: who sees it at rest sees why
+        self._forget()
+        if condition is Condition.LINK_LOST:
+            self._aborting = False
+        elif was_busy:
+            self._aborting = True
+            with suppress(DeviceError):
+                self._link.shout(self._abort)
+
+    def _forget(self) -> None:
+        with self._change:
+            self._aborts += 1
+            self._legs.clear()
+            self._active = None
+            self._change.notify_all()

@@ -1,0 +1,189 @@
+"""A second link to the stage's controller, for stopping it: the safety process's own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import monotonic_ns
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
+from palp_core.palpation.devices.wire import aerotech as wire
+
+__all__ = ["AerotechStop", "AxisReport", "StopTimes"]
+
+_KEPT = 100  # reports that nobody has asked for yet
+
+
+@dataclass(frozen=True)
+class StopTimes:
+    """Monotonic times of a stop: ABORT written, all axes at rest as far as is known, all disabled."""
+
+    written_ns: int
+    resting_ns: int
+    disabled_ns: int
+
+
+@dataclass(frozen=True)
+class AxisReport:
+    """What an axis says of itself; ``following_m`` is how far it is from where it is sent.
+
+    ``asked_ns`` is when it was asked: what it says may be older than what was done since.
+    """
+
+    axis: str
+    fault: wire.Fault
+    moving: bool
+    enabled: bool
+    following_m: float = 0.0
+    asked_ns: int = 0
+
+
+class AerotechStop:
+    """Abort and disable, and nothing that moves.
+
+    Every command is written past whatever the link was waiting for. The controller closes an idle TCP
+    connection, and a lost link must be noticed: a thread asks about one axis after another, so that whoever
+    decides waits for no answer and an ABORT leaves at once. :meth:`reports` says what it has heard.
+
+    Args:
+        url: Address, as a rule another TCP port of the controller than the driver's.
+        axes: The controller's names.
+        baud: Of a serial line.
+        timeout_s: Longest wait for an answer.
+        rest_s: How long to wait for rest between ABORT and DISABLE.
+        look_hz: How often the thread asks about an axis; 0: there is none, call :meth:`poll` once a second.
+        clock: Time in ns.
+
+    Raises:
+        DeviceError: Nobody answers there.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        axes: tuple[str, ...] = ("X", "Y"),
+        baud: int = 115200,
+        timeout_s: float = 0.1,
+        rest_s: float = 0.2,
+        look_hz: float = 0.0,
+        clock: Callable[[], int] = monotonic_ns,
+    ) -> None:
+        self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
+        self._turn = 0
+        self._link = AerotechLink(url, baud, timeout_s)
+        self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
+        self._disable = b"".join(wire.command(f"DISABLE {axis}") for axis in axes)
+        self._heard: list[AxisReport | DeviceError] = []
+        self._hearing, self._closing = threading.Lock(), threading.Event()
+        self._looks: threading.Thread | None = None
+        if look_hz > 0.0:
+            self._looks = threading.Thread(
+                target=self._look_on, args=(1.0 / look_hz,), name="palp-stop", daemon=True
+            )
+            self._looks.start()
+
+    def poll(self) -> list[AxisReport]:
+        """Return what every axis says.
+
+        Raises:
+            DeviceError: No answer, or the link is lost: the rig must not move.
+        """
+        return [self._report(axis) for axis in self._axes]
+
+    def reports(self) -> list[AxisReport]:
+        """Return what the thread has heard since the last call, without waiting.
+
+        Raises:
+            DeviceError: It got no answer, has ended, or the link is lost: the rig must not move.
+        """
+        with self._hearing:
+            heard, self._heard = self._heard, []
+        if self._looks is not None and not self._looks.is_alive():
+            raise DeviceError("aerotech: nobody looks at the axes any more; connect anew")
+        for item in heard:
+            if isinstance(item, DeviceError):
+                raise item
+        return [item for item in heard if isinstance(item, AxisReport)]
+
+    def look(self) -> AxisReport:
+        """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
+        axis = self._axes[self._turn % len(self._axes)]
+        self._turn += 1
+        report = self._report(axis)
+        if not report.enabled:  # it is sent nowhere
+            return report
+        before_mm, sent_mm, after_mm = (
+            self._link.number(f"{what}({axis})") for what in ("PFBKPROG", "PCMDPROG", "PFBKPROG")
+        )
+        # what the axis moved between the questions is no error of following
+        off_mm = abs(sent_mm - 0.5 * (before_mm + after_mm)) - 0.5 * abs(after_mm - before_mm)
+        return replace(report, following_m=max(0.0, off_mm) * 1e-3)
+
+    def abort(self) -> int:
+        """Write ABORT for every axis; return when it was written, in ns.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._link.shout(self._abort)
+        return self._clock()
+
+    def disable(self) -> None:
+        """Write DISABLE for every axis.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._link.shout(self._disable)
+
+    def trip(self) -> StopTimes:
+        """Abort, wait a little for rest, disable whatever the answers were.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        return self.rest(self.abort())
+
+    def rest(self, written_ns: int) -> StopTimes:
+        """Do the rest of a stop after ABORT was written: wait a little, then disable; errors as there."""
+        while self._clock() - written_ns < self._rest_ns and self._moves():
+            pass
+        resting_ns = self._clock()
+        self.disable()
+        return StopTimes(written_ns, resting_ns, self._clock())
+
+    def close(self) -> None:
+        """End the thread and release the link."""
+        self._closing.set()
+        self._link.close()
+        if self._looks is not None:
+            self._looks.join()
+
+    def _look_on(self, period_s: float) -> None:
+        """Ask about one axis after another until the link is closed."""
+        while not self._closing.wait(period_s):
+            heard: AxisReport | DeviceError
+            try:
+                heard = self.look()
+            except DeviceError as error:
+                heard = error
+            except Exception as error:  # noqa: BLE001 - or the watch would end unnoticed
+                heard = DeviceError(f"aerotech: {type(error).__name__} when asked about an axis: {error}")
+            with self._hearing:
+                self._heard = [*self._heard[-_KEPT:], heard]
+
+    def _report(self, axis: str) -> AxisReport:
+        asked_ns = self._clock()
+        status = self._link.bits(f"AXISSTATUS({axis})")
+        fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
+        moving, enabled = bool(status & wire.Status.MOVING), bool(status & wire.Status.ENABLED)
+        return AxisReport(axis, fault, moving, enabled, asked_ns=asked_ns)
+
+    def _moves(self) -> bool:
+        """Tell whether an axis is known to move; no answer is no reason to wait."""
+        try:
+            return any(report.moving for report in self.poll())
+        except DeviceError:
+            return False

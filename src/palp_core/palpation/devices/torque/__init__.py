@@ -1,0 +1,1 @@
+"""Drivers of force and torque sensors."""

@@ -1,0 +1,222 @@
+"""The torque sensor: an ATI Net F/T, which streams records over UDP."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.receiver import Receiver
+from palp_core.palpation.devices.link.sample_line import SampleLine
+from palp_core.palpation.devices.protocols import TorqueBlock
+from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
+from palp_core.palpation.devices.wire import rdt
+
+__all__ = ["NetFtTorque"]
+
+_FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
+_WAIT_S = 0.05
+_SILENCE_STEPS = 3
+_FORCE_N = {
+    "lbf": 4.4482216152605,
+    "N": 1.0,
+    "klbf": 4448.2216152605,
+    "kN": 1e3,
+    "kgf": 9.80665,
+    "kg": 9.80665,
+}
+_TORQUE_N_M = {
+    "lbf-in": 4.4482216152605 * 0.0254,
+    "lbf-ft": 4.4482216152605 * 0.3048,
+    "Nm": 1.0,
+    "Nmm": 1e-3,
+    "kgcm": 9.80665e-2,
+    "kNm": 1e3,
+}
+_SEQUENCES = 1 << 32
+_MOST_MISSING = 1 << 24  # 40 min at 7000 Hz; a record from further on is none
+
+
+@dataclass
+class NetFtTorque:
+    """Parameters and link of the sensor.
+
+    Attributes:
+        host: Its address.
+        port: UDP port of the records.
+        http_port: TCP port of the page with the scales.
+        rate_hz: Rate of the records as set up on its page.
+        stale_s: Longest silence.
+        axis: The sensor's axis that the probe's joint turns about.
+        sign: Direction of the torque about it.
+        range_n_m: Largest torque (the maker's figure for SI-12-0.12).
+    """
+
+    host: str
+    port: int = rdt.PORT
+    http_port: int = 80
+    rate_hz: float = 1000.0
+    stale_s: float = 0.025
+    axis: str = "x"
+    sign: int = 1
+    range_n_m: float = 0.120
+
+    def __post_init__(self) -> None:
+        check_range("netft", "rate_hz", self.rate_hz, 1.0, 7000.0)
+        check_range("netft", "stale_s", self.stale_s, 1e-3, 10.0)
+        check_range("netft", "range_n_m", self.range_n_m, 1e-9, 1e3)
+        check_axis(self.axis, self.sign)
+        self._host = HostTime()
+        self._watch = Watch(self.stale_s)
+        self._receiver = Receiver("netft", self._connect, self._watch, self._host)
+        self._line = SampleLine(self.rate_hz, 7)
+        self._scale = np.ones(6)
+        self._first = 0
+
+    def open(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> None:
+        """Read the scales and start the stream.
+
+        Raises:
+            DeviceError: The sensor does not answer, or is open already.
+        """
+        self._receiver.refuse_if_running()
+        self._host.hear(now_ns)
+        self._first = state.sample_count
+        self._line = SampleLine(self.rate_hz, 7)
+        self._receiver.start()
+
+    def close(self) -> None:
+        """Stop the stream."""
+        self._receiver.stop()
+
+    def health(self, now_ns: int) -> Health:
+        self._host.hear(now_ns)
+        return self._watch.read(self._host.now_ns())
+
+    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueBlock:
+        """Return every sample received since the last call."""
+        self._host.hear(now_ns)
+        stretch = self._line.take()
+        status = stretch.values[:, 0].astype(np.int64)
+        saturated = (status & rdt.SATURATION) != 0
+        return torque_block(
+            self.axis,
+            self.sign,
+            self.range_n_m,
+            state,
+            stretch.times_ns,
+            stretch.index + self._first,
+            stretch.gap,
+            stretch.values[:, 1:] * self._scale,
+            saturated,
+            status != 0,
+            stretch.clock,
+        )
+
+    def tare(self, block: TorqueBlock, state: WrenchState) -> None:
+        """Make the mean of ``block``, read unloaded, the new zero of forces and torques."""
+        bias_from(block, state)
+
+    def _connect(self) -> _Stream:
+        self._scale = _read_scale(self.host, self.http_port)
+        return _Stream(self.host, self.port, self._line, self._watch, self._host)
+
+
+class _Stream:
+    """One run of the stream. UDP has no connection: silence is answered by starting the stream again."""
+
+    def __init__(self, host: str, port: int, line: SampleLine, watch: Watch, time: HostTime) -> None:
+        self._line, self._watch, self._time = line, watch, time
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+            self._socket.connect((host, port))
+            self._socket.settimeout(_FIRST_S)
+            self._socket.send(rdt.request(rdt.START))
+            first = self._socket.recv(65536)
+            self._socket.settimeout(_WAIT_S)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._base = self._number = 0  # our number of the sensor's record 0; the record that is due next
+        self._silent = 0
+        self._take(first)
+
+    def step(self, stop: threading.Event) -> None:
+        try:
+            datagram = self._socket.recv(65536)
+        except TimeoutError:
+            self._silent += 1
+            if self._silent > _SILENCE_STEPS:
+                raise DeviceError(
+                    f"netft: silent for {self._silent * _WAIT_S:g} s; check power and network"
+                ) from None
+            return
+        self._silent = 0
+        self._take(datagram)
+
+    def close(self) -> None:
+        try:
+            self._socket.send(rdt.request(rdt.STOP))
+        finally:
+            self._socket.close()
+
+    def _take(self, datagram: bytes) -> None:
+        now_ns = self._time.now_ns()
+        try:
+            records = rdt.records(datagram)
+        except DeviceError as error:
+            self._watch.report(Condition.GARBLED, now_ns, str(error))
+            return
+        if not len(records):
+            return
+        sequence = int(records["rdt"][0])
+        missing = (sequence - self._number) % _SEQUENCES
+        if missing > _MOST_MISSING:
+            self._watch.report(Condition.GARBLED, now_ns, f"record {sequence}, where {self._number} is due")
+            return
+        if not self._number:
+            self._base = self._line.rejoin(len(records), now_ns) - sequence
+        first, self._number = self._number + missing, self._number + missing + len(records)
+        values = np.column_stack([records["status"], records["counts"]]).astype(np.float64)
+        self._line.push(values, now_ns, self._base + first)
+        self._judge(int(np.bitwise_or.reduce(records["status"])), now_ns)
+
+    def _judge(self, status: int, now_ns: int) -> None:
+        self._watch.touch(now_ns)
+        if status & rdt.SATURATION:
+            self._watch.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
+        elif status:
+            self._watch.report(Condition.DEVICE_FAULT, now_ns, f"status {status:#010x}")
+        else:
+            self._watch.fresh(now_ns)
+
+
+def _read_scale(host: str, port: int) -> np.ndarray:
+    """Return what a count is worth, forces in N and torques in N m, shape (6,), from the sensor's page.
+
+    Raises:
+        DeviceError: No page, or no scales on it.
+    """
+    connection = http.client.HTTPConnection(host, port, timeout=_FIRST_S)
+    try:
+        connection.request("GET", "/netftapi2.xml")
+        tree = ElementTree.fromstring(connection.getresponse().read())
+        per_force, per_torque = float(tree.findtext("cfgcpf", "")), float(tree.findtext("cfgcpt", ""))
+        force_n = _FORCE_N[tree.findtext("scfgfu", "N").strip()]
+        torque_n_m = _TORQUE_N_M[tree.findtext("scfgtu", "Nmm").strip().replace("-m", "m")]
+    except (OSError, ValueError, KeyError, ElementTree.ParseError, http.client.HTTPException) as error:
+        raise DeviceError(
+            f"netft: cannot read the scales from http://{host}:{port}/netftapi2.xml: {error!r}"
+        ) from error
+    finally:
+        connection.close()
+    return np.array([force_n / per_force] * 3 + [torque_n_m / per_torque] * 3)

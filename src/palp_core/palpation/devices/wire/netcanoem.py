@@ -1,0 +1,84 @@
+"""ATI NETCANOEM on CAN: operation codes, status bits and the arithmetic from gauges to forces."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+from palp_core.palpation.devices.wire.bits import Bits
+from palp_core.units import Float64Array
+
+__all__ = [
+    "AXES",
+    "CRITICAL",
+    "FORCE_UNIT_N",
+    "SATURATED",
+    "TORQUE_UNIT_N_M",
+    "Operation",
+    "Status",
+    "gauges",
+]
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+_POUND_N, _INCH_M = 4.4482216152605, 0.0254
+FORCE_UNIT_N = {1: _POUND_N, 2: 1.0, 3: 1e3 * _POUND_N, 4: 1e3, 5: 9.80665, 6: 9.80665e-3}
+TORQUE_UNIT_N_M = {
+    1: _POUND_N * _INCH_M,
+    2: _POUND_N * 12.0 * _INCH_M,
+    3: 1.0,
+    4: 1e-3,
+    5: 9.80665e-2,
+    6: 1e3,
+}
+SATURATED = (-32768, 32767)
+"""A gauge at either end of its range."""
+
+
+class Operation(IntEnum):
+    """Low four bits of an identifier."""
+
+    READ_GAUGES = 0x0
+    MATRIX_ROW = 0x2
+    SERIAL_NUMBER = 0x5
+    SET_CALIBRATION = 0x6
+    COUNTS_PER_UNIT = 0x7
+    UNITS = 0x8
+    RESET = 0xC
+    FIRMWARE = 0xF
+
+
+class Status(Bits):
+    """Bits of the status word."""
+
+    WATCHDOG_RESET = 1 << 0
+    DAC_HIGH = 1 << 1
+    DAC_LOW = 1 << 2
+    ANALOG_GROUND = 1 << 3
+    SUPPLY_HIGH = 1 << 4
+    SUPPLY_LOW = 1 << 5
+    BAD_CALIBRATION = 1 << 6
+    EEPROM = 1 << 7
+    CONFIGURATION = 1 << 8
+    TEMPERATURE_HIGH = 1 << 11
+    TEMPERATURE_LOW = 1 << 12
+    CAN_ERROR = 1 << 14
+    ANY_ERROR = 1 << 15
+
+
+CRITICAL = 0x18FE
+"""Bits that make the data invalid: supply, ground, converter, calibration, memory, temperature."""
+
+
+def gauges(first: bytes, second: bytes) -> tuple[np.ndarray, Float64Array]:
+    """Return status words, shape (n,), and gauges 0 to 5 in order, shape (n, 6), of n pairs of frames.
+
+    Args:
+        first: Data of the first frames, one after another: status, gauges 0, 2, 4.
+        second: Data of the second frames: gauges 1, 3, 5.
+    """
+    left = np.frombuffer(first, dtype=">i2").reshape(-1, 4)
+    right = np.frombuffer(second, dtype=">i2").reshape(-1, 3)
+    values = np.empty((len(left), 6))
+    values[:, 0::2], values[:, 1::2] = left[:, 1:], right
+    return left[:, 0].astype(np.int64) & 0xFFFF, values

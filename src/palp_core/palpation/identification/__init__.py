@@ -1,0 +1,1 @@
+"""Quantities of the real rig, from its recordings."""

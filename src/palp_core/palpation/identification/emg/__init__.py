@@ -1,0 +1,1 @@
+"""Co-contraction and strategies, from recorded EMG."""

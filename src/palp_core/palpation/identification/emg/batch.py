@@ -1,0 +1,152 @@
+"""A folder subject/phase/trial of recordings, analysed one by one; a failure does not stop the rest."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import PalpError
+from palp_core.palpation.identification.emg.files import is_recording
+from palp_core.palpation.identification.emg.page import COLUMNS, emg_page
+from palp_core.palpation.identification.emg.trial import Choices, Trial, run_trial, series_rows, trial_record
+from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eigenvalue
+from palp_core.palpation.perception.emg.sweep import sweep
+from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
+
+__all__ = ["run_folder", "sweep_trial", "write_batch", "write_trial"]
+
+_LEVEL_COUNT = 5
+_SPECIAL = ("mvc", "rest")
+
+
+def run_folder(
+    folder: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, tell: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Analyse every trial of ``folder/subject/phase/trial``.
+
+    A subject's MVC is ``subject/mvc.*`` or the first file of ``subject/mvc/``; ``rest`` the same, if there.
+
+    Args:
+        folder: The folder.
+        mvc: One MVC for all; None: each subject's own.
+        choices: What the user states.
+        settings: How.
+        tell: Told each trial that failed.
+
+    Returns:
+        A record per trial, as of :func:`trial_record` with ``subject``, ``phase``, ``trial``, ``error``.
+
+    Raises:
+        PalpError: There is no trial in the folder.
+    """
+    records = []
+    for subject in _folders(folder):
+        efforts = {name: _special(subject, name) for name in _SPECIAL}
+        for phase in _folders(subject):
+            if phase.name.lower() in _SPECIAL:
+                continue
+            for path in sorted(one for one in phase.iterdir() if is_recording(one)):
+                place = {"subject": subject.name, "phase": phase.name, "trial": path.stem}
+                try:
+                    trial = run_trial(path, mvc or efforts["mvc"], choices, settings, efforts["rest"])
+                    records.append({**place, "error": None, **trial_record(trial)})
+                except PalpError as error:
+                    tell(f"{path}: {error}" if str(path) not in str(error) else str(error))
+                    records.append({**place, "error": str(error), "file": str(path), "flags": ["failed"]})
+    if not records:
+        raise PalpError(f"{folder}: no recording at subject/phase/trial below it")
+    return records
+
+
+def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
+    """Write quality.html, quality.csv and quality.json, and return what the last one holds."""
+    result = {"trials": list(records), "by_phase": _by_phase(records)}
+    _write(out, records, result, f"EMG of {len(records)} trials", None)
+    return result
+
+
+def write_trial(trial: Trial, out: Path) -> dict[str, Any]:
+    """Write the page, its numbers and the time series of one trial, and return its record."""
+    from palp_core.palpation.identification.emg.chart import trial_chart
+    from palp_core.palpation.reporting.charts import save
+
+    record = {"subject": "", "phase": "", "trial": trial.path.stem, "error": None, **trial_record(trial)}
+    chart = trial_chart(trial)
+    image = save(chart, out)
+    _write(out, [record], record, f"EMG of {trial.path.name}", (chart.caption, image))
+    heading, rows = series_rows(trial)
+    with (out / "series.csv").open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(heading) + "\n")
+        np.savetxt(file, np.array(rows), fmt="%.9g", delimiter=",")
+    return record
+
+
+def sweep_trial(trial: Trial, out: Path | None) -> list[dict[str, Any]]:
+    """Return bursts and lambda_2 over the settings' ranges; with a folder, also write sweep.csv."""
+    rows = [asdict(row) for row in sweep([(trial.samples, trial.effort)], trial.settings)]
+    for row in rows:
+        row["lambda_2"] = None if np.isnan(row["lambda_2"]) else row["lambda_2"]
+    if out is not None:
+        with (out / "sweep.csv").open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    return rows
+
+
+def _write(
+    out: Path,
+    records: Sequence[dict[str, Any]],
+    result: dict[str, Any],
+    title: str,
+    picture: tuple[str, bytes] | None,
+) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "quality.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows([_cell(record.get(name)) for name in COLUMNS] for record in records)
+    text = json.dumps(result, indent=1, allow_nan=False)
+    (out / "quality.json").write_text(text + "\n", encoding="utf-8")
+    page = emg_page(title, records, result.get("by_phase", {}), picture)
+    (out / "quality.html").write_text(page, encoding="utf-8")
+
+
+def _cell(value: Any) -> Any:
+    return " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else value
+
+
+def _by_phase(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return transitions per phase, pooled over subjects and trials, never across them."""
+    found = {}
+    for phase in sorted({record["phase"] for record in records}):
+        runs = [run for one in records if one["phase"] == phase for run in one.get("runs", [])]
+        counts = count_transitions(runs, _LEVEL_COUNT)
+        second = second_eigenvalue(runs)
+        found[phase] = {
+            "transitions": int(counts.sum()),
+            "counts": counts.tolist(),
+            "matrix": transition_matrix(counts).tolist(),
+            "lambda_2": None if np.isnan(second) else second,
+        }
+    return found
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(one for one in folder.iterdir() if one.is_dir() and not is_recording(one))
+
+
+def _special(subject: Path, name: str) -> Path | None:
+    """Return the subject's recording of this name, or the first in the folder of this name."""
+    for one in sorted(subject.iterdir()):
+        if one.stem.lower() == name and is_recording(one):
+            return one
+        if one.name.lower() == name and one.is_dir():
+            return next((inner for inner in sorted(one.iterdir()) if is_recording(inner)), None)
+    return None

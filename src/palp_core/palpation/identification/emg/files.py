@@ -1,0 +1,115 @@
+"""Read a recording of EMG from any of the usual files, as named columns with rate and unit where stated.
+
+What a file does not state is guessed in :mod:`palp_core.palpation.identification.emg.guess`, never here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from palp_core.errors import PalpError
+from palp_core.units import Float64Array
+
+__all__ = ["SUFFIXES", "UNIT", "Column", "EmgFile", "is_recording", "read_emg", "split_unit"]
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of numbers.
+
+    Attributes:
+        name: As in the file.
+        samples: Shape (n,); NaN where the file has none.
+        rate_hz: Sampling rate that the file states; None if it does not.
+        unit: Unit that the file states; empty if it does not.
+    """
+
+    name: str
+    samples: Float64Array
+    rate_hz: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class EmgFile:
+    """What a file holds.
+
+    Attributes:
+        path: The file.
+        format: Name of its format.
+        columns: Its columns of numbers.
+        phases: Stretches of samples [begin, end) by phase, as ``mvc``; empty where the file has none.
+        notes: What a reader of the numbers ought to know.
+    """
+
+    path: Path
+    format: str
+    columns: tuple[Column, ...]
+    phases: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+UNIT = re.compile(r"s|ms|us|[µμ]s|ns|sec(onds)?|(n|u|µ|μ|m)?v(olts?)?|hz|counts?|adc|a\.?u\.?", re.IGNORECASE)
+"""What is taken for a unit."""
+
+_HERE = "palp_core.palpation.identification.emg"
+_READERS = {
+    ".csv": f"{_HERE}.files_text:read_text",
+    ".tsv": f"{_HERE}.files_text:read_text",
+    ".txt": f"{_HERE}.files_text:read_text",
+    ".npy": f"{_HERE}.files_array:read_numpy",
+    ".npz": f"{_HERE}.files_array:read_numpy",
+    ".mat": f"{_HERE}.files_array:read_matlab",
+    ".h5": f"{_HERE}.files_array:read_hdf5",
+    ".hdf5": f"{_HERE}.files_array:read_hdf5",
+    ".edf": f"{_HERE}.files_edf:read_edf",
+    ".bdf": f"{_HERE}.files_edf:read_edf",
+    ".mcap": f"{_HERE}.files_bag:read_bag",
+}
+SUFFIXES = tuple(_READERS)
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a path is a file of a known kind, or a bag's folder."""
+    return path.suffix.lower() in _READERS if path.is_file() else any(path.glob("*.mcap"))
+
+
+def read_emg(path: Path) -> EmgFile:
+    """Read a recording; its suffix says how.
+
+    Raises:
+        PalpError: No such file, an unknown kind, or not what its suffix says.
+    """
+    if not path.exists():
+        raise PalpError(f"{path}: no such file")
+    if path.is_dir() and not is_recording(path):
+        raise PalpError(f"{path}: a folder without a bag; name a recording")
+    suffix = ".mcap" if path.is_dir() else path.suffix.lower()
+    if suffix not in _READERS:
+        raise PalpError(f"{path}: '{path.suffix}' is no known kind of recording; known: {' '.join(SUFFIXES)}")
+    module, _, name = _READERS[suffix].partition(":")
+    try:
+        found: EmgFile = getattr(importlib.import_module(module), name)(path)
+    except OSError as error:
+        raise PalpError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not found.columns:
+        raise PalpError(f"{path}: holds no column of numbers")
+    return found
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Split a heading as ``FDS (uV)``, ``FDS [mV]`` or ``fds_v`` into name and unit; other brackets stay.
+
+    >>> split_unit("FDS (uV)"), split_unit("fds_v"), split_unit("EDC (left)")
+    (('FDS', 'uV'), ('fds_v', 'V'), ('EDC (left)', ''))
+    """
+    heading = heading.strip().strip("\"'").strip()
+    bracketed = re.fullmatch(r"(.*?)\s*[(\[]\s*([^()\[\]]{1,12})\s*[)\]]", heading)
+    if bracketed and UNIT.fullmatch(bracketed[2].strip()):
+        return bracketed[1].strip() or heading, bracketed[2].strip()
+    suffix = re.search(r"_(n|u|µ|m)?v$", heading.lower())
+    return heading, f"{suffix[1] or ''}V" if suffix else ""

@@ -1,0 +1,257 @@
+"""Learn the strategy from recordings of EMG: bursts to levels, levels to a chain per depth and one of all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import PalpError
+from palp_core.palpation.identification.emg.batch import run_folder
+from palp_core.palpation.identification.emg.files import is_recording
+from palp_core.palpation.identification.emg.trial import Choices, run_trial, trial_record
+from palp_core.palpation.perception.emg.analysis import EmgSettings
+from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile
+from palp_core.palpation.perception.strategy.figure5 import LEVELS
+from palp_core.palpation.perception.strategy.markov_posterior import (
+    ChainSummary,
+    Interval,
+    fit_chain,
+    summarise,
+)
+from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
+
+__all__ = ["SETTINGS", "Fit", "FittedChain", "Source", "chain_file", "fit", "fit_record", "source_of"]
+
+SETTINGS = EmgSettings(window_s=0.15, distance_s=0.4)
+"""Settings for counting bursts: a shorter window's scatter (8 % of the value at 50 ms) counts as bursts."""
+
+_LEAST_SD = 0.01
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording, or a folder subject/phase/trial of them, and the depth that was palpated if it is known.
+
+    Attributes:
+        path: The file or folder.
+        depth_m: As stated; None: as the file's name says (``trial3_2mm.csv``), else not known.
+    """
+
+    path: Path
+    depth_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FittedChain:
+    """A chain with what it was learnt from.
+
+    Attributes:
+        depth_m: Depth of its trials; None: all trials.
+        trial_count: Trials behind it.
+        bursts: Co-contraction of their bursts, dimensionless.
+        clamped_count: Bursts outside the scale of levels.
+        summary: What the chain's posterior says.
+    """
+
+    depth_m: float | None
+    trial_count: int
+    bursts: tuple[float, ...]
+    clamped_count: int
+    summary: ChainSummary
+
+    @property
+    def mean_level(self) -> float:
+        """Mean of the bursts: of P_{S,1}."""
+        return float(np.mean(self.bursts))
+
+    @property
+    def sd_level(self) -> float:
+        """Standard deviation of the bursts: sigma_S; at least 0.01, so that it stays a density."""
+        return max(float(np.std(self.bursts)), _LEAST_SD)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Every chain of a fit, the pooled one first, and the records of the trials that failed or did not."""
+
+    chains: tuple[FittedChain, ...]
+    records: tuple[dict[str, Any], ...]
+    settings: EmgSettings
+    prior_count: float
+
+
+def source_of(word: str) -> Source:
+    """Return what a word of the command line names: ``FILE`` or ``MM=FILE``.
+
+    >>> source_of("2=trial.csv")
+    Source(path=PosixPath('trial.csv'), depth_m=0.002)
+    """
+    stated = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:mm)?=(.+)", word)
+    return Source(Path(stated[2]), float(stated[1]) / 1e3) if stated else Source(Path(word))
+
+
+def fit(
+    sources: Sequence[Source],
+    mvc: Path | None,
+    choices: Choices,
+    settings: EmgSettings,
+    rng: np.random.Generator,
+    *,
+    prior_count: float = 0.5,
+    mass: float = 0.95,
+    tell: Callable[[str], None],
+) -> Fit:
+    """Analyse recordings and learn the chains; no transition spans two trials or a gap.
+
+    Args:
+        sources: Recordings.
+        mvc: MVC of all; None: each file's or subject's own.
+        choices: What the user states of the files.
+        settings: How bursts are found.
+        rng: Draws the intervals' matrices.
+        prior_count: Pseudo-count of the Dirichlet prior.
+        mass: Probability inside the intervals.
+        tell: Told of each trial of a folder that failed.
+
+    Raises:
+        PalpError: A file cannot be used, or no trial has a transition.
+    """
+    records: list[dict[str, Any]] = []
+    places = [source.path.resolve() for source in sources]
+    for source in sources:
+        if places.count(source.path.resolve()) > 1:
+            raise PalpError(f"{source.path}: named twice; a trial counts once")
+        if source.path.is_dir() and not is_recording(source.path):
+            found = run_folder(source.path, mvc, choices, settings, tell)
+        else:
+            found = [{"error": None, **trial_record(run_trial(source.path, mvc, choices, settings))}]
+        stated = source.depth_m
+        records += [{**one, "depth_m": _named_depth_m(one) if stated is None else stated} for one in found]
+    good = [one for one in records if not one["error"]]
+    if not good:
+        raise PalpError("every trial failed; see the messages above")
+    depths = sorted({one["depth_m"] for one in good if one["depth_m"] is not None})
+    chains = [_chain(None, good, rng, prior_count, mass)]
+    for depth_m in depths:
+        try:
+            chains.append(
+                _chain(depth_m, [one for one in good if one["depth_m"] == depth_m], rng, prior_count, mass)
+            )
+        except PalpError as error:
+            tell(f"{depth_m * 1e3:g} mm: {error}")
+    return Fit(tuple(chains), tuple(records), settings, prior_count)
+
+
+def _named_depth_m(record: dict[str, Any]) -> float | None:
+    """Return the depth that a trial's name or its phase's folder names, as ``2mm``."""
+    for name in (Path(record["file"]).stem, str(record.get("phase", ""))):
+        said = re.findall(r"(?<![\d.])(\d+(?:\.\d+)?)\s*mm(?![a-z])", name.lower())
+        if len(said) == 1:
+            return float(said[0]) / 1e3
+    return None
+
+
+def _chain(
+    depth_m: float | None,
+    records: Sequence[dict[str, Any]],
+    rng: np.random.Generator,
+    prior_count: float,
+    mass: float,
+) -> FittedChain:
+    runs = [run for one in records for run in one["runs"]]
+    posterior = fit_chain(runs, len(LEVELS), prior_count=prior_count)
+    return FittedChain(
+        depth_m,
+        len(records),
+        tuple(burst["value"] for one in records for burst in one["bursts"]),
+        sum(one["clamped"] for one in records),
+        summarise(posterior, rng, mass=mass),
+    )
+
+
+def chain_file(found: Fit) -> ChainFile:
+    """Return what the Markov policy loads."""
+    return ChainFile(
+        levels=list(LEVELS),
+        prior_count=found.prior_count,
+        chains=[
+            Chain(
+                depth_m=one.depth_m,
+                matrix=one.summary.matrix.tolist(),
+                counts=one.summary.posterior.counts.tolist(),
+                mean_level=one.mean_level,
+                sd_level=one.sd_level,
+            )
+            for one in found.chains
+        ],
+    )
+
+
+def fit_record(found: Fit) -> dict[str, Any]:
+    """Return a fit's numbers, ready for JSON."""
+    settings = found.settings
+    return {
+        "levels": list(LEVELS),
+        "settings": {
+            "window_s": settings.window_s,
+            "prominence": settings.prominence,
+            "distance_s": settings.distance_s,
+            "prior_count": found.prior_count,
+            "interval_mass": found.chains[0].summary.mass,
+        },
+        "trials": [
+            {key: one.get(key) for key in ("file", "depth_m", "burst_count", "flags", "error")}
+            for one in found.records
+        ],
+        "chains": [_chain_record(one) for one in found.chains],
+    }
+
+
+def _chain_record(one: FittedChain) -> dict[str, Any]:
+    summary = one.summary
+    seen = summary.observed
+    return {
+        "depth_mm": None if one.depth_m is None else round(one.depth_m * 1e3, 6),
+        "trials": one.trial_count,
+        "bursts": len(one.bursts),
+        "clamped": one.clamped_count,
+        "mean_level": one.mean_level,
+        "sd_level": one.sd_level,
+        "transitions": int(summary.posterior.counts.sum()),
+        "counts": summary.posterior.counts.tolist(),
+        "matrix": summary.matrix.tolist(),
+        "low": summary.low.tolist(),
+        "high": summary.high.tolist(),
+        "eigenvalues": [
+            {"real": value.real, "imaginary": value.imag, "modulus": _ends(modulus)}
+            for value, modulus in zip(summary.eigenvalues, summary.moduli, strict=True)
+        ],
+        "relaxation_time_steps": _ends(summary.relaxation_time),
+        "kemeny_steps": _ends(summary.kemeny),
+        "stationary": [_ends(share) for share in summary.stationary],
+        "observed": {
+            "levels_never_visited": [level + 1 for level in seen.never_visited],
+            "levels_never_left": [level + 1 for level in seen.never_left],
+            "closed_classes": seen.structure.closed_class_count if seen.structure else 0,
+            "irreducible": bool(seen.structure and seen.structure.irreducible),
+            "period": seen.structure.period if seen.structure else 0,
+        },
+        "readings": {
+            reading: {"law": list(run.law), "mean_level": run.mean_level, "frozen_after": run.frozen_after}
+            for reading in READINGS
+            for run in [
+                long_run(
+                    summary.matrix, reading, levels=LEVELS, mean_level=one.mean_level, sd_level=one.sd_level
+                )
+            ]
+        },
+    }
+
+
+def _ends(interval: Interval) -> dict[str, float]:
+    return {"value": interval.value, "low": interval.low, "high": interval.high}

@@ -1,0 +1,1 @@
+"""A gel's modulus and friction, from sweeps over it."""

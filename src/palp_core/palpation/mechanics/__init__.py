@@ -1,0 +1,45 @@
+"""The mechanics of a yielding probe on a soft phantom: pure functions, usable in a notebook.
+
+>>> from palp_core.palpation.mechanics import Bead, Path, Phantom, Probe, contact_model, solve
+>>> probe, path = Probe(), Path()
+>>> model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), probe.tip_radius_m)
+>>> choice.method.name
+'l2'
+>>> table = solve(model, probe, 0.008, path.indentation_m, path.from_m, path.to_m)
+>>> torque_n_m = table.torque_n_m(path.stage_m())
+>>> bool(torque_n_m.max() > torque_n_m[0] > 0.0)
+True
+"""
+
+from palp_core.palpation.mechanics.contact import ContactModel, LayeredHertz
+from palp_core.palpation.mechanics.equilibrium.all_roots import equilibria
+from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.choice import choose_rung, contact_model, rung_model
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.mechanics.scene.run import force_table, run_scene
+from palp_core.palpation.mechanics.scene.scene import Path, Scene, Tolerance
+
+__all__ = [
+    "Bead",
+    "ContactModel",
+    "LayeredHertz",
+    "Path",
+    "Phantom",
+    "Probe",
+    "Scene",
+    "Sweep",
+    "SweepTable",
+    "Tolerance",
+    "choose_rung",
+    "contact_model",
+    "equilibria",
+    "force_table",
+    "read_scene",
+    "run_scene",
+    "rung_model",
+    "solve",
+    "sweep",
+]

@@ -1,0 +1,21 @@
+"""Contact rungs, each in a file of its own; importing this package declares them all in the register."""
+
+from palp_core.palpation.mechanics.contact.l0 import Bump, FittedBump, fit_bump
+from palp_core.palpation.mechanics.contact.l1 import ElasticFoundation
+from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
+from palp_core.palpation.mechanics.contact.l3 import PlaneContact
+from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
+from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
+from palp_core.palpation.mechanics.contact.model import ContactModel
+
+__all__ = [
+    "Bump",
+    "ContactModel",
+    "ElasticFoundation",
+    "FiniteStrainContact",
+    "FittedBump",
+    "HarmonicContact",
+    "LayeredHertz",
+    "PlaneContact",
+    "fit_bump",
+]

@@ -1,0 +1,147 @@
+"""How wrong rung L2 is, measured against L4: the largest error seen, plus about a third, box by box.
+
+Boxes of geometry nest: about the published phantom, near it, in its neighbourhood; and so do loads: the usual
+one, a wide one, any. L2's bead term was derived for a bead of the ball's own size, so a smaller bead or a
+thicker slab costs the most. What becomes of an error of the force depends on how far the joint gives way
+(``yielding``, the moment of Hertz's force over what the joint can hold): from 1 on the peak hardly feels it,
+at 0.1 it is as wrong as the force. The contrast needs a path that goes far enough past the bead
+(``margin_m``).
+
+The numbers are from the corners of the boxes at depths of 1.5 to 8.5 mm, each with up to 54 loads at four
+rings, and from the published phantom at twelve depths with seventy; the study ``contact-validity`` draws
+other scenes and must find every bound kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from palp_core.palpation.methods import Bound
+
+__all__ = ["BOUNDS"]
+
+_Range = tuple[float, float]
+_Box = Mapping[str, _Range]
+
+_PAPER: _Box = {
+    "bead_radius_m": (0.0074, 0.0076),
+    "tip_radius_m": (0.0058, 0.0062),
+    "height_m": (0.0295, 0.0305),
+    "poisson": (0.488, 0.492),
+}
+_NEAR: _Box = {
+    "bead_radius_m": (0.007, 0.008),
+    "tip_radius_m": (0.0055, 0.0065),
+    "height_m": (0.028, 0.032),
+    "poisson": (0.48, 0.495),
+}
+_ABOUT: _Box = {
+    "bead_radius_m": (0.006, 0.009),
+    "tip_radius_m": (0.0045, 0.0075),
+    "height_m": (0.025, 0.040),
+    "poisson": (0.46, 0.4999),
+}
+_USUAL: _Box = {
+    "modulus_pa": (15e3, 40e3),
+    "friction": (0.25, 0.45),
+    "indentation_m": (0.003, 0.005),
+    "tip_mass_kg": (0.002, 0.020),
+}
+_WIDE: _Box = {
+    "modulus_pa": (8e3, 40e3),
+    "friction": (0.2, 0.45),
+    "indentation_m": (0.0025, 0.005),
+    "tip_mass_kg": (0.002, 0.020),
+}
+_ANY: _Box = {
+    "modulus_pa": (3e3, 60e3),
+    "friction": (0.2, 0.6),
+    "indentation_m": (0.001, 0.005),
+    "tip_mass_kg": (0.002, 0.020),
+}
+_ALL_RINGS = (0.0, 0.016)
+_RINGS = (0.004, 0.016)
+_DEEPEST_M = 0.012
+_ENDLESS = 1e9
+_MARGIN = {"margin_m": (0.03, _ENDLESS)}
+
+
+def _box(output: str, error: float, geometry: _Box, load: _Box, depth_m: _Range, **more: _Range) -> Bound:
+    return Bound(output, error, {**geometry, **load, "depth_m": depth_m, **more})
+
+
+def _peak(error: float, geometry: _Box, load: _Box, shallowest_m: float, yielding: float) -> Bound:
+    depth_m = (shallowest_m, _DEEPEST_M)
+    return _box("peak", error, geometry, load, depth_m, ring_m=_ALL_RINGS, yielding=(yielding, _ENDLESS))
+
+
+def _contrast(
+    error: float, geometry: _Box, load: _Box, depth_m: _Range, ring_m: _Range, yielding: float = 0.5
+) -> Bound:
+    load = {**load, **_MARGIN}
+    return _box("contrast", error, geometry, load, depth_m, ring_m=ring_m, yielding=(yielding, _ENDLESS))
+
+
+_PRESSED: _Box = {"indentation_m": (0.0005, 0.005)}
+
+BOUNDS = [
+    _box("normal", 0.15, _PAPER, _PRESSED, (0.003, _DEEPEST_M)),
+    _box("normal", 0.21, _NEAR, _PRESSED, (0.003, _DEEPEST_M)),
+    _box("normal", 0.42, _NEAR, _PRESSED, (0.002, _DEEPEST_M)),
+    _peak(0.016, _PAPER, _USUAL, 0.0019, 0.75),
+    _peak(0.010, _PAPER, _USUAL, 0.0029, 0.75),
+    _peak(0.010, _PAPER, _USUAL, 0.0015, 1.0),
+    _peak(0.016, _NEAR, _USUAL, 0.0015, 1.0),
+    _peak(0.036, _NEAR, _USUAL, 0.0019, 0.75),
+    _peak(0.026, _PAPER, _USUAL, 0.0015, 0.3),
+    _peak(0.016, _NEAR, _WIDE, 0.0015, 1.5),
+    _peak(0.057, _NEAR, _ANY, 0.0015, 0.5),
+    _peak(0.180, _NEAR, _ANY, 0.0015, 0.2),
+    _peak(0.390, _NEAR, _ANY, 0.0015, 0.1),
+    _peak(0.041, _ABOUT, _ANY, 0.0015, 1.5),
+    _peak(0.112, _ABOUT, _ANY, 0.0015, 0.5),
+    _peak(0.330, _ABOUT, _ANY, 0.0015, 0.2),
+    _contrast(0.075, _PAPER, _USUAL, (0.0019, 0.0045), _RINGS),
+    _contrast(0.095, _PAPER, _ANY, (0.0029, 0.0045), _RINGS),
+    _contrast(0.115, _PAPER, _ANY, (0.0015, 0.0045), _RINGS),
+    _contrast(0.160, _PAPER, _ANY, (0.0019, 0.0045), _ALL_RINGS),
+    _contrast(0.270, _PAPER, _ANY, (0.0015, 0.0085), _RINGS),
+    _contrast(0.390, _PAPER, _ANY, (0.0015, 0.0085), _ALL_RINGS),
+    _contrast(0.170, _NEAR, _USUAL, (0.0019, 0.0045), _RINGS),
+    _contrast(0.195, _NEAR, _ANY, (0.0015, 0.0045), _RINGS),
+    _contrast(0.210, _NEAR, _ANY, (0.0015, 0.0045), _ALL_RINGS),
+    _contrast(0.410, _NEAR, _ANY, (0.0015, 0.0085), _RINGS),
+    _contrast(0.550, _NEAR, _ANY, (0.0015, 0.0085), _ALL_RINGS),
+    _contrast(0.490, _ABOUT, _ANY, (0.0015, 0.0045), _ALL_RINGS),
+    _box(
+        "separation",
+        0.250,
+        _PAPER,
+        _WIDE,
+        (0.0015, 0.0085),
+        ring_m=_RINGS,
+        depth_ratio=(1.3, _ENDLESS),
+        yielding=(0.75, _ENDLESS),
+    ),
+    _box(
+        "separation",
+        0.530,
+        _PAPER,
+        _WIDE,
+        (0.0015, _DEEPEST_M),
+        ring_m=_ALL_RINGS,
+        depth_ratio=(1.15, _ENDLESS),
+        yielding=(0.5, _ENDLESS),
+    ),
+    _box(
+        "decision",
+        0.100,
+        _PAPER,
+        _WIDE,
+        (0.0015, _DEEPEST_M),
+        ring_m=_ALL_RINGS,
+        depth_ratio=(1.15, _ENDLESS),
+        yielding=(0.5, _ENDLESS),
+    ),
+]
+"""Stated errors of L2."""

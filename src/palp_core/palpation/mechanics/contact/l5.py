@@ -1,0 +1,210 @@
+"""Rung L5: finite strain, for what small strain leaves out; off the bead's axis with L4's shape."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.palpation.mechanics.contact.bead_squares import Progress
+from palp_core.palpation.mechanics.contact.cache import Arrays, cached
+from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
+from palp_core.palpation.mechanics.contact.ranges import require_range
+from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
+from palp_core.palpation.mechanics.limits import finite_offsets, require
+from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.methods import Bound, method
+from palp_core.units import Float64Array
+
+__all__ = ["FiniteStrainContact"]
+
+_ROOTS = 12  # indentations up to the ball's radius, uniform in their square roots
+_FIRST = 3  # below this one the contact spans too few facets; small strain (L4) is the limit
+_FEWEST = 5
+_FACETS = 16  # per radius of the ball, unless another length is asked for
+_SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4 solves
+
+
+@method(
+    task="contact",
+    name="l5",
+    cost_s=10.0,
+    bounds=[Bound("normal_on_axis", 0.01)],
+    evidence="tests/palpation/mechanics/contact/test_l5.py",
+    valid={
+        "depth_m": (0.0005, 0.015),
+        "modulus_pa": (1.0, 1e9),
+        "poisson": (0.3, 0.4999),
+        "height_m": (0.015, 0.060),
+        "bead_radius_m": (0.002, 0.012),
+        "tip_radius_m": (0.002, 0.012),
+    },
+    fails="where the gel's elements fold; off the bead's axis it vouches for nothing, the bead being felt as "
+    "far aside as at small strain",
+)
+@dataclass(frozen=True)
+class FiniteStrainContact:
+    """Frictionless contact of a sphere with a neo-Hookean layer, over the centre of a rigid bead or bare gel.
+
+    Axisymmetric finite elements follow the equilibrium from no contact up to the ball's radius, or to where
+    an element folds or the gel gives way: :attr:`indentation_max_m` says how far that was. That is the
+    energy U_axis over the bead and U_bare over bare gel. Between the two, where nothing is axisymmetric, what
+    the bead adds falls off as it does at small strain, in L4::
+
+        U(s, delta) = U_bare + P (U_axis - U_bare),    P(s, delta) = (U4(s) - U4_bare) / (U4(0) - U4_bare)
+
+    which is exact on the axis and far from it; in between it is unchecked, and no bound is stated there. Both
+    forces are this energy's slopes.
+
+    The first use of a phantom takes seconds; what it finds is kept in the cache on disk.
+
+    Attributes:
+        phantom: What is touched.
+        tip_radius_m: Radius of the ball.
+        facet_m: Length of the surface's facets where the ball may touch; 1/16 of its radius by default.
+        progress: Told how far the set-up is.
+
+    Raises:
+        OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
+    """
+
+    phantom: Phantom
+    tip_radius_m: float
+    facet_m: float | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        require_range(self.phantom, self.tip_radius_m)
+        require(
+            "facet_m", self._facet_m, self.tip_radius_m / 64.0, self.tip_radius_m / 4.0, "use R/64 to R/4"
+        )
+
+    @property
+    def _facet_m(self) -> float:
+        return self.tip_radius_m / _FACETS if self.facet_m is None else self.facet_m
+
+    @property
+    def rung(self) -> str:
+        """Name in the register."""
+        return "l5"
+
+    @property
+    def reach_m(self) -> float:
+        """Offset at which the bead is no longer felt, that of L4."""
+        return self._small.reach_m
+
+    @property
+    def indentation_max_m(self) -> float:
+        """Indentation up to which the equilibrium could be followed, at most the ball's radius."""
+        return min(self._table.root_max, self._bare.root_max) ** 2
+
+    def prepare(self) -> None:
+        """Do the set-up now, or read it from the cache."""
+        _ = self._table, self._bare
+        self._small.prepare()
+
+    def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
+        offset_m, indentation_m = self._checked(offset_m, indentation_m)
+        axis_n, none = self._table.force(offset_m, indentation_m)
+        if not self._aside(offset_m):
+            return axis_n * self.phantom.modulus_pa, none
+        bare_n, _ = self._bare.force(offset_m, indentation_m)
+        extra = self._table.energy(offset_m, indentation_m) - self._bare.energy(offset_m, indentation_m)
+        share, by_indentation, by_offset = self._spread(offset_m, indentation_m)
+        normal_n = bare_n + share * (axis_n - bare_n) + by_indentation * extra
+        return normal_n * self.phantom.modulus_pa, by_offset * extra * self.phantom.modulus_pa
+
+    def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
+        """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
+        offset_m, indentation_m = self._checked(offset_m, indentation_m)
+        axis_j = self._table.energy(offset_m, indentation_m)
+        if self._aside(offset_m):
+            bare_j = self._bare.energy(offset_m, indentation_m)
+            axis_j = bare_j + self._spread(offset_m, indentation_m)[0] * (axis_j - bare_j)
+        return axis_j * self.phantom.modulus_pa
+
+    def _aside(self, offset_m: Float64Array) -> bool:
+        return self.phantom.bead is not None and bool(np.any(offset_m != 0.0))
+
+    def _spread(
+        self, offset_m: Float64Array, indentation_m: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Return P(s, delta), dP/d(delta) and dP/ds; below the first indentation of L4, those there."""
+        shallowest_m = _SHALLOWEST * self.tip_radius_m
+        at_m, axis = np.maximum(indentation_m, shallowest_m), np.zeros(())
+        small, bare = self._small, self._small_bare
+        bare_j, (bare_n, _) = bare.energy(axis, at_m), bare.force(axis, at_m)
+        extra_j, whole_j = small.energy(offset_m, at_m) - bare_j, small.energy(axis, at_m) - bare_j
+        normal_n, lateral_n = small.force(offset_m, at_m)
+        share = extra_j / whole_j
+        slope = (normal_n - bare_n - share * (small.force(axis, at_m)[0] - bare_n)) / whole_j
+        return share, np.where(indentation_m > shallowest_m, slope, 0.0), lateral_n / whole_j
+
+    def _checked(
+        self, offset_m: Float64Array, indentation_m: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        offset_m = finite_offsets(offset_m)
+        indentation_m = np.asarray(indentation_m, dtype=np.float64)
+        if not np.all(indentation_m <= self.indentation_max_m * (1.0 + 1e-12)):
+            raise OutOfRange(
+                "indentation_m",
+                f"{np.max(indentation_m):g} is beyond {self.indentation_max_m:g}, where the finite elements "
+                "of l5 fold or the ball is in up to its radius; press less deep",
+            )
+        return offset_m, indentation_m
+
+    @cached_property
+    def _table(self) -> EnergyTable:
+        return self._tabulated(self._small)
+
+    @cached_property
+    def _bare(self) -> EnergyTable:
+        return self._table if self.phantom.bead is None else self._tabulated(self._small_bare)
+
+    @cached_property
+    def _small(self) -> HarmonicContact:
+        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress)
+
+    @cached_property
+    def _small_bare(self) -> HarmonicContact:
+        return HarmonicContact(replace(self.phantom, bead=None), self.tip_radius_m, progress=self.progress)
+
+    def _tabulated(self, small: HarmonicContact) -> EnergyTable:
+        inputs = small.geometry | {"facet_m": self._facet_m}
+        kept = cached("l5-table", inputs, lambda: self._tabulate(small))
+        return EnergyTable(0.0, float(kept["root_max"]), kept["pieces"])
+
+    def _tabulate(self, small: HarmonicContact) -> Arrays:
+        """Follow the equilibrium; between the indentations solved, its share of L4's force is smooth."""
+        from palp_core.palpation.mechanics.contact.finite_strain import (
+            pressed_solid,  # finite elements, if need be
+        )
+
+        def small_n(root: Float64Array) -> Float64Array:
+            return small.force(np.zeros(()), root**2)[0] / small.phantom.modulus_pa
+
+        solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m)
+        roots, shares = [0.0], [1.0]
+        for j in range(_FIRST, _ROOTS + 1):
+            root = math.sqrt(self.tip_radius_m) * j / _ROOTS
+            normal = solid.press(root**2)
+            if self.progress is not None:
+                self.progress(j, _ROOTS, "indentations at finite strain")
+            if normal is None:
+                break
+            roots.append(root)
+            shares.append(normal / float(small_n(np.array(root))))
+        if len(roots) < _FEWEST:
+            raise MechanicsError(
+                f"the gel over the bead folds before {root**2:g} m of indentation; use a deeper bead or l4"
+            )
+        at = np.linspace(0.0, roots[-1], _ROOTS + 1)[1:]
+        normal_n = CubicSpline(roots, shares)(at) * small_n(at)
+        hertz = 4.0 / 3.0 * math.sqrt(self.tip_radius_m) / (1.0 - small.phantom.poisson**2)
+        table = energy_table(0.0, roots[-1], normal_n[None, :], hertz)
+        return {"root_max": np.array(table.root_max), "pieces": table.pieces}

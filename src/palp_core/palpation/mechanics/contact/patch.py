@@ -1,0 +1,133 @@
+"""The ball on a patch of square cells, moving over the gel's condensed compliance.
+
+Cells are centred on the ball; the pressure is constant on each and the overlap is met in the mean of each
+(Galerkin), so the compliance is symmetric and positive definite whatever the cell. The sweep's plane of
+symmetry halves the unknowns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
+from palp_core.palpation.mechanics.contact.halfspace import love_mean
+from palp_core.palpation.mechanics.contact.layer import BondedLayer
+from palp_core.units import Float64Array
+
+__all__ = ["Patch", "Pressed"]
+
+_MARGIN = 1.45  # patch radius over sqrt(R delta): the overlap of the undeformed bodies ends at sqrt(2)
+_GROWTHS = 12  # times that the patch may grow by a quarter
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """One solved contact, for Young's modulus 1.
+
+    Attributes:
+        normal_n: Normal force.
+        energy_j: Elastic energy.
+        force_n: Force on each cell of the half patch; its mirror image bears the same.
+    """
+
+    normal_n: float
+    energy_j: float
+    force_n: Float64Array
+
+
+@dataclass(eq=False)
+class Patch:
+    """Half of a round patch of cells under a paraboloid, at one indentation.
+
+    Attributes:
+        layer: The bare gel.
+        bead: The bead's stiffening, or None.
+        tip_radius_m: Radius of the ball.
+        indentation_m: Its indentation, positive.
+        cell_m: Side of the cells.
+        thinnest_m: Gel over the bead: cells larger than a quarter of it average the stiffening.
+    """
+
+    layer: BondedLayer
+    bead: BeadTerm | None
+    tip_radius_m: float
+    indentation_m: float
+    cell_m: float
+    thinnest_m: float = math.inf
+    _margin: float = field(default=_MARGIN, init=False)
+
+    def __post_init__(self) -> None:
+        self._build()
+
+    def _build(self) -> None:
+        h = self.cell_m
+        radius_m = self._margin * math.sqrt(self.tip_radius_m * self.indentation_m) + h
+        count = math.ceil(radius_m / h)
+        along = (np.arange(-count, count) + 0.5) * h
+        across = (np.arange(count) + 0.5) * h
+        x, y = (grid.ravel() for grid in np.meshgrid(along, across, indexing="ij"))
+        inside = np.hypot(x, y) < radius_m
+        self._x, self._y = x[inside], y[inside]
+        self._rim = np.hypot(self._x, self._y) > radius_m - 1.5 * h
+        self._overlap = self.indentation_m - (self._x**2 + self._y**2 + h**2 / 6.0) / (
+            2.0 * self.tip_radius_m
+        )
+
+        # Compliances by integer distance of cells, so that each is computed once.
+        steps: Float64Array = h * np.arange(2 * count + 1, dtype=np.float64)
+        i, j = np.rint(self._x / h - 0.5).astype(int), np.rint(self._y / h - 0.5).astype(int)
+        apart = np.hypot(steps[:, None], steps)
+        by_step = love_mean(steps[:, None], steps, h, self.layer.poisson) + self._correction(apart)
+        di = np.abs(i[:, None] - i)
+        self._bare: Float64Array = by_step[di, np.abs(j[:, None] - j)] + by_step[di, j[:, None] + j + 1]
+
+    def _correction(self, apart: Float64Array) -> Float64Array:
+        """Return the layer's correction, by spline: it varies over the slab's height."""
+        far = float(apart.max())
+        count = 8 + math.ceil(24.0 * far / self.layer.height_m)
+        at = np.linspace(0.0, far, count)
+        curve = CubicSpline(at, self.layer.surface_correction(at))
+        return np.asarray(curve(apart))
+
+    def compliance(self, offset_m: float) -> Float64Array:
+        """Return the sinking of each cell under forces on it and its mirror image, in m/N for E = 1."""
+        if self.bead is None:
+            return self._bare
+        squares = self._squares(offset_m)
+        return np.asarray(self._bare - 2.0 * squares @ squares.T)
+
+    def _squares(self, offset_m: float) -> Float64Array:
+        assert self.bead is not None
+        ratio = self.cell_m / self.thinnest_m
+        nodes, weight = np.polynomial.legendre.leggauss(1 if ratio <= 0.25 else 1 + math.ceil(ratio))
+        dx, dy = (0.5 * self.cell_m * grid.ravel()[:, None] for grid in np.meshgrid(nodes, nodes))
+        values = self.bead.at((self._x + offset_m + dx).ravel(), (self._y + dy).ravel())
+        share = np.outer(weight, weight).ravel() / 4.0
+        return np.asarray(np.tensordot(share, values.reshape(share.size, self._x.size, -1), axes=1))
+
+    def press(self, offset_m: float, start: NDArray[np.bool_] | None = None) -> Pressed:
+        """Solve the contact at an offset, from a first guess of the touching cells.
+
+        Raises:
+            MechanicsError: The contact does not settle or spreads without end.
+        """
+        for _ in range(_GROWTHS):
+            if start is not None and start.size != self._x.size:
+                start = None
+            force = touch(self.compliance(offset_m), self._overlap, start)
+            if not np.any(force[self._rim] > 0.0):
+                return Pressed(2.0 * float(force.sum()), float(force @ self._overlap), force)
+            self._margin *= 1.25
+            self._build()
+        raise MechanicsError("the contact spreads over the whole surface; press less deep")
+
+    def cells(self) -> tuple[Float64Array, Float64Array]:
+        """Return the centres (x, y) of the half patch's cells from the ball's axis."""
+        return self._x, self._y

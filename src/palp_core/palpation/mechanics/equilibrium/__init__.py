@@ -1,0 +1,1 @@
+"""Where the probe's joint comes to rest, and its motion."""

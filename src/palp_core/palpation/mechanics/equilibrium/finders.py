@@ -1,0 +1,135 @@
+"""Ways to find the joint's angle, register task ``equilibrium``: those that fail, and the survivor.
+
+Each takes a :class:`.Joint` and stage positions in sweep order, shape
+(n,),
+and returns what it takes for the angles, shape (n,): NaN where it says itself that it found none. Only the
+survivor checks its answer. Where each fails was measured by the study ``contact-stability``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.equilibrium.joint import Joint
+from palp_core.palpation.mechanics.equilibrium.sweep import sweep
+from palp_core.palpation.methods import Bound, method
+from palp_core.units import Float64Array
+
+__all__ = ["brent", "continued_newton", "fixed_point", "lagged_force", "plain_newton"]
+
+_EVIDENCE = (
+    "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_joint_equilibrium.py"
+)
+_STEPS = 60
+_SAMPLES = 65
+
+
+@method(
+    task="equilibrium",
+    name="bracketed_newton",
+    cost_s=1e-6,
+    bounds=[Bound("angle", 1e-12)],
+    evidence=_EVIDENCE,
+    fails="nothing known in the models' ranges; no lagging equilibrium is an error by name",
+)
+def continued_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
+    """Newton inside the bracket from 0 to lift-off, along the branch: :func:`.sweep`."""
+    solved = sweep(joint.model, joint.probe, joint.ring_m, joint.indentation_m, joint.direction * stage_m)
+    return joint.direction * solved.angle_rad
+
+
+@method(
+    task="equilibrium",
+    name="brentq",
+    cost_s=1e-3,
+    bounds=[Bound("angle", 1e-10)],
+    evidence=_EVIDENCE,
+    fails="where there are several equilibria it returns any of them, an unstable one too; slow, a call "
+    "per position",
+    survivor="bracketed_newton",
+)
+def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
+    """Brent's method between 0 and lift-off, each position for itself."""
+    found = np.full(stage_m.shape, np.nan)
+    for i, at_m in enumerate(stage_m):
+        here = np.array([at_m])
+
+        def pushed_back(angle_rad: float, here: Float64Array = here) -> float:
+            return float(joint.residual(here, np.array([angle_rad]))[0])
+
+        if pushed_back(0.0) < 0.0:
+            found[i] = brentq(pushed_back, 0.0, joint.lift_off_rad, xtol=1e-14, rtol=1e-14)
+    return found
+
+
+@method(
+    task="equilibrium",
+    name="plain_newton",
+    cost_s=8e-7,
+    evidence=_EVIDENCE,
+    fails="wrong roots such as 180 degrees, or cycles, at most ring positions from 0 to 16 mm",
+    survivor="bracketed_newton",
+)
+def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
+    """Newton from an upright probe, without a bracket."""
+    angle_rad = np.zeros(stage_m.shape)
+    for _ in range(_STEPS):
+        slope = joint.residual(stage_m, angle_rad + 1e-7) - joint.residual(stage_m, angle_rad - 1e-7)
+        slope = np.where(slope == 0.0, 1.0, slope / 2e-7)
+        angle_rad = np.clip(angle_rad - joint.residual(stage_m, angle_rad) / slope, -1e6, 1e6)
+    return angle_rad
+
+
+@method(
+    task="equilibrium",
+    name="fixed_point",
+    cost_s=2e-6,
+    evidence=_EVIDENCE,
+    fails="two-cycle: a larger angle unloads the contact, so the next one is too small; at every ring "
+    "up to 16 mm",
+    survivor="bracketed_newton",
+)
+def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
+    """Repeat q = asin(moment of the contact at q / largest restoring moment)."""
+    angle_rad = np.full(stage_m.shape, 0.5 * joint.lift_off_rad)
+    for _ in range(_STEPS):
+        angle_rad = _answer(joint, stage_m, angle_rad)
+    return angle_rad
+
+
+@method(
+    task="equilibrium",
+    name="lagged_force",
+    cost_s=1e-6,
+    evidence=_EVIDENCE,
+    fails="the force of the sample before is a fixed point in time: flips from sample to sample at "
+    "every ring",
+    survivor="bracketed_newton",
+)
+def lagged_force(joint: Joint, stage_m: Float64Array) -> Float64Array:
+    """Balance each position against the contact force at the angle of the position before."""
+    found = np.empty(stage_m.shape)
+    angle_rad = np.array([_first(joint, stage_m)])
+    for i, at_m in enumerate(stage_m):
+        angle_rad = _answer(joint, np.array([at_m]), angle_rad)
+        found[i] = angle_rad[0]
+    return found
+
+
+def _answer(joint: Joint, stage_m: Float64Array, angle_rad: Float64Array) -> Float64Array:
+    """Return the angle that the contact at another angle would hold, within 0 to 90 degrees."""
+    restoring = joint.restoring_n_m
+    pushing = restoring * np.sin(angle_rad) - joint.residual(stage_m, angle_rad)
+    answer: Float64Array = np.arcsin(np.clip(pushing / restoring, 0.0, 1.0))
+    return answer
+
+
+def _first(joint: Joint, stage_m: Float64Array) -> float:
+    """Return the true angle at the first position, as good a start as one could wish for."""
+    grid = np.linspace(0.0, joint.lift_off_rad, _SAMPLES)
+    back = joint.residual(np.full(_SAMPLES, stage_m[0]), grid) >= 0.0
+    if back[0]:
+        raise MechanicsError("the tip leads at the first position; raise the friction or the ring")
+    return float(grid[int(np.argmax(back))])

@@ -1,0 +1,142 @@
+"""A sweep solved once on a stage grid and read at any stage position, as at 1 kHz."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+
+from palp_core.errors import OutOfRange
+from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.guard import stage_step
+from palp_core.units import Float64Array
+
+__all__ = ["SweepTable", "solve"]
+
+_SNAP_PARTS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class SweepTable:
+    """Torque, force and angle as functions of the stage position, within the solved stretch.
+
+    A smooth sweep is a cubic spline. One that snaps is a monotone cubic on each stretch between the jumps,
+    with a straight ramp over the jump, at most 1/32 of the grid's step long.
+
+    Attributes:
+        solved: The sweep on the grid, the grid refined at jumps.
+    """
+
+    solved: Sweep
+    _curve: PPoly
+
+    @property
+    def low_m(self) -> float:
+        """Lowest stage position."""
+        return float(min(self.solved.stage_m[0], self.solved.stage_m[-1]))
+
+    @property
+    def high_m(self) -> float:
+        """Highest stage position."""
+        return float(max(self.solved.stage_m[0], self.solved.stage_m[-1]))
+
+    def torque_n_m(self, stage_m: ArrayLike) -> Float64Array:
+        """Return the sensor's torque tau_f, of the shape of ``stage_m``.
+
+        Raises:
+            OutOfRange: A position lies outside the solved stretch or is not a number.
+        """
+        return self._columns(stage_m)[..., 0]
+
+    def normal_n(self, stage_m: ArrayLike) -> Float64Array:
+        """Return the normal force; shape and errors as for :meth:`torque_n_m`."""
+        return self._columns(stage_m)[..., 1]
+
+    def angle_rad(self, stage_m: ArrayLike) -> Float64Array:
+        """Return the joint angle; shape and errors as for :meth:`torque_n_m`."""
+        return self._columns(stage_m)[..., 2]
+
+    def lateral_n(self, stage_m: ArrayLike) -> Float64Array:
+        """Return the elastic drag; shape and errors as for :meth:`torque_n_m`."""
+        return self._columns(stage_m)[..., 3]
+
+    def _columns(self, stage_m: ArrayLike) -> Float64Array:
+        positions = np.asarray(stage_m, dtype=np.float64)
+        if positions.size and not (positions.min() >= self.low_m and positions.max() <= self.high_m):
+            raise OutOfRange(
+                "stage_m",
+                f"[{positions.min():g}, {positions.max():g}] leaves the solved stretch "
+                f"[{self.low_m:g}, {self.high_m:g}]; solve a longer one",
+            )
+        values: Float64Array = self._curve(positions)
+        return values
+
+
+def solve(
+    model: ContactModel,
+    probe: Probe,
+    ring_m: float,
+    indentation_m: float,
+    from_m: float,
+    to_m: float,
+    step_m: float = 0.0005,
+) -> SweepTable:
+    """Solve a sweep once so that it can be read at any stage position.
+
+    Args:
+        model: Contact forces over the phantom.
+        probe: Dimensions of the probe.
+        ring_m: True position of the anchor ring.
+        indentation_m: Nominal indentation of the upright probe.
+        from_m: Stage position at which the sweep starts.
+        to_m: Stage position at which it ends; smaller than ``from_m`` for a sweep towards -Y.
+        step_m: Spacing of the grid; a jump is placed within 1/32 of it. One that would miss the peak is
+            replaced by 1 mm, which ``solved.guards`` says.
+
+    Raises:
+        OutOfRange: The stretch is shorter than four steps.
+        MechanicsError: As for :func:`.sweep`, its OutOfRange included.
+    """
+    if not (step_m > 0.0 and abs(to_m - from_m) >= 4.0 * step_m):
+        raise OutOfRange(
+            "step_m", f"{step_m:g} does not divide [{from_m:g}, {to_m:g}] in four; use a smaller step"
+        )
+    step_m, coarse = stage_step(step_m)
+    count = int(np.ceil(abs(to_m - from_m) / step_m - 1e-9)) + 1
+    solved = sweep(model, probe, ring_m, indentation_m, np.linspace(from_m, to_m, count))
+    if solved.snapped:
+        parts = np.arange(1, _SNAP_PARTS) / _SNAP_PARTS
+        between = [
+            a + parts * (b - a)
+            for a, b in ((solved.stage_m[i - 1], solved.stage_m[i]) for i in solved.snap_at)
+        ]
+        finer = np.unique(np.concatenate([solved.stage_m, *between]))
+        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
+    if coarse:
+        solved = replace(solved, guards=(*solved.guards, coarse))
+    return SweepTable(solved, _curve(solved))
+
+
+def _curve(solved: Sweep) -> PPoly:
+    """Join the stretches between jumps into one piecewise polynomial over rising stage positions."""
+    columns = np.stack([solved.torque_n_m, solved.normal_n, solved.angle_rad, solved.lateral_n], axis=-1)
+    falling = solved.stage_m[0] > solved.stage_m[-1]
+    order = slice(None, None, -1) if falling else slice(None)
+    stage_m, columns = solved.stage_m[order], columns[order]
+    if not solved.snapped:
+        return CubicSpline(stage_m, columns)
+    jumps = sorted(len(stage_m) - i if falling else i for i in solved.snap_at)
+    pieces = []
+    for low, high in itertools.pairwise([0, *jumps, len(stage_m)]):
+        if low:  # the jump
+            slope = (columns[low] - columns[low - 1]) / (stage_m[low] - stage_m[low - 1])
+            flat = np.zeros_like(slope)
+            pieces.append(np.stack([flat, flat, slope, columns[low - 1]])[:, None])
+        if high - low > 1:
+            pieces.append(PchipInterpolator(stage_m[low:high], columns[low:high]).c)
+    return PPoly(np.concatenate(pieces, axis=1), stage_m)

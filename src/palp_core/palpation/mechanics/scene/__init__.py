@@ -1,0 +1,1 @@
+"""Scenes: what is simulated, and which model it takes."""

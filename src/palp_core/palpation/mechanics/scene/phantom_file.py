@@ -1,0 +1,64 @@
+"""Phantoms by code, from a YAML file; each as under ``phantom`` in a scene.
+
+::
+
+    A: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: {radius_m: 0.0075, depth_m: 0.002}}
+    bare: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: none}
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
+
+__all__ = ["PAPER_PHANTOMS", "file_mistakes", "load_phantoms"]
+
+PAPER_PHANTOMS = {
+    code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
+}
+"""The published three: 30 mm of gel, a bead of 15 mm at 2, 4 and 8 mm."""
+
+
+def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
+    """Return the phantoms of a file by code, in its order; the paper's three for an empty path.
+
+    Args:
+        path: The file, or nothing.
+        gel: Gel and bead radius in which the paper's three depths are put where no file is given.
+
+    Raises:
+        MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
+    """
+    if path:
+        root = read_mapping(path, "phantoms")
+        entries = root.items("the file of phantoms")
+        if not entries:
+            raise root.error("give phantoms by code, as in 'A: {bead: {depth_m: 0.002}}'")
+        return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
+    if gel is None:
+        return dict(PAPER_PHANTOMS)
+    radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
+    return {
+        code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
+        for code, paper in PAPER_PHANTOMS.items()
+        if paper.bead is not None
+    }
+
+
+def file_mistakes(params: object) -> dict[str, str]:
+    """Return what is wrong with the files that parameters ``scene`` and ``phantoms`` name, by parameter.
+
+    Args:
+        params: Parameters of a node; it may lack either, and an empty name is no file.
+    """
+    found: dict[str, str] = {}
+    for name, read in (("scene", read_scene), ("phantoms", load_phantoms)):
+        if path := getattr(params, name, ""):
+            try:
+                read(path)
+            except MechanicsError as error:
+                found[name] = str(error)
+    return found

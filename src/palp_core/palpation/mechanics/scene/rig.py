@@ -1,0 +1,130 @@
+"""The touch of a simulated rig: phantoms by code, the probe, and the rung that each phantom needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
+from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
+from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.mechanics.scene.guard import sweep_guards
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, yielding
+from palp_core.palpation.methods import Method, choose
+
+__all__ = ["Chosen", "Rig", "rig"]
+
+
+class Chosen(Protocol):
+    """A rung with the bound that justified it and the reason in words."""
+
+    @property
+    def method(self) -> Method:
+        """The rung as declared."""
+        ...
+
+    @property
+    def bound(self) -> float | None:
+        """Its stated relative error of the output that was asked for."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why it was chosen."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What a simulated rig touches, and with what.
+
+    Attributes:
+        probe: Dimensions of the probe.
+        indentation_m: Nominal indentation.
+        output: What the contact must get right.
+        tolerance: How right.
+        phantoms: By code.
+        choices: The rung of each phantom, by code.
+    """
+
+    probe: Probe
+    indentation_m: float
+    output: str
+    tolerance: float
+    phantoms: dict[str, Phantom]
+    choices: dict[str, Chosen]
+
+    def model(self, code: str) -> ContactModel:
+        """Return a phantom's contact model, ready to use."""
+        return rung_model(self.choices[code].method.name, self.phantoms[code], self.probe.tip_radius_m)
+
+    def met(self, code: str, solved: Sweep) -> tuple[str, ...]:
+        """Return what a sweep over a phantom met that its record must say."""
+        return sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
+
+    def guards(self, code: str, rings_m: Iterable[float], from_m: float, to_m: float) -> tuple[str, ...]:
+        """Return what sweeps over a phantom meet at ring positions and the nominal height, in words."""
+        words: list[str] = []
+        for ring_m in rings_m:
+            try:
+                table = solve(self.model(code), self.probe, ring_m, self.indentation_m, from_m, to_m)
+                words += (f"ring_m = {ring_m:g}: {met}" for met in self.met(code, table.solved))
+            except MechanicsError as error:
+                words.append(f"ring_m = {ring_m:g}: stopped: {error}")
+        return tuple(words)
+
+
+def rig(
+    *,
+    phantoms: str = "",
+    scene: str = "",
+    output: str = "peak",
+    tolerance: float = 0.02,
+    indentation_m: float | None = 0.004,
+    friction: float = 0.3,
+    tip_mass_kg: float = 0.008,
+) -> Rig:
+    """Return a rig's touch: from a scene file, or without one from the numbers given.
+
+    Args:
+        phantoms: File of phantoms by code; without it the paper's three depths, in the scene's gel if there
+            is one.
+        scene: Scene file; it gives probe, indentation and tolerance, and the arguments below are not used.
+        output: What the contact must get right.
+        tolerance: How right.
+        indentation_m: Nominal indentation; None leaves it out of the choice.
+        friction: Coulomb coefficient.
+        tip_mass_kg: Mass of the tip link.
+
+    Raises:
+        MechanicsError: A file is wrong; the message says where.
+        MethodError: No rung is good enough for a phantom.
+    """
+    choices: dict[str, Chosen] = {}
+    if scene:
+        given = read_scene(scene)
+        found = load_phantoms(phantoms, given.phantom)
+        for code, phantom in found.items():
+            choices[code] = choose_rung(replace(given, phantom=phantom))
+        asked = given.tolerance
+        return Rig(given.probe, given.path.indentation_m, asked.output, asked.relative, found, choices)
+    probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)
+    for code, phantom in found.items():
+        quantities: dict[str, float | tuple[float, ...]] = {
+            **phantom.scene(probe.tip_radius_m),
+            "friction": probe.friction,
+            "tip_mass_kg": probe.tip_mass_kg,
+        }
+        if indentation_m is not None:
+            quantities["indentation_m"] = indentation_m
+            quantities["ring_m"] = RINGS_M
+            quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
+        choices[code] = choose("contact", output, tolerance, quantities)
+    return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)

@@ -1,0 +1,142 @@
+"""A scene swept, and a table of contact forces: what ``palp scene run`` and ``palp scene table`` print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.guard import outside, sweep_guards
+from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.methods import find
+from palp_core.units import Float64Array
+
+__all__ = ["ForceTable", "SceneRun", "force_table", "run_scene"]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRun:
+    """A scene's sweeps, one per ring position.
+
+    Attributes:
+        choice: The rung, its bound, the reason.
+        ring_m: Ring positions.
+        sweeps: One per ring, all at the same stage positions.
+        peak_n_m: Largest torque per ring.
+        contrast_n_m: That minus its local base.
+        guards: What the run met, in words: the region in which a method fails, and what took over there.
+    """
+
+    choice: SceneChoice
+    ring_m: tuple[float, ...]
+    sweeps: tuple[Sweep, ...]
+    peak_n_m: tuple[float, ...]
+    contrast_n_m: tuple[float, ...]
+    guards: tuple[str, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the run as plain lists and numbers, SI."""
+        return {
+            "ring_m": list(self.ring_m),
+            "stage_m": self.sweeps[0].stage_m.tolist(),
+            "torque_n_m": [one.torque_n_m.tolist() for one in self.sweeps],
+            "angle_rad": [one.angle_rad.tolist() for one in self.sweeps],
+            "normal_n": [one.normal_n.tolist() for one in self.sweeps],
+            "peak_n_m": list(self.peak_n_m),
+            "contrast_n_m": list(self.contrast_n_m),
+            "rung": self.choice.rung,
+            "bound": self.choice.bound,
+            "guards": list(self.guards),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTable:
+    """Contact forces of one rung; forces have the shape (offsets, indentations).
+
+    Attributes:
+        offset_m: Positions of the ball past the bead.
+        indentation_m: Depths under the surface.
+        normal_n: Normal force.
+        lateral_n: Elastic drag dU/ds.
+        rung: Name of the rung.
+        bound: Stated relative error of the normal force in this scene; None where none is vouched for.
+    """
+
+    offset_m: Float64Array
+    indentation_m: Float64Array
+    normal_n: Float64Array
+    lateral_n: Float64Array
+    rung: str
+    bound: float | None
+
+    def as_json(self) -> dict[str, object]:
+        """Return the table as plain lists and numbers, SI."""
+        return {
+            "offset_m": self.offset_m.tolist(),
+            "indentation_m": self.indentation_m.tolist(),
+            "normal_n": self.normal_n.tolist(),
+            "lateral_n": self.lateral_n.tolist(),
+            "rung": self.rung,
+            "bound": self.bound,
+        }
+
+
+def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
+    """Sweep a scene at each of its ring positions.
+
+    Args:
+        scene: What is swept.
+        rung: Name of a rung to take regardless of the tolerance; None for the cheapest that is good enough.
+
+    Raises:
+        MethodError: No rung is good enough.
+        MechanicsError: The rung has no answer for this phantom, or there is no equilibrium.
+    """
+    choice = choose_rung(scene, rung)
+    model = rung_model(choice.rung, scene.phantom, scene.probe.tip_radius_m)
+    stage = grid_m(scene)
+    sweeps = tuple(
+        sweep(model, scene.probe, ring_m, scene.path.indentation_m, stage) for ring_m in scene.ring_m
+    )
+    guards = tuple(
+        f"ring_m = {ring_m:g}: {words}"
+        for ring_m, one in zip(scene.ring_m, sweeps, strict=True)
+        for words in sweep_guards(scene.phantom, scene.probe, choice.rung, one)
+    )
+    strayed = outside("contact", choice.rung, scene)
+    guards = (strayed, *guards) if strayed else guards
+    return SceneRun(
+        choice=choice,
+        ring_m=scene.ring_m,
+        sweeps=sweeps,
+        peak_n_m=tuple(peak_n_m(one) for one in sweeps),
+        contrast_n_m=tuple(contrast_n_m(one) for one in sweeps),
+        guards=guards,
+    )
+
+
+def force_table(
+    scene: Scene, rung: str, offset_m: Sequence[float], indentation_m: Sequence[float]
+) -> ForceTable:
+    """Return contact forces of a rung at offsets and indentations.
+
+    Raises:
+        MethodError: There is no such rung.
+        MechanicsError: The rung has no answer for this phantom or at an indentation.
+    """
+    model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m)
+    offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
+    normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
+    output = "normal" if offsets.any() or rung != "l5" else "normal_on_axis"
+    bounds = [
+        find("contact", rung).bound(output, scene.quantities() | {"indentation_m": depth})
+        for depth in depths.tolist()
+    ]
+    stated = [bound for bound in bounds if bound is not None]
+    bound = max(stated) if stated and len(stated) == len(bounds) else None
+    return ForceTable(offsets, depths, normal_n, lateral_n, rung, bound)

@@ -1,0 +1,1 @@
+"""Depth as a posterior: likelihoods, filters, stop rules."""

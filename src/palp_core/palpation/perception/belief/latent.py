@@ -1,0 +1,298 @@
+"""The filter that knows what stays: readings of a trial share errors, and the belief accounts for them.
+
+The ring keeps its landing error until it moves, a phantom its height until it is remounted. Readings are
+linear-Gaussian about the class means::
+
+    y_t = mean[d, k] + sum_l slope[d, k, l] x_l + e_t,   x_l ~ N(0, sd_l^2),   e_t ~ N(0, noise[d, k])
+
+An offset x_l is drawn anew at a move or stays for the whole trial. Given the class d, all readings are
+jointly normal, so the offsets are integrated out in closed form: one Kalman filter per class (Anderson and
+Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations' density the likelihood. With no offsets it is
+eq. (7).
+
+Every array of :class:`Belief` may have leading dimensions, one entry per trial: a batch of trials is filtered
+by the same lines as one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.methods import method
+from palp_core.units import Float64Array
+
+__all__ = [
+    "Belief",
+    "OffsetModel",
+    "keep",
+    "latent",
+    "latent_ring",
+    "latent_trial",
+    "naive",
+    "predict",
+    "renewed",
+    "start",
+    "update",
+]
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+Indices = int | NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetModel:
+    """How readings of every class and setting spread, and which part of it stays.
+
+    Attributes:
+        mean: Mean reading, any unit, shape (m, k, f): classes, settings, features.
+        noise: Covariance of what is drawn at every reading, positive definite, shape (m, k, f, f).
+        slope: Change of the reading per unit of each offset, shape (m, k, f, l); l may be 0.
+        offset_sd: Standard deviation of each offset, shape (l,).
+        renewed_by_move: Whether a move of the setting draws the offset anew (else it stays for the trial),
+            length l.
+    """
+
+    mean: Float64Array
+    noise: Float64Array
+    slope: Float64Array
+    offset_sd: Float64Array
+    renewed_by_move: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "noise", "slope", "offset_sd"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            object.__setattr__(self, name, array)
+            if not np.isfinite(array).all():
+                raise PerceptionError(f"offset model: {name} holds NaN or infinity")
+        if self.mean.ndim != 3:
+            raise PerceptionError(f"offset model: mean has shape {self.mean.shape}, not (m, k, f)")
+        m, k, f = self.mean.shape
+        offsets = len(self.offset_sd)
+        if self.noise.shape != (m, k, f, f) or self.slope.shape != (m, k, f, offsets):
+            raise PerceptionError(
+                f"offset model: noise {self.noise.shape} and slope {self.slope.shape} do not fit "
+                f"{(m, k, f)} classes, settings, features and {offsets} offsets"
+            )
+        if len(self.renewed_by_move) != offsets or (self.offset_sd < 0.0).any():
+            raise PerceptionError("offset model: one flag and one sd of at least 0 per offset are needed")
+        if (np.linalg.eigvalsh(self.noise) <= 0.0).any():
+            raise PerceptionError(
+                "offset model: a noise covariance is not positive definite; raise the floor of the sensor"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known in a trial: the classes, and per class the offsets.
+
+    Attributes:
+        log_class: Natural log of P(d | readings), normalised, shape (..., m).
+        offset_mean: Mean of the offsets given each class, shape (..., m, l).
+        offset_cov: Their covariance, shape (..., m, l, l).
+    """
+
+    log_class: Float64Array
+    offset_mean: Float64Array
+    offset_cov: Float64Array
+
+    @property
+    def posterior(self) -> Float64Array:
+        """Probabilities of the classes, shape (..., m), summing to 1."""
+        weights = np.exp(self.log_class - self.log_class.max(axis=-1, keepdims=True))
+        return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+
+
+def start(model: OffsetModel, trial_count: int | None = None) -> Belief:
+    """Return the belief before the first reading: flat over classes, offsets at their prior.
+
+    Args:
+        model: The readings' model.
+        trial_count: Number of trials side by side; None for a single one without a leading dimension.
+    """
+    classes, offsets = model.mean.shape[0], len(model.offset_sd)
+    lead = () if trial_count is None else (trial_count,)
+    return Belief(
+        np.full((*lead, classes), -np.log(classes)),
+        np.zeros((*lead, classes, offsets)),
+        np.broadcast_to(np.diag(model.offset_sd**2), (*lead, classes, offsets, offsets)).copy(),
+    )
+
+
+def renewed(model: OffsetModel, belief: Belief, moved: ArrayLike) -> Belief:
+    """Return the belief once the setting moved: offsets that a move renews are at their prior again.
+
+    What was learnt of the others through a shared reading is kept; their correlation with the lost ones is
+    not.
+
+    Args:
+        model: The readings' model.
+        belief: Before the move.
+        moved: Whether there was a move, a bool or shape (...).
+    """
+    flags = np.array(model.renewed_by_move, dtype=bool)
+    lost = np.asarray(moved, dtype=bool)[..., None, None] & flags  # (..., 1, l)
+    either = lost[..., :, None] | lost[..., None, :]
+    prior = np.diag(model.offset_sd**2)
+    return replace(
+        belief,
+        offset_mean=np.where(lost, 0.0, belief.offset_mean),
+        offset_cov=np.where(either, prior * np.ones_like(belief.offset_cov), belief.offset_cov),
+    )
+
+
+def predict(model: OffsetModel, belief: Belief, setting: Indices) -> tuple[Float64Array, Float64Array]:
+    """Return mean (..., m, f) and covariance (..., m, f, f) of the next reading given each class.
+
+    Args:
+        model: The readings' model.
+        belief: The belief, after :func:`renewed` if the setting moves for this reading.
+        setting: Index of the setting, an int or shape (...).
+    """
+    mean, noise, slope = _at(model, setting)
+    centre = mean + np.einsum("...fl,...l->...f", slope, belief.offset_mean)
+    spread = noise + slope @ belief.offset_cov @ np.swapaxes(slope, -1, -2)
+    return centre, spread
+
+
+def update(
+    model: OffsetModel, belief: Belief, reading: ArrayLike, setting: Indices, moved: ArrayLike
+) -> Belief:
+    """Return the belief after a reading.
+
+    Args:
+        model: The readings' model.
+        belief: Before it.
+        reading: The reading, shape (..., f); a bare number where f is 1 and there is no leading dimension.
+        setting: Index of the setting it was taken at, an int or shape (...).
+        moved: Whether the setting was moved to since the last reading (re-positioning at the same place
+            counts), a bool or shape (...). Before the first reading it makes no difference.
+
+    Raises:
+        PerceptionError: A reading is not finite or has another number of features.
+    """
+    seen = np.atleast_1d(np.asarray(reading, dtype=np.float64))
+    if seen.shape[-1] != model.mean.shape[-1]:
+        raise PerceptionError(
+            f"a reading has {seen.shape[-1]} features; the model knows {model.mean.shape[-1]}"
+        )
+    if not np.isfinite(seen).all():
+        raise PerceptionError("a reading is NaN or infinite; drop the probe")
+    before = renewed(model, belief, moved)
+    _, _, slope = _at(model, setting)
+    centre, spread = predict(model, before, setting)
+    surprise = seen[..., None, :] - centre  # (..., m, f)
+    cross = before.offset_cov @ np.swapaxes(slope, -1, -2)  # (..., m, l, f)
+    log_density, weighed, gain = _condition(surprise, spread, cross)
+    joint = before.log_class + log_density
+    top = joint.max(axis=-1, keepdims=True)
+    joint = joint - top
+    return Belief(
+        joint - np.log(np.exp(joint).sum(axis=-1, keepdims=True)),
+        before.offset_mean + np.einsum("...lf,...f->...l", cross, weighed),
+        before.offset_cov - gain @ np.swapaxes(cross, -1, -2),
+    )
+
+
+def _condition(
+    surprise: Float64Array, spread: Float64Array, cross: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return log N(surprise; 0, spread), spread^-1 surprise and cross spread^-1; one feature has no solve."""
+    count = surprise.shape[-1]
+    if count == 1:
+        variance = spread[..., 0, 0]
+        weighed = surprise / variance[..., None]
+        log_det = np.log(variance)
+        gain = cross / variance[..., None, None]
+    else:
+        weighed = np.asarray(np.linalg.solve(spread, surprise[..., None])[..., 0], dtype=np.float64)
+        log_det = 2.0 * np.log(np.linalg.cholesky(spread).diagonal(axis1=-2, axis2=-1)).sum(axis=-1)
+        gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(cross, -1, -2)), -1, -2)
+    distance = (surprise * weighed).sum(axis=-1)
+    return np.asarray(-0.5 * (distance + log_det + count * _LOG_2PI)), weighed, gain
+
+
+def _at(model: OffsetModel, setting: Indices) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return mean, noise and slope at the settings with the classes behind the leading dimensions."""
+    which = np.asarray(setting, dtype=np.int64)
+    if which.size and not 0 <= which.min() <= which.max() < model.mean.shape[1]:
+        raise PerceptionError(
+            f"setting {which.min()} or {which.max()} was not trained; there are {model.mean.shape[1]}"
+        )
+    return (
+        np.moveaxis(model.mean, 0, 1)[which],
+        np.moveaxis(model.noise, 0, 1)[which],
+        np.moveaxis(model.slope, 0, 1)[which],
+    )
+
+
+def keep(model: OffsetModel, kept: ArrayLike) -> OffsetModel:
+    """Return the model of the same single readings that takes some offsets for drawn anew at each reading.
+
+    Args:
+        model: The readings' model.
+        kept: Whether each offset still stays, shape (l,).
+    """
+    stays = np.asarray(kept, dtype=bool)
+    spread = (model.slope * model.offset_sd)[..., ~stays]
+    return OffsetModel(
+        model.mean,
+        model.noise + spread @ np.swapaxes(spread, -1, -2),
+        model.slope[..., stays],
+        model.offset_sd[stays],
+        tuple(flag for flag, stay in zip(model.renewed_by_move, stays, strict=True) if stay),
+    )
+
+
+@method(
+    task="filter",
+    name="latent",
+    cost_s=8e-5,
+    evidence="tests/palpation/perception/belief/test_latent.py",
+    fails="errors that are not small against the readings' curvature: slopes are straight lines",
+)
+def latent(model: OffsetModel) -> OffsetModel:
+    """Return the model as it is: what stays is accounted for."""
+    return model
+
+
+@method(
+    task="filter",
+    name="latent_ring",
+    cost_s=7e-5,
+    evidence="tests/palpation/perception/belief/test_latent.py",
+    fails="an error that stays for the whole trial, as the phantom's height",
+    survivor="latent",
+)
+def latent_ring(model: OffsetModel) -> OffsetModel:
+    """Return the model that knows only what stays until the ring moves."""
+    return keep(model, model.renewed_by_move)
+
+
+@method(
+    task="filter",
+    name="latent_trial",
+    cost_s=7e-5,
+    evidence="tests/palpation/perception/belief/test_latent.py",
+    fails="an error that stays until the ring moves, as its landing",
+    survivor="latent",
+)
+def latent_trial(model: OffsetModel) -> OffsetModel:
+    """Return the model that knows only what stays for the whole trial."""
+    return keep(model, ~np.array(model.renewed_by_move, dtype=bool))
+
+
+@method(
+    task="filter",
+    name="naive",
+    cost_s=4e-5,
+    evidence="tests/palpation/perception/belief/test_latent.py",
+    fails="readings of a trial that share an error: it takes each for a new fact and becomes over-confident",
+    survivor="latent",
+)
+def naive(model: OffsetModel) -> OffsetModel:
+    """Return the model of the same single readings that takes every reading for independent, eq. (7)."""
+    return keep(model, np.zeros(len(model.renewed_by_move), dtype=bool))

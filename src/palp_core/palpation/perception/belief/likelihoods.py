@@ -1,0 +1,102 @@
+"""Log densities of one reading given a cell of memory primitives; exchangeable, task ``likelihood``.
+
+Every function takes the cells of one setting and returns natural-log densities, one per class, finite for any
+finite reading of physical size. Readings of shape (n, 1) with cells of shape (n, m) give n rows at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+
+from palp_core.palpation.methods import method
+from palp_core.units import Float64Array
+
+__all__ = ["Cells", "normal", "robust", "student_t"]
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The memory primitives of one setting.
+
+    Attributes:
+        mean: Mean reading per class, any unit, shape (m,).
+        sd: Standard deviation per class, positive, shape (m,).
+        count: Training readings per class, shape (m,).
+        floor: Smallest standard deviation the sensor can show.
+    """
+
+    mean: Float64Array
+    sd: Float64Array
+    count: Float64Array
+    floor: float
+
+
+@method(
+    task="likelihood",
+    name="normal",
+    cost_s=5e-6,
+    evidence="tests/palpation/perception/belief/test_primitives.py",
+    fails="cells of few readings, and outliers: it is sure of whatever class is nearest",
+    survivor="student_t",
+)
+def normal(reading: float | Float64Array, cells: Cells) -> Float64Array:
+    """Return log N(reading; mean, sd): the normal fitted to the training readings, as if known exactly.
+
+    Args:
+        reading: The new reading, any unit.
+        cells: The memory primitives of one setting, same unit.
+    """
+    z = (reading - cells.mean) / cells.sd
+    return np.asarray(-0.5 * (z * z + _LOG_2PI) - np.log(cells.sd))
+
+
+@method(
+    task="likelihood",
+    name="student_t",
+    cost_s=1.5e-5,
+    evidence="tests/palpation/perception/belief/test_primitives.py",
+    fails="readings of one trial that share an error: it widens for the training's size only",
+)
+def student_t(reading: float | Float64Array, cells: Cells) -> Float64Array:
+    """Return the log predictive density when mean and variance were themselves estimated.
+
+    The posterior predictive of a normal with one prior pseudo-reading of variance floor^2
+    (normal-inverse-gamma): Student-t with n degrees of freedom and squared scale ((n - 1) sd^2 + floor^2) / n
+    (1 + 1/n), so that a cell of one reading, or of equal ones, still has a density.
+    """
+    count = cells.count
+    variance = ((count - 1.0) * cells.sd**2 + cells.floor**2) / count
+    scale = np.sqrt(variance * (1.0 + 1.0 / count))
+    z = (reading - cells.mean) / scale
+    constant = gammaln(0.5 * (count + 1.0)) - gammaln(0.5 * count) - 0.5 * np.log(count * np.pi)
+    return np.asarray(constant - np.log(scale) - 0.5 * (count + 1.0) * np.log1p(z * z / count))
+
+
+@method(
+    task="likelihood",
+    name="robust",
+    cost_s=1.2e-5,
+    evidence="tests/palpation/perception/belief/test_primitives.py",
+    fails="an outlier leaves the belief as it was, also where it was a real and informative reading",
+)
+def robust(reading: float | Float64Array, cells: Cells, *, outlier_share: float = 0.01) -> Float64Array:
+    """Return the log of a normal mixed with a broad, class-independent one.
+
+    The broad component is normal about the classes' common mean with ten times their common spread, so that a
+    reading far from every class tells nothing about the class.
+
+    Args:
+        reading: The new reading.
+        cells: The memory primitives of one setting.
+        outlier_share: Weight of the broad component, between 0 and 1 (assumed).
+    """
+    centre = np.mean(cells.mean, axis=-1, keepdims=True)
+    spread = 10.0 * np.sqrt(np.mean(cells.sd**2 + (cells.mean - centre) ** 2, axis=-1, keepdims=True))
+    broad = -0.5 * (((reading - centre) / spread) ** 2 + _LOG_2PI) - np.log(spread)
+    near = np.log1p(-outlier_share) + normal(reading, cells)
+    return np.asarray(np.logaddexp(near, np.log(outlier_share) + broad))

@@ -1,0 +1,162 @@
+"""How a rig repeats itself, as a file: what ``plan:=repeatability`` measures, and simulation and filter load.
+
+::
+
+    sample_sd_n_m: {value: 1.6e-05, low: 1.5e-05, high: 1.6e-05}
+    sweep_sd_n_m: {value: 2.0e-06, low: 1.6e-06, high: 2.5e-06}
+    ring_sd_m: {value: 0.00017, low: 0.00013, high: 0.00022}
+    height_sd_m: {value: 0.0001}
+    hour_sd_n_m: {value: 0.0}
+    basis: repeatability of 2026-11-21, 16 mountings
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.belief.latent import OffsetModel
+from palp_core.palpation.perception.belief.offsets import ring_slopes
+from palp_core.palpation.perception.belief.primitives import Primitives
+from palp_core.units import Float64Array
+
+__all__ = [
+    "Component",
+    "RigNoise",
+    "assumed_noise",
+    "independent_model",
+    "latent_model",
+    "noise_of",
+    "on_depths",
+    "read_noise",
+    "write_noise",
+]
+
+
+class Component(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A standard deviation, with the ends of its interval where it was measured."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+class RigNoise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Standard deviations of what differs between palpations.
+
+    Attributes:
+        sample_sd_n_m: Of a torque sample about the true torque, within a sweep.
+        sweep_sd_n_m: Of the reading between two sweeps when nothing was moved.
+        ring_sd_m: Of the ring's landing about its target; it stays until the ring moves.
+        height_sd_m: Of the phantom's surface over mountings; it stays until the next.
+        hour_sd_n_m: Of the reading's change within an hour when nothing was moved.
+        basis: Where the numbers come from.
+    """
+
+    sample_sd_n_m: Component
+    sweep_sd_n_m: Component
+    ring_sd_m: Component
+    height_sd_m: Component
+    hour_sd_n_m: Component = Component(0.0)
+    basis: str = ""
+
+
+def read_noise(path: str | Path) -> RigNoise:
+    """Return the noise of a file.
+
+    Raises:
+        PerceptionError: No such file, an unknown or missing key, or a negative number.
+    """
+    try:
+        found = msgspec.yaml.decode(Path(path).read_bytes(), type=RigNoise)
+    except OSError as error:
+        raise PerceptionError(f"{path}: cannot read the noise file: {error.strerror}") from error
+    except msgspec.MsgspecError as error:
+        raise PerceptionError(
+            f"{path}: no noise file: {error}; palp launch FILE plan:=repeatability writes OUT/noise.yaml"
+        ) from error
+    for name in ("sample_sd_n_m", "sweep_sd_n_m", "ring_sd_m", "height_sd_m", "hour_sd_n_m"):
+        value = getattr(found, name).value
+        if not (math.isfinite(value) and 0.0 <= value < 1.0):
+            raise PerceptionError(f"{path}: {name} is {value}; a standard deviation in SI lies in 0 to 1")
+    return found
+
+
+def write_noise(noise: RigNoise, path: Path) -> None:
+    """Write a file; it appears under its name only when complete."""
+    part = path.with_suffix(".part")
+    part.write_bytes(msgspec.yaml.encode(noise))
+    part.rename(path)
+
+
+def assumed_noise(ring_sd_m: float, height_sd_m: float) -> RigNoise:
+    """Return the noise of a rig that was not measured: what is assumed of landing and height, no more.
+
+    Raises:
+        PerceptionError: A spread is negative or not a number.
+    """
+    if not (ring_sd_m >= 0.0 and height_sd_m >= 0.0):
+        raise PerceptionError(f"ring {ring_sd_m} m, height {height_sd_m} m: a spread is 0 or more")
+    none = Component(0.0)
+    return RigNoise(
+        sample_sd_n_m=none,
+        sweep_sd_n_m=none,
+        ring_sd_m=Component(ring_sd_m),
+        height_sd_m=Component(height_sd_m),
+        basis="assumed",
+    )
+
+
+def noise_of(path: str, ring_sd_m: float, height_sd_m: float) -> RigNoise:
+    """Return the noise of a file, or without one (an empty path) what is assumed; errors as of both."""
+    return read_noise(path) if path else assumed_noise(ring_sd_m, height_sd_m)
+
+
+def on_depths(values: Float64Array, depths_m: Float64Array, grid_m: Float64Array) -> Float64Array:
+    """Return values of trained depths, shape (m, ...), on others between them, by a monotone cubic."""
+    if depths_m.size == grid_m.size:
+        return values
+    return np.asarray(PchipInterpolator(depths_m, values)(grid_m))
+
+
+def independent_model(primitives: Primitives) -> OffsetModel:
+    """Return the paper's reading of the primitives: every reading is independent, eq. (7)."""
+    mean = primitives.mean[..., None]
+    nothing = np.zeros((*mean.shape, 0))
+    return OffsetModel(mean, (primitives.sd**2)[..., None, None], nothing, np.zeros(0), ())
+
+
+def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64Array) -> OffsetModel:
+    """Return the model of readings that share the ring's landing and the phantom's height.
+
+    How a reading answers to the ring is taken from the primitives' own means over the rings. What training
+    scattered beyond the ring's part is drawn anew at every reading, at least ``sweep_sd_n_m``. The height
+    counts against that of the training's mounting, hence its variance twice.
+
+    Args:
+        primitives: What training taught, N m.
+        noise: What stays, and how much.
+        height_slope: Change of the reading per metre of height, N m/m, shape (m, k).
+
+    Raises:
+        PerceptionError: Fewer than two rings were trained, so nothing tells how a reading answers to them.
+    """
+    mean = primitives.mean
+    if height_slope.shape != mean.shape:
+        raise PerceptionError(f"height_slope has shape {height_slope.shape}, not {mean.shape}")
+    ring_slope = ring_slopes(mean, primitives.rings_m)
+    ring_variance = (ring_slope * noise.ring_sd_m.value) ** 2
+    least = max(noise.sweep_sd_n_m.value, primitives.floor) ** 2
+    own = np.maximum(primitives.sd**2 - ring_variance, least)
+    return OffsetModel(
+        mean[..., None],
+        own[..., None, None],
+        np.stack([ring_slope, height_slope], axis=-1)[:, :, None, :],
+        np.array([noise.ring_sd_m.value, np.sqrt(2.0) * noise.height_sd_m.value]),
+        (True, False),
+    )

@@ -1,0 +1,1 @@
+"""Co-contraction from EMG."""

@@ -1,0 +1,236 @@
+"""A recorded trial against its MVC: envelopes, co-contraction, bursts, levels, and how far to trust them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder
+from palp_core.palpation.perception.emg.emg import EmgChain, normalise, reference
+from palp_core.palpation.perception.emg.levels import Levels, to_levels
+from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
+from palp_core.palpation.perception.emg.stream import EmgStream
+from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
+from palp_core.units import Float64Array
+
+__all__ = ["EmgAnalysis", "EmgSettings", "analyse", "second_eigenvalue"]
+
+LEVEL_COUNT = 5
+
+
+@dataclass(frozen=True)
+class EmgSettings:
+    """Settings of the analysis; rate and muscles are the paper's, the rest is assumed.
+
+    Attributes:
+        rate_hz: Sampling rate.
+        low_hz: Lower edge of the band-pass.
+        high_hz: Upper edge of the band-pass.
+        window_s: RMS window, 0.02 to 0.2.
+        prominence: As of :class:`BurstFinder`.
+        distance_s: As of :class:`BurstFinder`.
+        denominator: Which denominator of eq. (3), as of :func:`.reference`.
+        rails: Least and largest value the converter gives; None: found from the samples.
+        least_mvc_ratio: Least ratio of the envelope at MVC to that at rest.
+        held_s: Least stay at one value that counts as lost samples; longer for a coarse converter, whose rest
+            is one value.
+
+    Raises:
+        PerceptionError: The window is outside 20 to 200 ms, or the rails are not in order.
+    """
+
+    rate_hz: float = 1500.0
+    low_hz: float = 20.0
+    high_hz: float = 450.0
+    window_s: float = 0.05
+    prominence: float = 0.05
+    distance_s: float = 0.2
+    denominator: Literal["sum_of_maxima", "maximum_of_sum"] = "sum_of_maxima"
+    rails: tuple[float, float] | None = None
+    least_mvc_ratio: float = 5.0
+    held_s: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0.02 <= self.window_s <= 0.2:
+            raise PerceptionError(f"RMS window of {1e3 * self.window_s:g} ms; choose 20 to 200 ms")
+        if self.rails is not None and not self.rails[0] < self.rails[1]:
+            raise PerceptionError(
+                f"rails are {self.rails[0]:g} and {self.rails[1]:g}; the lower one comes first"
+            )
+
+    def chain(self, offset: float) -> EmgChain:
+        """Return the chain of a muscle with this offset."""
+        return EmgChain(offset, self.rate_hz, self.low_hz, self.high_hz, window_s=self.window_s)
+
+    def rule(self) -> BurstFinder:
+        """Return the rule for bursts."""
+        return BurstFinder(self.rate_hz, self.prominence, self.distance_s)
+
+
+@dataclass(frozen=True, eq=False)
+class EmgAnalysis:
+    """What a trial gives; muscles in the order of the samples.
+
+    Attributes:
+        envelopes: s_i, the samples' unit, shape (muscles, n).
+        normalised: s_i^N of eq. (1), dimensionless, shape (muscles, n).
+        cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
+        trusted: Where no sample of the RMS window was lost, shape (n,).
+        bursts: Bursts in trusted parts.
+        levels: Level of each burst.
+        runs: Levels in order, split where samples were lost, so that no transition spans a gap.
+        maxima: s_i^max, the samples' unit.
+        reference: Denominator of eq. (3), the samples' unit.
+        mvc_ratio: Envelope at MVC over that at rest, of the muscle where it is least.
+        above_mvc_count: Trusted values of co-contraction above 1.
+        quality: Of each muscle's trial.
+        mvc_quality: Of each muscle's MVC.
+        flags: What is wrong: a flag of a trial's sample quality, the same with ``mvc_`` before it, and
+            ``no_rest`` (silent, so nothing to hold the MVC against), ``mvc_too_small``, ``above_mvc``,
+            ``level_clamped``.
+    """
+
+    envelopes: Float64Array
+    normalised: Float64Array
+    cocontraction: Float64Array
+    trusted: BoolArray
+    bursts: list[Burst]
+    levels: Levels
+    runs: list[list[int]]
+    maxima: tuple[float, ...]
+    reference: float
+    mvc_ratio: float
+    above_mvc_count: int
+    quality: tuple[SampleQuality, ...]
+    mvc_quality: tuple[SampleQuality, ...]
+    flags: tuple[str, ...]
+
+
+def analyse(
+    samples: Float64Array, mvc: Float64Array, settings: EmgSettings, *, rest: Float64Array | None = None
+) -> EmgAnalysis:
+    """Return what a trial gives.
+
+    Args:
+        samples: Raw EMG of the trial, shape (muscles, n), any unit; NaN where a sample was lost.
+        mvc: Raw EMG of the MVC, shape (muscles, m), the same unit.
+        settings: How.
+        rest: Raw EMG at rest, shape (muscles, k). None: the quietest twentieth of trial and
+            MVC stands for it.
+
+    Raises:
+        PerceptionError: Shapes do not fit, a recording is shorter than the RMS window, has no finite sample,
+            or the MVC is silent.
+    """
+    rate_hz = settings.rate_hz
+    for name, part in (("trial", samples), ("MVC", mvc)):
+        if (
+            part.ndim != 2
+            or len(part) != len(samples)
+            or part.shape[1] <= 2 * settings.chain(0.0).window_samples
+        ):
+            raise PerceptionError(
+                f"EMG of the {name} has shape {part.shape}; need ({len(samples)}, more than two RMS windows)"
+            )
+    of_trial = tuple(
+        quality(muscle, rate_hz=rate_hz, rails=settings.rails, held_s=settings.held_s) for muscle in samples
+    )
+    of_mvc = tuple(
+        quality(muscle, rate_hz=rate_hz, rails=settings.rails, held_s=settings.held_s) for muscle in mvc
+    )
+    effort, effort_trusted = _envelopes(mvc, settings)
+    if not effort_trusted.any():
+        raise PerceptionError("the MVC has no stretch without lost samples; record it again")
+    maximum = effort[:, effort_trusted]
+    scale = reference(maximum, settings.denominator)
+    maxima = tuple(float(peak) for peak in maximum.max(axis=1))
+
+    whole, lost = _bridged(samples, settings)
+    stream = EmgStream(tuple(settings.chain(one.offset) for one in of_trial), scale, settings.rule())
+    out = stream.whole(whole)
+    trusted = ~_smeared(lost, stream.chains[0].window_samples)
+    bursts = [burst for burst in out.bursts if trusted[burst.index]]
+    levels = to_levels(np.array([burst.value for burst in bursts]))
+    ratio = _mvc_ratio(maxima, out.envelopes[:, trusted], maximum, rest, settings)
+    above = int((out.cocontraction[trusted] > 1.0).sum())
+    wrong = {
+        **{flag: True for one in of_trial for flag in one.flags()},
+        **{f"mvc_{flag}": True for one in of_mvc for flag in one.flags()},
+        "no_rest": not np.isfinite(ratio),
+        "mvc_too_small": ratio < settings.least_mvc_ratio,
+        "above_mvc": above > 0,
+        "level_clamped": levels.clamped_low_count + levels.clamped_high_count > 0,
+    }
+    return EmgAnalysis(
+        envelopes=out.envelopes,
+        normalised=np.array([normalise(s, m) for s, m in zip(out.envelopes, maxima, strict=True)]),
+        cocontraction=out.cocontraction,
+        trusted=trusted,
+        bursts=bursts,
+        levels=levels,
+        runs=_runs(bursts, levels.index.tolist(), trusted),
+        maxima=maxima,
+        reference=scale,
+        mvc_ratio=ratio,
+        above_mvc_count=above,
+        quality=of_trial,
+        mvc_quality=of_mvc,
+        flags=tuple(flag for flag, is_so in wrong.items() if is_so),
+    )
+
+
+def second_eigenvalue(runs: list[list[int]]) -> float:
+    """Return the modulus of lambda_2 of the matrix with Jeffreys' prior; NaN where there is no transition."""
+    counts = count_transitions([run for run in runs if run], LEVEL_COUNT)
+    if counts.sum() == 0.0:
+        return float("nan")
+    return float(np.sort(np.abs(eigenvalues(transition_matrix(counts))))[-2])
+
+
+def _bridged(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Array, BoolArray]:
+    marks = [
+        lost_samples(muscle, rate_hz=settings.rate_hz, rails=settings.rails, held_s=settings.held_s)
+        for muscle in samples
+    ]
+    pairs = [bridge(np.where(lost, np.nan, muscle)) for lost, muscle in zip(marks, samples, strict=True)]
+    return np.array([whole for whole, _ in pairs]), np.logical_or.reduce([lost for _, lost in pairs])
+
+
+def _envelopes(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Array, BoolArray]:
+    """Return envelopes of a recording and where they are trusted."""
+    whole, lost = _bridged(samples, settings)
+    chains = [settings.chain(float(np.median(muscle))) for muscle in whole]
+    found = np.array([chain.envelope(muscle) for chain, muscle in zip(chains, whole, strict=True)])
+    return found, ~_smeared(lost, chains[0].window_samples)
+
+
+def _smeared(lost: BoolArray, window: int) -> BoolArray:
+    """Return which envelope values rest on a lost sample or on the bridge's end inside the window."""
+    return np.asarray(np.convolve(lost, np.ones(window + 1), mode="full")[: lost.size] > 0.5)
+
+
+def _mvc_ratio(
+    maxima: tuple[float, ...],
+    trial: Float64Array,
+    mvc: Float64Array,
+    rest: Float64Array | None,
+    settings: EmgSettings,
+) -> float:
+    skip = settings.chain(0.0).window_samples  # the first window ramps up from silence
+    if rest is not None:
+        found, trusted = _envelopes(rest, settings)
+        quiet = np.median(found[:, trusted][:, skip:], axis=1)
+    else:
+        quiet = np.quantile(np.concatenate([trial[:, skip:], mvc[:, skip:]], axis=1), 0.05, axis=1)
+    return min(peak / q if q > 0.0 else float("inf") for peak, q in zip(maxima, quiet.tolist(), strict=True))
+
+
+def _runs(bursts: list[Burst], levels: list[int], trusted: BoolArray) -> list[list[int]]:
+    gap_number = np.cumsum(~trusted)
+    runs: dict[int, list[int]] = {}
+    for burst, level in zip(bursts, levels, strict=True):
+        runs.setdefault(int(gap_number[burst.index]), []).append(level)
+    return list(runs.values())

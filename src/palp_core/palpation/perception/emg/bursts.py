@@ -1,0 +1,164 @@
+"""Bursts of co-contraction, found while it streams: the same ones whatever the blocks.
+
+A burst is a peak with a stated prominence; of those closer together than a stated time the highest stay. The
+prominence is judged first, so ripple on a flank never competes with a burst. (:func:`find_bursts` of
+:mod:`palp_core.palpation.perception.emg.levels` judges the distance first, which needs the whole signal.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.methods import method
+from palp_core.palpation.perception.emg.levels import find_bursts
+from palp_core.units import Float64Array
+
+__all__ = ["Burst", "BurstFinder", "BurstState", "distance_first"]
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A peak of co-contraction.
+
+    Attributes:
+        index: Its sample; of a flat top the middle.
+        value: Co-contraction there, dimensionless.
+        known_at: The sample that settled it; ``known_at - index`` is its lag.
+    """
+
+    index: int
+    value: float
+    known_at: int
+
+
+@dataclass(frozen=True)
+class BurstState:
+    """What is remembered between two blocks: plain data, to be kept in a node's state.
+
+    Attributes:
+        sample_count: Samples seen.
+        rising: Whether a maximum is being followed; else a minimum.
+        extreme: The maximum or minimum so far.
+        first: First sample of the maximum.
+        last: Last sample of its flat top.
+        pending: Peaks (index, value) that a later, higher one may still displace.
+    """
+
+    sample_count: int = 0
+    rising: bool = False
+    extreme: float = math.inf
+    first: int = 0
+    last: int = 0
+    pending: tuple[tuple[int, float], ...] = ()
+
+
+@method(
+    task="burst",
+    name="prominence_first",
+    cost_s=3e-2,  # 60 s at 1500 Hz
+    evidence="tests/palpation/perception/emg/test_bursts.py",
+)
+@dataclass(frozen=True)
+class BurstFinder:
+    """The rule for bursts. Neither number was published, and both shape the transition matrix.
+
+    A burst is known once co-contraction has fallen by the prominence and nothing higher can come within the
+    distance: its lag is at least both, and grows only while bursts follow each other closer than the
+    distance.
+
+    Attributes:
+        rate_hz: Sampling rate of the co-contraction.
+        prominence: Least fall on both sides before anything higher comes, dimensionless (assumed: half a
+            level).
+        distance_s: Least time between two bursts; the lower one goes (assumed).
+
+    Raises:
+        PerceptionError: A setting is not positive and finite.
+    """
+
+    rate_hz: float
+    prominence: float = 0.05
+    distance_s: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "prominence", "distance_s"):
+            value = getattr(self, name)
+            if not (value > 0.0 and math.isfinite(value)):
+                raise PerceptionError(f"burst rule: {name} is {value}; it must be positive and finite")
+
+    @property
+    def distance_samples(self) -> int:
+        """Least number of samples between two bursts."""
+        return max(1, math.ceil(self.distance_s * self.rate_hz - 1e-9))
+
+    def step(self, state: BurstState, values: Float64Array) -> tuple[BurstState, list[Burst]]:
+        """Return the next state and the bursts that this block settles, in their order.
+
+        Args:
+            state: ``BurstState()`` at first, then what the previous block left.
+            values: Co-contraction, shape (n,); n may be 0.
+
+        Raises:
+            PerceptionError: A value is NaN or infinite.
+        """
+        if not np.isfinite(values).all():
+            raise PerceptionError("co-contraction holds NaN or infinity; bridge the gap before it gets here")
+        rising, extreme, first, last = state.rising, state.extreme, state.first, state.last
+        pending, found = state.pending, list[Burst]()
+        at = state.sample_count
+        for value in np.asarray(values, dtype=np.float64).tolist():
+            if not rising:
+                if value < extreme:
+                    extreme = value
+                elif value - extreme >= self.prominence:
+                    rising, extreme, first, last = True, value, at, at
+            elif value > extreme:
+                extreme, first, last = value, at, at
+            elif value == extreme and last == at - 1:
+                last = at
+            elif extreme - value >= self.prominence:
+                pending = (*pending, ((first + last) // 2, extreme))
+                rising, extreme = False, value
+            if pending and (first if rising else at) - pending[-1][0] >= self.distance_samples:
+                found += self._settle(pending, at)
+                pending = ()
+            at += 1
+        return BurstState(at, rising, extreme, first, last, pending), found
+
+    def finish(self, state: BurstState) -> list[Burst]:
+        """Return the bursts still pending at the end; a rise that never fell is none."""
+        return self._settle(state.pending, state.sample_count - 1)
+
+    def whole(self, values: Float64Array) -> list[Burst]:
+        """Return all bursts of a recording."""
+        state, found = self.step(BurstState(), values)
+        return found + self.finish(state)
+
+    def _settle(self, peaks: Sequence[tuple[int, float]], known_at: int) -> list[Burst]:
+        """Keep the highest, drop its neighbours within the distance, and so on; of equals the earlier."""
+        kept: list[int] = []
+        for index, _ in sorted(peaks, key=lambda peak: (-peak[1], peak[0])):
+            if all(abs(index - other) >= self.distance_samples for other in kept):
+                kept.append(index)
+        return [Burst(index, value, known_at) for index, value in peaks if index in kept]
+
+
+@method(
+    task="burst",
+    name="distance_first",
+    cost_s=1e-3,  # 60 s at 1500 Hz
+    evidence="tests/palpation/perception/emg/test_bursts.py",
+    fails="it needs the whole signal, and ripple on a flank can displace a burst",
+    survivor="prominence_first",
+)
+def distance_first(rule: BurstFinder, values: Float64Array) -> list[Burst]:
+    """Return all bursts of a recording, the distance judged before the prominence, as SciPy does."""
+    indices = find_bursts(
+        values, rate_hz=rule.rate_hz, prominence=rule.prominence, distance_s=rule.distance_s
+    )
+    return [Burst(i, float(values[i]), len(values) - 1) for i in indices.tolist()]

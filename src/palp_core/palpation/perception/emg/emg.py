@@ -1,0 +1,224 @@
+"""From surface EMG of a flexor and an extensor to co-contraction.
+
+Offset removal, band-pass, rectification, root mean square, then eqs. (1) to (3). The chain is causal and runs
+block by block with its memory carried outside, so a stream and a file give the same envelope whatever the
+blocks. From the co-contraction, :mod:`palp_core.palpation.perception.emg.levels` makes peaks and levels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from scipy.signal import butter, sosfilt
+
+from palp_core.errors import PerceptionError
+from palp_core.units import Float64Array
+
+__all__ = [
+    "EmgChain",
+    "EmgFlags",
+    "EmgState",
+    "cocontraction",
+    "find_offset",
+    "flag",
+    "normalise",
+    "reference",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class EmgState:
+    """What the chain of one muscle remembers between two blocks.
+
+    Attributes:
+        band: Delays of the band-pass, shape (2 * sections,).
+        squares: Last squared samples inside the RMS window, shape (window - 1,).
+    """
+
+    band: Float64Array
+    squares: Float64Array
+
+
+@lru_cache(maxsize=8)
+def _band_pass(order: int, low_hz: float, high_hz: float, rate_hz: float) -> Float64Array:
+    return np.asarray(butter(order, (low_hz, high_hz), btype="bandpass", fs=rate_hz, output="sos"))
+
+
+@dataclass(frozen=True)
+class EmgChain:
+    """Parameters of the chain, for one muscle.
+
+    Attributes:
+        offset: Constant to subtract, in the samples' unit (volts or counts), as of :func:`find_offset`. The
+            band-pass would remove it too, but only after a transient that becomes the largest value of an
+            MVC.
+        rate_hz: Sampling rate; 1500 as published.
+        low_hz: Lower edge; 20, below which movement artefacts lie.
+        high_hz: Upper edge; 450, above which surface EMG has little power.
+        order: Order of the Butterworth prototype (assumed).
+        window_s: RMS window (assumed; not published).
+    """
+
+    offset: float = 0.0
+    rate_hz: float = 1500.0
+    low_hz: float = 20.0
+    high_hz: float = 450.0
+    order: int = 2
+    window_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.low_hz < self.high_hz < self.rate_hz / 2.0:
+            raise PerceptionError(
+                f"EMG band {self.low_hz} to {self.high_hz} Hz does not fit below half of {self.rate_hz} Hz"
+            )
+        if self.window_samples < 1:
+            raise PerceptionError(f"RMS window of {self.window_s} s is shorter than one sample")
+
+    @property
+    def window_samples(self) -> int:
+        """Samples in the RMS window."""
+        return round(self.window_s * self.rate_hz)
+
+    def start(self) -> EmgState:
+        """Return the state before the first sample: silence at the offset."""
+        sections = len(_band_pass(self.order, self.low_hz, self.high_hz, self.rate_hz))
+        return EmgState(np.zeros(2 * sections), np.zeros(self.window_samples - 1))
+
+    def step(self, state: EmgState, samples: Float64Array) -> tuple[EmgState, Float64Array]:
+        """Return the next state and the envelope of a block.
+
+        Rectifying before squaring changes nothing, so the RMS stands for both.
+
+        Args:
+            state: As :meth:`start` or the previous block left it.
+            samples: Raw EMG, shape (n,), volts or counts; n may be 0.
+
+        Returns:
+            The state, and the RMS over the window that ends at each sample, shape (n,), the samples' unit.
+
+        Raises:
+            PerceptionError: A sample is not finite, or the state is of a chain with other parameters.
+        """
+        block = np.asarray(samples, dtype=np.float64)
+        if not np.isfinite(block).all():
+            raise PerceptionError(
+                "EMG block holds NaN or infinity; bridge the gap and mark it before the chain"
+            )
+        sections = _band_pass(self.order, self.low_hz, self.high_hz, self.rate_hz)
+        if state.band.size != 2 * len(sections) or state.squares.size != self.window_samples - 1:
+            raise PerceptionError("EMG state is of a chain with another order or window; start afresh")
+        if block.size == 0:
+            return state, block
+        delays = state.band.reshape(len(sections), 2)
+        passed, delays = sosfilt(sections, block - self.offset, zi=delays)
+        squares = np.concatenate([state.squares, passed * passed])
+        window = np.ones(self.window_samples) / self.window_samples
+        envelope = np.sqrt(np.convolve(squares, window, mode="valid"))
+        return EmgState(delays.ravel(), squares[block.size :]), envelope
+
+    def envelope(self, samples: Float64Array) -> Float64Array:
+        """Return the envelope of a whole recording, shape (n,); the first window ramps up from silence."""
+        return self.step(self.start(), samples)[1]
+
+
+def find_offset(rest: Float64Array) -> float:
+    """Return the constant under a recording: its median, which bursts hardly move."""
+    if rest.size == 0:
+        raise PerceptionError("no sample to find the EMG offset from; record a second at rest")
+    return float(np.median(rest))
+
+
+def normalise(envelope: Float64Array, maximum: float) -> Float64Array:
+    """Return s_i^N = s_i / s_i^max, eq. (1), dimensionless.
+
+    Args:
+        envelope: s_i of one muscle, shape (n,).
+        maximum: s_i^max, the maximum of the muscle's envelope during the MVC.
+
+    Raises:
+        PerceptionError: The maximum is not positive.
+    """
+    if not maximum > 0.0:
+        raise PerceptionError(f"s_max is {maximum}; repeat the MVC recording")
+    return np.asarray(envelope / maximum)
+
+
+def reference(
+    mvc: Float64Array, denominator: Literal["sum_of_maxima", "maximum_of_sum"] = "sum_of_maxima"
+) -> float:
+    """Return the denominator of eq. (3) from MVC envelopes.
+
+    Args:
+        mvc: Envelopes during the MVC, shape (muscles, n).
+        denominator: ``sum_of_maxima`` as printed, each muscle at its own best instant; ``maximum_of_sum``,
+            the largest co-contraction ever reached at one instant, which is smaller, so levels come out
+            higher.
+
+    Raises:
+        PerceptionError: No such definition, or the result is not positive.
+    """
+    if mvc.ndim != 2 or mvc.size == 0:
+        raise PerceptionError(f"MVC envelopes have shape {mvc.shape}, not (muscles, samples)")
+    if denominator == "sum_of_maxima":
+        value = float(mvc.max(axis=1).sum())
+    elif denominator == "maximum_of_sum":
+        value = float(mvc.sum(axis=0).max())
+    else:
+        raise PerceptionError(f"no denominator '{denominator}'; use 'sum_of_maxima' or 'maximum_of_sum'")
+    if not value > 0.0:
+        raise PerceptionError("the MVC recording is silent; check the electrodes and repeat it")
+    return value
+
+
+def cocontraction(envelopes: Float64Array, mvc_reference: float) -> Float64Array:
+    """Return s_CC^N, eqs. (2) and (3): summed envelopes over the reference, dimensionless, shape (n,).
+
+    Args:
+        envelopes: s_i, shape (muscles, n).
+        mvc_reference: As of :func:`reference`.
+    """
+    return normalise(envelopes.sum(axis=0), mvc_reference)
+
+
+@dataclass(frozen=True)
+class EmgFlags:
+    """What is wrong with a recording; all false is good.
+
+    Attributes:
+        clipped_count: Samples at or beyond the converter's rails.
+        above_mvc_count: Co-contraction values above 1: the MVC was not maximal.
+        mvc_too_small: Whether the MVC barely exceeds rest.
+    """
+
+    clipped_count: int
+    above_mvc_count: int
+    mvc_too_small: bool
+
+
+def flag(
+    samples: Float64Array,
+    normalised: Float64Array,
+    *,
+    rails: tuple[float, float],
+    mvc_reference: float,
+    rest_envelope: float,
+    least_ratio: float = 5.0,
+) -> EmgFlags:
+    """Return the flags of a recording.
+
+    Args:
+        samples: Raw EMG of any muscle, any shape.
+        normalised: Co-contraction, shape (n,).
+        rails: Least and largest value the converter can give, in the samples' unit.
+        mvc_reference: As of :func:`reference`.
+        rest_envelope: Summed envelopes at rest, the unit of ``mvc_reference``.
+        least_ratio: Smallest MVC over rest (assumed).
+    """
+    return EmgFlags(
+        clipped_count=int(((samples <= rails[0]) | (samples >= rails[1])).sum()),
+        above_mvc_count=int((normalised > 1.0).sum()),
+        mvc_too_small=bool(mvc_reference < least_ratio * rest_envelope),
+    )

@@ -1,0 +1,198 @@
+"""What can be wrong with a recording of EMG, and what was done about it.
+
+Clipping, an electrode's offset, lost samples and a contraction that was not maximal all give an envelope that
+looks like muscle; only the raw samples tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.emg import find_offset
+from palp_core.units import Float64Array
+
+__all__ = ["SampleQuality", "bridge", "clipped", "held", "lost_samples", "on_grid", "quality"]
+
+BoolArray = NDArray[np.bool_]
+
+_MAD_TO_SD = 1.4826  # of a normal law
+
+
+@dataclass(frozen=True)
+class SampleQuality:
+    """Quality of one muscle's raw samples.
+
+    Attributes:
+        sample_count: Samples, lost ones included.
+        clipped_count: Samples at a rail.
+        lost_count: Samples missing or held at the last value.
+        longest_gap_s: Longest run of them.
+        offset: Median, in the samples' unit.
+        offset_ratio: Its size over the spread of the signal (robust standard deviation); infinite where there
+            is no spread.
+        silent: Whether the signal does not move at all.
+    """
+
+    sample_count: int
+    clipped_count: int
+    lost_count: int
+    longest_gap_s: float
+    offset: float
+    offset_ratio: float
+    silent: bool
+
+    def flags(self, *, largest_offset_ratio: float = 1.0) -> tuple[str, ...]:
+        """Return what is wrong: ``clipping``, ``offset``, ``lost_samples``, ``silent``; empty is good.
+
+        Args:
+            largest_offset_ratio: Offset over spread that is still ordinary (assumed). The offset is removed
+                in any case; a large one means ADC counts or a bad electrode.
+        """
+        wrong = {
+            "clipping": self.clipped_count > 0,
+            "offset": self.offset_ratio > largest_offset_ratio,
+            "lost_samples": self.lost_count > 0,
+            "silent": self.silent,
+        }
+        return tuple(name for name, is_so in wrong.items() if is_so)
+
+
+def quality(
+    samples: Float64Array, *, rate_hz: float, rails: tuple[float, float] | None = None, held_s: float = 0.01
+) -> SampleQuality:
+    """Return the quality of one muscle's raw samples.
+
+    Args:
+        samples: Raw EMG, shape (n,), any unit; NaN where a sample was lost.
+        rate_hz: Sampling rate.
+        rails: Least and largest value the converter gives; None: found as :func:`clipped` says.
+        held_s: Least run of one value that counts as lost (assumed; 15 samples at 1500 Hz).
+
+    Raises:
+        PerceptionError: No sample is a finite number.
+    """
+    finite = np.isfinite(samples)
+    if not finite.any():
+        raise PerceptionError(
+            f"none of {samples.size} EMG samples is a finite number; is it the right column?"
+        )
+    there = samples[finite]
+    offset = find_offset(there)
+    spread = _MAD_TO_SD * float(np.median(np.abs(there - offset))) or float(there.std())
+    silent = bool(there.min() == there.max())
+    at_rail = np.zeros(samples.size, dtype=np.bool_) if silent else clipped(samples, rails)
+    lost = lost_samples(samples, rate_hz=rate_hz, rails=rails, held_s=held_s)
+    offset_ratio = 0.0 if offset == 0.0 else abs(offset) / spread if spread > 0.0 and not silent else np.inf
+    return SampleQuality(
+        sample_count=int(samples.size),
+        clipped_count=int(at_rail.sum()),
+        lost_count=int(lost.sum()),
+        longest_gap_s=_longest(lost) / rate_hz,
+        offset=offset,
+        offset_ratio=float(offset_ratio),
+        silent=silent,
+    )
+
+
+def lost_samples(
+    samples: Float64Array, *, rate_hz: float, rails: tuple[float, float] | None = None, held_s: float = 0.01
+) -> BoolArray:
+    """Return which samples are not finite, or held at one value that is no rail, shape (n,).
+
+    A receiver that loses its transmitter often repeats the last value or gives zeros. A recording that never
+    moves is silent, not lost. The arguments are those of :func:`quality`.
+    """
+    finite = np.isfinite(samples)
+    if not finite.any() or samples[finite].min() == samples[finite].max():
+        return ~finite
+    repeated = held(samples, max(2, round(held_s * rate_hz)))
+    return np.asarray(~finite | (repeated & ~clipped(samples, rails)))
+
+
+def clipped(samples: Float64Array, rails: tuple[float, float] | None = None) -> BoolArray:
+    """Return which samples are clipped, shape (n,).
+
+    Args:
+        samples: Raw EMG, shape (n,).
+        rails: Least and largest value the converter gives. None: the recording's own extremes, where at least
+            three samples in a row lie on one, which unclipped EMG at its very largest does not do.
+    """
+    if rails is not None:
+        return np.asarray((samples <= rails[0]) | (samples >= rails[1]))
+    if not np.isfinite(samples).any():
+        return np.zeros(samples.size, dtype=np.bool_)
+    on = (samples == np.nanmin(samples)) | (samples == np.nanmax(samples))
+    return np.asarray(on & held(samples, 3))
+
+
+def held(samples: Float64Array, least_run: int) -> BoolArray:
+    """Return which samples belong to a run of at least ``least_run`` equal values, shape (n,)."""
+    if samples.size == 0:
+        return np.zeros(0, dtype=np.bool_)
+    starts = np.flatnonzero(np.append(True, samples[1:] != samples[:-1]))  # NaN differs from itself
+    lengths = np.diff(np.append(starts, samples.size))
+    return np.repeat(lengths >= least_run, lengths)
+
+
+def bridge(samples: Float64Array) -> tuple[Float64Array, BoolArray]:
+    """Return the samples with straight lines over what is not finite, and which those were, shape (n,) each.
+
+    Raises:
+        PerceptionError: No sample is finite.
+    """
+    lost = ~np.isfinite(samples)
+    if lost.all():
+        raise PerceptionError("no EMG sample is a finite number; there is nothing to bridge between")
+    if not lost.any():
+        return np.asarray(samples, dtype=np.float64), lost
+    at = np.arange(samples.size)
+    return np.interp(at, at[~lost], samples[~lost]), lost
+
+
+def on_grid(
+    times_s: Float64Array, samples: Float64Array, rate_hz: float, *, most_lost: float = 10.0
+) -> Float64Array:
+    """Return samples on the even grid of their rate, NaN where one is missing.
+
+    Each interval is rounded to whole periods: a clock slightly off the nominal rate loses nothing.
+
+    Args:
+        times_s: Time of each sample, increasing, shape (n,).
+        samples: Raw EMG, shape (..., n).
+        rate_hz: Nominal sampling rate.
+        most_lost: Largest ratio of grid to samples; beyond it, rate and times do not belong together.
+
+    Returns:
+        Shape (..., m), m >= n.
+
+    Raises:
+        PerceptionError: Times do not increase, or rate and times do not belong together.
+    """
+    steps = np.diff(times_s)
+    if not np.isfinite(times_s).all() or (steps <= 0.0).any():
+        raise PerceptionError("the time column does not increase; sort it, or name the right one")
+    if steps.size == 0:
+        return samples
+    typical = float(np.median(steps)) * rate_hz
+    if not 0.9 < typical < 1.1:
+        raise PerceptionError(
+            f"the time column's rate is {rate_hz / typical:g} Hz, not {rate_hz:g} Hz; correct --fs"
+        )
+    periods = np.maximum(np.rint(steps * rate_hz / typical).astype(np.int64), 1)
+    place = np.append(0, np.cumsum(periods))
+    if place[-1] + 1 > most_lost * samples.shape[-1]:
+        raise PerceptionError(
+            f"{place[-1] + 1 - samples.shape[-1]} samples would be missing; check the times"
+        )
+    grid = np.full((*samples.shape[:-1], int(place[-1]) + 1), np.nan)
+    grid[..., place] = samples
+    return grid
+
+
+def _longest(mask: BoolArray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

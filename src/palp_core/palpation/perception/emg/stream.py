@@ -1,0 +1,124 @@
+"""Two muscles' raw EMG to co-contraction and bursts, block by block, equal to the whole recording at once.
+
+Co-contraction comes without lag: the value at a sample is the same as offline, to rounding. Against the
+muscle it is late by :attr:`EmgStream.delay_s`, offline as well, for the chain is causal. A burst states its
+own lag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstState
+from palp_core.palpation.perception.emg.emg import EmgChain, EmgState, cocontraction
+from palp_core.units import Float64Array
+
+__all__ = ["EmgStream", "StreamBlock", "StreamState"]
+
+
+@dataclass(frozen=True)
+class StreamState:
+    """What the stream remembers between two blocks: plain data, to be kept in a node's state.
+
+    Attributes:
+        band: Delays of the band-pass per muscle.
+        squares: Squared samples inside the RMS window per muscle.
+        bursts: Memory of the burst rule.
+    """
+
+    band: tuple[tuple[float, ...], ...]
+    squares: tuple[tuple[float, ...], ...]
+    bursts: BurstState
+
+
+@dataclass(frozen=True, eq=False)
+class StreamBlock:
+    """What comes out of a block.
+
+    Attributes:
+        envelopes: s_i, the samples' unit, shape (muscles, n).
+        cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
+        bursts: Bursts that the block settles; they may lie in earlier blocks.
+    """
+
+    envelopes: Float64Array
+    cocontraction: Float64Array
+    bursts: list[Burst]
+
+
+@dataclass(frozen=True)
+class EmgStream:
+    """Parameters of the stream.
+
+    Attributes:
+        chains: Chain of each muscle, with its offset.
+        reference: Denominator of eq. (3), as of :func:`palp_core.palpation.perception.emg.emg.reference`.
+        rule: Rule for bursts.
+
+    Raises:
+        PerceptionError: The muscles' rates differ from each other or from the rule's.
+    """
+
+    chains: tuple[EmgChain, ...]
+    reference: float
+    rule: BurstFinder
+
+    def __post_init__(self) -> None:
+        rates = {chain.rate_hz for chain in self.chains} | {self.rule.rate_hz}
+        if not self.chains or len(rates) != 1:
+            raise PerceptionError(f"an EMG stream needs one rate for all muscles and the bursts, not {rates}")
+
+    @property
+    def delay_s(self) -> float:
+        """Time by which the middle of the RMS window is late; the band-pass adds milliseconds."""
+        chain = self.chains[0]
+        return (chain.window_samples - 1) / 2.0 / chain.rate_hz
+
+    def start(self) -> StreamState:
+        """Return the state before the first sample."""
+        return _pack([chain.start() for chain in self.chains], BurstState())
+
+    def step(self, state: StreamState, samples: Float64Array) -> tuple[StreamState, StreamBlock]:
+        """Return the next state and what comes out.
+
+        Args:
+            state: As :meth:`start` or the previous block left it.
+            samples: Raw EMG, shape (muscles, n), finite; n may be 0.
+
+        Raises:
+            PerceptionError: The shape is another, a sample is not finite, or the state is another stream's.
+        """
+        if samples.ndim != 2 or len(samples) != len(self.chains):
+            raise PerceptionError(f"EMG block has shape {samples.shape}, not ({len(self.chains)}, samples)")
+        if len(state.band) != len(self.chains) or len(state.squares) != len(self.chains):
+            raise PerceptionError("EMG state is of a stream with other muscles; start afresh")
+        steps = [
+            chain.step(EmgState(np.array(band), np.array(squares)), block)
+            for chain, band, squares, block in zip(
+                self.chains, state.band, state.squares, samples, strict=True
+            )
+        ]
+        envelopes = np.array([envelope for _, envelope in steps])
+        value = cocontraction(envelopes, self.reference)
+        memory, bursts = self.rule.step(state.bursts, value)
+        return _pack([after for after, _ in steps], memory), StreamBlock(envelopes, value, bursts)
+
+    def finish(self, state: StreamState) -> list[Burst]:
+        """Return the bursts still pending at the end of the recording."""
+        return self.rule.finish(state.bursts)
+
+    def whole(self, samples: Float64Array) -> StreamBlock:
+        """Return what comes out of a whole recording, shape (muscles, n)."""
+        state, block = self.step(self.start(), samples)
+        return StreamBlock(block.envelopes, block.cocontraction, block.bursts + self.finish(state))
+
+
+def _pack(muscles: list[EmgState], bursts: BurstState) -> StreamState:
+    return StreamState(
+        band=tuple(tuple(muscle.band.tolist()) for muscle in muscles),
+        squares=tuple(tuple(muscle.squares.tolist()) for muscle in muscles),
+        bursts=bursts,
+    )

@@ -1,0 +1,1 @@
+"""From a torque trace to a feature."""

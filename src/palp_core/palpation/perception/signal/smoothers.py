@@ -1,0 +1,235 @@
+"""Ways to take the noise off a torque sweep; exchangeable, task ``smoother``.
+
+The source's is db10 at five levels (:mod:`.wavelet`); the others are what it is to be
+judged against. Each gives every sample from samples at most :attr:`lag` later, so each can run while the
+sweep is measured; the study ``features`` charts their errors against lag and cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from scipy.signal import butter, savgol_filter, sosfilt, sosfilt_zi
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.methods import find, method
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
+from palp_core.units import Float64Array
+
+__all__ = [
+    "LowPass",
+    "Nothing",
+    "SavitzkyGolay",
+    "Smoother",
+    "WaveletApproximation",
+    "WaveletSoft",
+    "smoother",
+]
+
+
+class Smoother(Protocol):
+    """Anything that takes noise off a uniformly sampled sweep."""
+
+    @property
+    def lag(self) -> int:
+        """How many samples after a sample its value is known."""
+        ...
+
+    @property
+    def edge(self) -> int:
+        """Samples at each end that depend on how the sweep is continued beyond it."""
+        ...
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        """Return the smoothed sweep, shape (n,), the signal's unit; sample i belongs to sample i."""
+        ...
+
+
+def _checked(signal: Float64Array, least: int) -> Float64Array:
+    samples = np.asarray(signal, dtype=np.float64)
+    if samples.ndim != 1 or samples.size < least or not np.isfinite(samples).all():
+        raise PerceptionError(
+            f"sweep to smooth has shape {samples.shape}; need (n,), n >= {least}, all finite"
+        )
+    return samples
+
+
+@dataclass(frozen=True)
+class _Wavelet:
+    level: int = 5
+    wavelet: str = "db10"
+
+    @property
+    def lag(self) -> int:
+        """The edge cone; a threshold is the whole sweep's unless it is stated."""
+        return edge_cone(self.level, self.wavelet)
+
+    @property
+    def edge(self) -> int:
+        """The edge cone."""
+        return self.lag
+
+
+@method(
+    task="smoother",
+    name="db10_soft",
+    cost_s=2.5e-4,
+    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    fails="noise that is not white; as a stream it needs its threshold beforehand",
+    survivor="savitzky_golay",
+)
+@dataclass(frozen=True)
+class WaveletSoft(_Wavelet):
+    """db10 at five levels with the soft universal threshold; the default.
+
+    Attributes:
+        level: Number of decomposition levels.
+        wavelet: Name of a discrete wavelet.
+    """
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        return denoise(signal, wavelet=self.wavelet, level=self.level)
+
+
+@method(
+    task="smoother",
+    name="db10_approximation",
+    cost_s=2e-4,
+    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    fails="steps overshoot; everything above 16 Hz is deleted, wanted or not",
+    survivor="db10_soft",
+)
+@dataclass(frozen=True)
+class WaveletApproximation(_Wavelet):
+    """db10 at five levels, the approximation alone; attributes as of :class:`WaveletSoft`."""
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        return denoise(signal, wavelet=self.wavelet, level=self.level, rule="approximation")
+
+
+@method(
+    task="smoother",
+    name="savitzky_golay",
+    cost_s=1.5e-4,
+    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    fails="features narrower than half its window are flattened",
+    survivor="db10_soft",
+)
+@dataclass(frozen=True)
+class SavitzkyGolay:
+    """A polynomial fitted to a window about each sample (Savitzky and Golay, 1964).
+
+    Attributes:
+        half: Samples on either side of the middle one (assumed: 50, so 101 ms or 2 mm of a sweep).
+        degree: Of the polynomial (assumed).
+    """
+
+    half: int = 50
+    degree: int = 3
+
+    @property
+    def lag(self) -> int:
+        """Half the window."""
+        return self.half
+
+    @property
+    def edge(self) -> int:
+        """Half the window."""
+        return self.half
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        samples = _checked(signal, 2 * self.half + 1)
+        return np.asarray(savgol_filter(samples, 2 * self.half + 1, self.degree, mode="interp"))
+
+
+@lru_cache(maxsize=32)
+def _low_pass(order: int, cutoff: float) -> Float64Array:
+    return np.asarray(butter(order, 2.0 * cutoff, output="sos"))
+
+
+@method(
+    task="smoother",
+    name="low_pass",
+    cost_s=5e-5,
+    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    fails="features faster than its cut-off are flattened, and their flanks become unequal",
+    survivor="savitzky_golay",
+)
+@dataclass(frozen=True)
+class LowPass:
+    """A causal Butterworth, shifted back by its delay at low frequencies.
+
+    Attributes:
+        cutoff_per_sample: Cut-off over the sampling rate (assumed: 0.02, 20 Hz at 1 kHz).
+        order: Of the Butterworth (assumed).
+
+    Raises:
+        PerceptionError: The cut-off is not between 0 and half the sampling rate.
+    """
+
+    cutoff_per_sample: float = 0.02
+    order: int = 2
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.cutoff_per_sample < 0.5:
+            raise PerceptionError(
+                f"cut-off of {self.cutoff_per_sample} of the rate; it must be within 0, 0.5"
+            )
+
+    @property
+    def lag(self) -> int:
+        """Its group delay at frequency 0, rounded: sum of sin((2k - 1) pi / 2n) / (2 tan(pi f_c)), k to n."""
+        angles = (2.0 * np.arange(1, self.order + 1) - 1.0) * np.pi / (2.0 * self.order)
+        delay = float(np.sin(angles).sum() / (2.0 * np.tan(np.pi * self.cutoff_per_sample)))
+        return round(delay)
+
+    @property
+    def edge(self) -> int:
+        """Ten delays, after which its start has decayed below 1e-6 of a step."""
+        return 10 * self.lag
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        samples = _checked(signal, 1)
+        sections = _low_pass(self.order, self.cutoff_per_sample)
+        held = np.concatenate([samples, np.full(self.lag, samples[-1])])
+        passed, _ = sosfilt(sections, held, zi=sosfilt_zi(sections) * samples[0])
+        return np.asarray(passed[self.lag :])
+
+
+@method(
+    task="smoother",
+    name="none",
+    cost_s=1e-6,
+    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    fails="a peak is the noise's largest value on top of the signal's",
+    survivor="savitzky_golay",
+)
+@dataclass(frozen=True)
+class Nothing:
+    """The sweep as it was measured."""
+
+    @property
+    def lag(self) -> int:
+        """None at all."""
+        return 0
+
+    @property
+    def edge(self) -> int:
+        """None at all."""
+        return 0
+
+    def apply(self, signal: Float64Array) -> Float64Array:
+        return _checked(signal, 1)
+
+
+def smoother(name: str, **settings: float) -> Smoother:
+    """Return a declared smoother by name with its settings.
+
+    Raises:
+        MethodError: No such smoother.
+    """
+    found: Smoother = find("smoother", name).target(**settings)
+    return found

@@ -1,0 +1,1 @@
+"""Which stiffness comes next."""

@@ -1,0 +1,141 @@
+"""A strategy that was learnt, as a file: what ``palp markov fit`` writes and the Markov policy loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.strategy.markov import check_stochastic
+from palp_core.palpation.perception.strategy.markov_readings import Reading
+from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.units import Float64Array
+
+__all__ = ["Chain", "ChainFile", "markov_policy", "read_chains", "write_chains"]
+
+
+class Chain(msgspec.Struct, frozen=True, kw_only=True):
+    """A chain and what it was learnt from.
+
+    Attributes:
+        depth_m: Nodule's depth in the trials it was learnt from; None: pooled over all trials.
+        matrix: M[next][current], columns sum to 1.
+        counts: Transitions [next][current] behind it.
+        mean_level: Mean co-contraction of the bursts, dimensionless: the mean of P_{S,1}.
+        sd_level: Their standard deviation: sigma_S.
+    """
+
+    depth_m: float | None
+    matrix: list[list[float]]
+    counts: list[list[float]]
+    mean_level: float
+    sd_level: float
+
+
+class ChainFile(msgspec.Struct, frozen=True, kw_only=True):
+    """Chains by depth, and their levels.
+
+    Attributes:
+        levels: Co-contraction of each level, dimensionless.
+        prior_count: Pseudo-count of the Dirichlet prior of each entry.
+        chains: The pooled one first, then by rising depth where depths are known.
+    """
+
+    levels: list[float]
+    prior_count: float
+    chains: list[Chain]
+
+    @property
+    def pooled(self) -> Chain:
+        """The chain of all trials together."""
+        return next(chain for chain in self.chains if chain.depth_m is None)
+
+    def matrices(self, depths_m: Sequence[float] = ()) -> Float64Array:
+        """Return a matrix per depth, or where no depth is asked for or known the pooled one alone.
+
+        Args:
+            depths_m: Depths in the order of the belief's classes.
+
+        Raises:
+            PerceptionError: Chains by depth are there, but not of each of these depths.
+        """
+        by_depth = {round(c.depth_m, 9): c for c in self.chains if c.depth_m is not None}
+        if not depths_m or not by_depth:
+            return np.array([self.pooled.matrix])
+        missing = [d for d in depths_m if round(d, 9) not in by_depth]
+        if missing:
+            raise PerceptionError(
+                f"no chain was learnt at {missing} m, only at {sorted(by_depth)} m; use mixture 'average'"
+            )
+        return np.array([by_depth[round(d, 9)].matrix for d in depths_m])
+
+
+def read_chains(path: str | Path) -> ChainFile:
+    """Return the chains of a file.
+
+    Raises:
+        PerceptionError: No such file, not of this kind, or a matrix is none of transitions.
+    """
+    try:
+        found = msgspec.json.decode(Path(path).read_bytes(), type=ChainFile)
+    except OSError as error:
+        raise PerceptionError(f"{path}: cannot read the chain: {error.strerror}") from error
+    except msgspec.MsgspecError as error:
+        raise PerceptionError(
+            f"{path}: no chain: {error}; `palp markov fit FILE --out DIR` writes one as DIR/chain.json"
+        ) from error
+    if not any(chain.depth_m is None for chain in found.chains):
+        raise PerceptionError(f"{path}: holds no pooled chain (depth_m null)")
+    for chain in found.chains:
+        try:
+            matrix = check_stochastic(np.array(chain.matrix, dtype=np.float64))
+        except ValueError as error:
+            where = "pooled" if chain.depth_m is None else f"{chain.depth_m:g} m"
+            raise PerceptionError(f"{path}: chain {where}: rows differ in length") from error
+        except PerceptionError as error:
+            raise PerceptionError(f"{path}: {error}") from error
+        if len(matrix) != len(found.levels):
+            raise PerceptionError(f"{path}: {len(matrix)} states for {len(found.levels)} levels")
+    return found
+
+
+def write_chains(chains: ChainFile, path: Path) -> None:
+    """Write a file; it appears under its name only when complete."""
+    part = path.with_suffix(".part")
+    part.write_bytes(msgspec.json.format(msgspec.json.encode(chains), indent=1) + b"\n")
+    part.rename(path)
+
+
+def markov_policy(
+    path: str | Path,
+    *,
+    reading: Reading = "column",
+    mixture: Literal["average", "posterior"] = "average",
+    depths_m: Sequence[float] = (),
+) -> Markov:
+    """Return the policy that follows a learnt chain, with its own first mean and sigma_S.
+
+    Args:
+        path: As :func:`read_chains`.
+        reading: Which reading of eqs. (4) and (5).
+        mixture: ``average`` follows the pooled chain; ``posterior`` weights the chains of ``depths_m``.
+        depths_m: Depths in the order of the belief's classes; for ``posterior``.
+
+    Raises:
+        PerceptionError: As :func:`read_chains`, or chains by depth are asked for and not there.
+    """
+    found = read_chains(path)
+    if mixture == "posterior" and (not depths_m or len(found.chains) < 2):
+        raise PerceptionError(f"{path}: mixture 'posterior' needs depths, and a chain learnt at each")
+    return Markov(
+        found.matrices(depths_m if mixture == "posterior" else ()),
+        reading,
+        mixture,
+        levels=tuple(found.levels),
+        mean_level=found.pooled.mean_level,
+        sd_level=found.pooled.sd_level,
+    )

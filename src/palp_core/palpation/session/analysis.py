@@ -1,0 +1,215 @@
+"""Stored sessions pooled and decided again by several combinations of methods: the table and the page."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PalpError
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.methods import methods as declared
+from palp_core.palpation.perception.belief.rig_noise import RigNoise
+from palp_core.palpation.perception.statistics import statistics
+from palp_core.palpation.perception.statistics.resampling import Interval, cluster_bootstrap, share_interval
+from palp_core.palpation.reporting.html_page import paragraph, table, write_page
+from palp_core.palpation.session.reanalysis import Again, Decided, Methods, redecide
+from palp_core.palpation.session.recorded_sweeps import StoredSession
+
+__all__ = ["analyse", "combinations", "rows_of", "write_analysis"]
+
+_SEED = 1
+_TASKS = ("smoother", "feature", "filter", "likelihood", "stop")
+
+
+def combinations(
+    *,
+    smoother: str,
+    feature: str,
+    filter: str,
+    likelihood: str,
+    stop: str,
+    stop_value: float = 0.0,
+    max_probes: int,
+    depth_count: int = 0,
+) -> list[Methods]:
+    """Return every combination of names given with commas; ``all`` stands for every declared one.
+
+    Raises:
+        MethodError: A name is not declared.
+    """
+    words = dict(zip(_TASKS, (smoother, feature, filter, likelihood, stop), strict=True))
+    choices = [
+        [one.name for one in declared(task)]
+        if said == "all"
+        else [w.strip() for w in said.split(",") if w.strip()]
+        for task, said in words.items()
+    ]
+    return [
+        Methods(
+            **dict(zip(_TASKS, names, strict=True)),
+            stop_value=stop_value,
+            max_probes=max_probes,
+            depth_count=depth_count,
+        )
+        for names in product(*choices)
+        if names[2] == "naive" or names[3] == choices[3][0]  # the latent filter has one likelihood, its own
+    ]
+
+
+def analyse(
+    sessions: Sequence[StoredSession],
+    combos: Sequence[Methods],
+    *,
+    noise: RigNoise | None = None,
+    scene: Scene | None = None,
+) -> dict[str, Any]:
+    """Return what each combination makes of the sessions.
+
+    Args:
+        sessions: Stored sweeps.
+        combos: Methods; the differences are against the first.
+        noise: For the latent filter.
+        scene: For the latent filter.
+
+    Raises:
+        PalpError: A session has no training or trial, or the latent filter has no noise.
+    """
+    if not sessions or not combos:
+        raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
+    rows, first = [], None
+    for combo in combos:
+        decided = [redecide(session, combo, noise=noise, scene=scene) for session in sessions]
+        shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
+        first = shares if first is None else first
+        rows.append(_row(combo, decided, shares, first))
+    return {
+        "sessions": [
+            {
+                "path": str(one.path),
+                "training_sweeps": len(one.phase("training")),
+                "estimation_sweeps": len(one.phase("estimation")),
+            }
+            for one in sessions
+        ],
+        "interval": "95 %, bootstrap over sessions"
+        if len(sessions) > 1
+        else "95 % Wilson, this session only",
+        "results": rows,
+    }
+
+
+def _rights(again: Again) -> list[bool]:
+    """Return whether each trial of known depth was right."""
+    return [_right(again, t) for t in again.trials if t.depth_m is not None]
+
+
+def _right(again: Again, trial: Decided) -> bool:
+    """Tell whether of all trained depths the true one is the nearest to the estimate."""
+    taught = again.primitives.depths_m
+    nearest_m = float(taught[np.argmin(np.abs(taught - trial.estimate_m))])
+    return abs(nearest_m - float(trial.depth_m or 0.0)) < 1e-9
+
+
+def _row(
+    combo: Methods, decided: Sequence[Again], shares: Sequence[float | None], first: Sequence[float | None]
+) -> dict[str, Any]:
+    trials = [trial for again in decided for trial in again.trials]
+    scored = [t for t in trials if t.depth_m is not None]
+    rights = [found for again in decided if (found := _rights(again))]
+    right = [one for found in rights for one in found]
+    away_m = [t.expected_m - float(t.depth_m or 0.0) for t in scored]
+    accuracy, difference, error = None, None, None
+    if rights:
+        rng = np.random.default_rng(_SEED)
+        if len(rights) > 1:
+            accuracy = _ends(share_interval(rights, rng))
+            pairs = [a - b for a, b in zip(shares, first, strict=True) if a is not None and b is not None]
+            difference = _ends(cluster_bootstrap(pairs, rng, within=(-1.0, 1.0)))
+        else:
+            one = statistics.wilson(sum(right), len(right))
+            accuracy = {"value": one.value, "ci": [one.low, one.high]}
+        error = statistics.calibration(
+            np.array([min(t.confidence, 1.0) for t in scored]), right
+        ).expected_error
+    return {
+        **asdict(combo),
+        "accuracy": accuracy,
+        "difference_to_first": difference,
+        "accuracy_per_session": list(shares),
+        "trials": len(trials),
+        "probes": float(np.mean([t.probe_count for t in trials])),
+        "rmse_mm": 1e3 * float(np.sqrt(np.mean(np.square(away_m)))) if away_m else None,
+        "calibration_error": None if combo.depth_count else error,  # of a grid a cell is not a verdict
+        "undecided": sum(t.verdict == "undecided" for t in trials),
+        "ran_out": sum(t.verdict == "ran_out" for t in trials),
+    }
+
+
+def _ends(interval: Interval) -> dict[str, Any]:
+    return {"value": interval.value, "ci": [interval.low, interval.high]}
+
+
+def write_analysis(record: dict[str, Any], out: Path) -> Path:
+    """Write analysis.json, analysis.csv and the page, and return the page."""
+    out.mkdir(parents=True, exist_ok=True)
+    text = msgspec.json.format(msgspec.json.encode(record), indent=1)
+    (out / "analysis.json").write_bytes(text + b"\n")
+    rows = rows_of(record)
+    with (out / "analysis.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+    sessions = record["sessions"]
+    parts = [
+        paragraph(
+            f"{len(sessions)} sessions decided again from stored sweeps. Intervals: {record['interval']}. "
+            "A trial holds as many sweeps as its own rule asked for then: where another rule wants more, it "
+            "ran out, and its best guess so far counts. Which ring positions were visited is the recorded "
+            "policy's, whatever the methods here.",
+            "lead",
+        ),
+        table(rows[0], rows[1:]),
+        "<h2>Sessions</h2>",
+        table(
+            ["session", "training sweeps", "estimation sweeps"],
+            [[s["path"], str(s["training_sweeps"]), str(s["estimation_sweeps"])] for s in sessions],
+        ),
+    ]
+    return write_page(out, "Sessions decided again", parts)
+
+
+def rows_of(record: dict[str, Any]) -> list[list[str]]:
+    """Return the results as a table of text, the heading first."""
+    heads = [*_TASKS, "accuracy, %", "95 %", "against the first", "probes", "RMSE, mm"]
+    return [
+        [*heads, "calibration error", "undecided", "ran out"],
+        *(
+            [
+                *(str(row[task]) for task in _TASKS),
+                _percent(row["accuracy"]),
+                _range(row["accuracy"]),
+                f"{_percent(row['difference_to_first'])} ({_range(row['difference_to_first'])})"
+                if row["difference_to_first"]
+                else "-",
+                f"{row['probes']:.2f}",
+                "-" if row["rmse_mm"] is None else f"{row['rmse_mm']:.2f}",
+                "-" if row["calibration_error"] is None else f"{row['calibration_error']:.3f}",
+                str(row["undecided"]),
+                str(row["ran_out"]),
+            ]
+            for row in record["results"]
+        ),
+    ]
+
+
+def _percent(value: dict[str, Any] | None) -> str:
+    return "-" if value is None else f"{100.0 * value['value']:.1f}"
+
+
+def _range(value: dict[str, Any] | None) -> str:
+    return "-" if value is None else f"{100.0 * value['ci'][0]:.1f} to {100.0 * value['ci'][1]:.1f}"

@@ -1,0 +1,237 @@
+"""Charts of what came of estimation: the belief over iterations, accuracy, calibration, ring positions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palp_core.palpation.perception.statistics import statistics
+from palp_core.palpation.perception.statistics.statistics import wilson
+from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, ring_colours, tidy
+from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY
+from palp_core.palpation.session.recorded_session import Session, mm
+from palp_core.units import Float64Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["accuracy_chart", "belief_chart", "calibration_chart", "rings_chart"]
+
+
+def belief_chart(session: Session) -> Chart | None:
+    """Return the expected depth against iteration, Figures 10 and 11; None without a trial."""
+    if not session.trials:
+        return None
+    longest = max(len(trial.probes) for trial in session.trials)
+    iterations = np.arange(longest + 1)
+    curves = {depth_m: _carried_forward(session, depth_m, longest) * 1e3 for depth_m in session.tried_m}
+    running = {
+        depth_m: [sum(len(t.probes) >= i for t in session.at_depth(depth_m)) for i in iterations]
+        for depth_m in session.tried_m
+    }
+    means = {depth_m: curve.mean(axis=0) for depth_m, curve in curves.items()}
+    errors = {depth_m: _standard_error(curve) for depth_m, curve in curves.items()}
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        for depth_m in curves:
+            style = depth_style(session.class_of(depth_m))
+            upper.axhline(depth_m * 1e3, color=style["color"], lw=0.8, alpha=0.6)
+            upper.errorbar(
+                iterations,
+                means[depth_m],
+                yerr=errors[depth_m],
+                capsize=2.5,
+                ms=4.5,
+                label=f"d = {mm(depth_m)} mm",
+                **style,
+            )
+            lower.step(iterations, running[depth_m], where="mid", label=None, **(style | {"marker": ""}))
+        upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        lower.set_ylim(bottom=0.0)
+        lower.xaxis.get_major_locator().set_params(integer=True)
+        tidy(upper, "Expected depth; thin lines: true depth", "", "expected depth, mm")
+        tidy(lower, "Trials still running", "iteration (palpation of the trial)", "trials")
+
+    rows = [
+        (mm(depth_m), int(i), float(means[depth_m][i]), float(errors[depth_m][i]), running[depth_m][i])
+        for depth_m in curves
+        for i in iterations
+    ]
+    return Chart(
+        "belief",
+        "Estimate over iterations",
+        "Posterior expected depth, mean and standard error over this session's trials (as Figures 10 and 11 "
+        "of the paper). Iteration 0 is the flat prior. A trial that has ended keeps its last belief, so "
+        "every point averages all trials of its depth; below, how many still ran.",
+        (8.4, 4.2),
+        ("depth_mm", "iteration", "expected_depth_mm", "standard_error_mm", "trials_running"),
+        rows,
+        draw,
+    )
+
+
+def _carried_forward(session: Session, depth_m: float, longest: int) -> Float64Array:
+    """Return expected depths, m, shape (trials, longest + 1); a trial that has ended keeps its last one."""
+    curves = [session.expected_depth_m(trial) for trial in session.at_depth(depth_m)]
+    return np.array([np.pad(curve, (0, longest + 1 - curve.size), mode="edge") for curve in curves])
+
+
+def _standard_error(curves: Float64Array) -> Float64Array:
+    """Return the standard error of the mean over trials; 0 for a single trial."""
+    count = len(curves)
+    if count < 2:
+        return np.zeros(curves.shape[1])
+    error: Float64Array = curves.std(axis=0, ddof=1) / np.sqrt(count)
+    return error
+
+
+def accuracy_chart(session: Session) -> Chart | None:
+    """Return accuracy per depth with intervals, Figure 12; None without a trial."""
+    if not session.trials:
+        return None
+    groups = [(mm(depth_m), session.at_depth(depth_m)) for depth_m in session.tried_m]
+    groups.append(("overall", list(session.trials)))
+    shares = [(name, wilson(sum(trial.right for trial in trials), len(trials))) for name, trials in groups]
+    chance = 100.0 / len(session.depths_m)
+
+    def draw(figure: Figure) -> None:
+        axes, beside = figure.subplots(), 0.36
+        for x, (_, share) in enumerate(shares):
+            value = 100.0 * share.value
+            reach = [[value - 100.0 * share.low], [100.0 * share.high - value]]
+            axes.bar(
+                x, value, width=0.5, color="#0072B2", alpha=0.85, label="this session" if x == 0 else None
+            )
+            axes.errorbar(x, value, yerr=reach, color=INK, capsize=5, lw=1.4)
+            axes.annotate(f"{value:.0f} %", (x, 3), ha="center", color="white", fontweight="bold")
+        published = [(x + beside, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
+        if published:
+            axes.plot(
+                *zip(*published, strict=True),
+                "D",
+                ms=7,
+                mfc="white",
+                mec="#D55E00",
+                mew=1.6,
+                label="paper: fixed\n(average of five $r_a$)",
+            )
+        axes.plot(
+            len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec="#009E73", mew=1.4
+        )
+        axes.lines[-1].set_label("paper: human strategy\n(slightly above 90 %)")
+        axes.axhline(chance, color=GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
+        axes.set_xticks(range(len(shares)), [f"{n} mm" if n != "overall" else n for n, _ in shares])
+        axes.set_ylim(0.0, 105.0)
+        axes.grid(axis="x", visible=False)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        tidy(axes, "Right estimates with 95 % intervals (this session only)", "true depth", "accuracy, %")
+
+    return Chart(
+        "accuracy",
+        "Accuracy",
+        "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's "
+        "95 % interval over this session's trials (as Figure 12 of the paper).",
+        (8.4, 3.4),
+        ("depth_mm", "right", "trials", "accuracy", "low", "high"),
+        [(name, s.success_count, s.trial_count, s.value, s.low, s.high) for name, s in shares],
+        draw,
+    )
+
+
+def calibration_chart(session: Session) -> Chart | None:
+    """Return stated confidence against actual accuracy; None without a trial."""
+    if not session.trials:
+        return None
+    found = statistics.calibration(
+        np.array([trial.confidence for trial in session.trials]), [trial.right for trial in session.trials]
+    )
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.plot([0, 100], [0, 100], color=GREY, ls="--", lw=1.2, label="deserved confidence")
+        for b in found.bins:
+            x, y = 100.0 * b.mean_confidence, 100.0 * b.accuracy.value
+            reach = [[y - 100.0 * b.accuracy.low], [100.0 * b.accuracy.high - y]]
+            axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color="#0072B2")
+            axes.annotate(
+                f"n = {b.accuracy.trial_count}",
+                (x, 100.0 * b.accuracy.high),
+                xytext=(0, 4),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
+            )
+        axes.set_xlim(0.0, 105.0)
+        axes.set_ylim(-4.0, 110.0)
+        axes.legend(loc="lower right")
+        tidy(axes, "Reliability", "stated probability of the estimate, %", "accuracy, %")
+
+    return Chart(
+        "calibration",
+        "Calibration",
+        "How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
+        f"calibration error {found.expected_error:.3f}; mean confidence minus accuracy "
+        f"{found.overconfidence:+.3f} (positive is over-confident). The filter takes the palpations of a "
+        "trial for independent; errors that stay, as the ring's through a trial and the mounting's through a "
+        "phase, can make it over-confident.",
+        (5.2, 4.2),
+        ("bin_low", "bin_high", "mean_confidence", "accuracy", "low", "high", "trials"),
+        [
+            (b.low, b.high, b.mean_confidence, a.value, a.low, a.high, a.trial_count)
+            for b, a in ((b, b.accuracy) for b in found.bins)
+        ],
+        draw,
+    )
+
+
+def rings_chart(session: Session) -> Chart | None:
+    """Return how often each ring position was used in estimation; None without a trial."""
+    probes = [probe for trial in session.trials for probe in trial.probes]
+    if not probes:
+        return None
+    trained = [] if session.primitives is None else session.primitives.rings_m.tolist()
+    rings_m = sorted({round(r, 9) for r in [*trained, *(probe.ring_m for probe in probes)]})
+    longest = max(probe.iteration for probe in probes)
+    counts = np.zeros((longest, len(rings_m)), dtype=np.int64)
+    for probe in probes:
+        counts[probe.iteration - 1, rings_m.index(round(probe.ring_m, 9))] += 1
+    total = counts.sum(axis=0)
+
+    def draw(figure: Figure) -> None:
+        overall, by_iteration = figure.subplots(1, 2, width_ratios=(2, 3))
+        colours = ring_colours(len(rings_m))
+        overall.bar(range(len(rings_m)), 100.0 * total / total.sum(), color=colours, width=0.7)
+        overall.set_xticks(range(len(rings_m)), [mm(ring_m) for ring_m in rings_m])
+        overall.grid(axis="x", visible=False)
+        tidy(overall, "All palpations", "ring position $r_a$, mm", "share, %")
+        share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+        base = np.zeros(longest)
+        for k, colour in enumerate(colours):
+            by_iteration.bar(
+                range(1, longest + 1),
+                share[:, k],
+                bottom=base,
+                color=colour,
+                width=0.85,
+                label=mm(rings_m[k]),
+            )
+            base += share[:, k]
+        by_iteration.xaxis.get_major_locator().set_params(integer=True)
+        by_iteration.grid(axis="x", visible=False)
+        by_iteration.set_xlim(0.4, longest + 0.6)
+        by_iteration.set_ylim(0.0, 100.0)
+        by_iteration.legend(title="$r_a$, mm", loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
+        tidy(by_iteration, "By iteration, of the trials still running", "iteration", "share, %")
+
+    return Chart(
+        "rings",
+        "Ring positions used",
+        "Which ring positions r_a the policy chose in estimation: over all palpations, and at each iteration "
+        "over the trials that still ran.",
+        (8.4, 3.0),
+        ("iteration", *(f"palpations_at_{mm(ring_m)}mm" for ring_m in rings_m)),
+        [(i + 1, *map(int, counts[i])) for i in range(longest)],
+        draw,
+    )

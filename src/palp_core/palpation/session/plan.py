@@ -1,0 +1,253 @@
+"""The experiment as a generator: what to do next, given what came of the last step.
+
+A plan yields typed steps and is sent a :class:`Reply` to each. It holds no device and no clock, so it can be
+run dry and summarised, and a run that was interrupted resumes by sending the recorded replies to a fresh
+plan::
+
+    plan = experiment(design, np.random.default_rng(seed))
+    step = resume(plan, recorded)   # the first step without a reply, or None at the end
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
+
+__all__ = [
+    "Design",
+    "Mount",
+    "Palpate",
+    "Phantom",
+    "Plan",
+    "Rehome",
+    "Reply",
+    "Step",
+    "Trial",
+    "Wait",
+    "experiment",
+    "resume",
+]
+
+Phase = Literal["training", "estimation", "stay", "reposition", "remount", "hour"]
+"""The experiment's two, and the conditions of the plan ``repeatability``."""
+
+
+@dataclass(frozen=True)
+class Phantom:
+    """A phantom by the code that may be shown, and the depth of its nodule, m."""
+
+    code: str
+    depth_m: float
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Put a phantom on the rig, anew even if it is the same one."""
+
+    phantom: str
+
+
+@dataclass(frozen=True)
+class Rehome:
+    """Send the ring's actuator to its home before it is positioned again."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Leave everything as it is for a while."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Begin a trial: forget the belief.
+
+    Attributes:
+        index: Number of the trial, from 0, over both phases.
+        phase: ``training``, ``estimation``, or a condition of another plan.
+        phantom: Code of the mounted phantom.
+        label_known: Whether the depth may be told: in training only.
+        label_m: The depth, m; 0 where it may not be told.
+    """
+
+    index: int
+    phase: Phase
+    phantom: str
+    label_known: bool
+    label_m: float
+
+
+@dataclass(frozen=True)
+class Palpate:
+    """Sweep once.
+
+    Attributes:
+        trial: Index of its trial.
+        iteration: Number of the palpation in the trial, from 1.
+        ring_given: Whether the plan sets the ring or, in estimation, a policy does.
+        ring_m: Ring position, m; 0 where a policy sets it.
+    """
+
+    trial: int
+    iteration: int
+    ring_given: bool
+    ring_m: float
+
+
+Step = Mount | Rehome | Trial | Palpate | Wait
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What came of a step.
+
+    Attributes:
+        word: ``done`` for any step but a palpation in estimation, which is answered by the verdict:
+            ``continue``, ``decided`` or ``undecided``. ``failed`` repeats a palpation.
+    """
+
+    word: Literal["done", "continue", "decided", "undecided", "failed"] = "done"
+
+
+Plan = Generator[Step, Reply, None]
+
+
+@dataclass(frozen=True)
+class Design:
+    """The experiment's numbers.
+
+    Attributes:
+        phantoms: The phantoms; one per depth as published, several allowed.
+        rings_m: Ring positions to train, m.
+        repeats: Training palpations per phantom and ring; 25 as published. Each is a trial of one palpation.
+        trials_per_phantom: Estimation trials per phantom; 100 as published.
+        order: ``randomised`` mixes phantoms and rings as far as mounting allows; ``blocked`` goes through
+            them in turn. Not published.
+        rehome: Before each ``palpation``, each ``trial``, or each new ``condition`` (phantom and ring in
+            training, phantom in estimation). Not published.
+        training_mounts: Times each phantom is mounted in training, its palpations spread evenly. Not
+            published.
+        estimation_mounts: The same in estimation.
+    """
+
+    phantoms: tuple[Phantom, ...] = tuple(Phantom(code, d) for code, d in zip("ABC", DEPTHS_M, strict=True))
+    rings_m: tuple[float, ...] = RINGS_M
+    repeats: int = 25
+    trials_per_phantom: int = 100
+    order: Literal["randomised", "blocked"] = "randomised"
+    rehome: Literal["palpation", "trial", "condition"] = "trial"
+    training_mounts: int = 1
+    estimation_mounts: int = 1
+
+    def __post_init__(self) -> None:
+        if self.order not in ("randomised", "blocked"):
+            raise PerceptionError(f"no order '{self.order}'; use 'randomised' or 'blocked'")
+        if self.rehome not in ("palpation", "trial", "condition"):
+            raise PerceptionError(f"no rehome '{self.rehome}'; use 'palpation', 'trial' or 'condition'")
+        if len({p.code for p in self.phantoms}) != len(self.phantoms):
+            raise PerceptionError("two phantoms have the same code")
+        for name, mounts, total in (
+            ("training_mounts", self.training_mounts, self.repeats),
+            ("estimation_mounts", self.estimation_mounts, self.trials_per_phantom),
+        ):
+            if total < 0 or mounts < 1 or (total and mounts > total):
+                raise PerceptionError(
+                    f"{name} is {mounts} for {total} repeats; it must lie between 1 and that number"
+                )
+
+
+def experiment(design: Design, rng: np.random.Generator) -> Plan:
+    """Yield the steps of training, then of estimation.
+
+    Args:
+        design: The experiment's numbers.
+        rng: Draws the order; the same state of it gives the same plan.
+
+    Raises:
+        PerceptionError: A reply does not fit its step.
+    """
+    index = 0
+    homed: tuple[str, float] | None = None
+    for phase, phantom, rings_m in _mountings(design, rng):
+        yield from _done(Mount(phantom.code))
+        for ring_m in rings_m:
+            training = phase == "training"
+            yield from _done(
+                Trial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0)
+            )
+            condition = (phase + phantom.code, ring_m)
+            if design.rehome == "trial" or (design.rehome == "condition" and condition != homed):
+                yield from _done(Rehome())
+                homed = condition
+            iteration, word = 1, "continue"
+            while word in ("continue", "failed"):
+                if design.rehome == "palpation":
+                    yield from _done(Rehome())
+                word = (yield Palpate(index, iteration, training, ring_m)).word
+                if word not in (
+                    ("done", "failed") if training else ("continue", "decided", "undecided", "failed")
+                ):
+                    raise PerceptionError(
+                        f"palpation {iteration} of {phase} trial {index} was answered '{word}'"
+                    )
+                iteration += word != "failed"
+            index += 1
+
+
+def _done(step: Step) -> Plan:
+    reply = yield step
+    if reply.word != "done":
+        raise PerceptionError(f"{step} was answered '{reply.word}', not 'done'")
+
+
+def _mountings(design: Design, rng: np.random.Generator) -> Iterator[tuple[Phase, Phantom, list[float]]]:
+    """Yield for every mounting its phase, phantom and ring per trial (0 where a policy sets it)."""
+    rounds: list[tuple[Phase, list[float]]] = [
+        ("training", [ring for ring in design.rings_m for _ in range(share)])
+        for share in _shares(design.repeats, design.training_mounts)
+    ]
+    rounds += [
+        ("estimation", [0.0] * share)
+        for share in _shares(design.trials_per_phantom, design.estimation_mounts)
+    ]
+    for phase, rings_m in rounds:
+        places = np.arange(len(design.phantoms))
+        if design.order == "randomised":
+            rng.shuffle(places)
+        for place in places:
+            order = np.arange(len(rings_m))
+            if design.order == "randomised" and phase == "training":
+                rng.shuffle(order)
+            yield phase, design.phantoms[place], [rings_m[i] for i in order]
+
+
+def _shares(total: int, parts: int) -> list[int]:
+    """Split a total into nearly equal positive parts, the larger ones first."""
+    whole, rest = divmod(total, parts)
+    return [share for share in (whole + (part < rest) for part in range(parts)) if share]
+
+
+def resume(plan: Plan, replies: Iterable[Reply]) -> Step | None:
+    """Send recorded replies to a fresh plan and return the first step that has none, or None at its end.
+
+    Raises:
+        PerceptionError: There are more replies than steps: they are of another design or seed.
+    """
+    step = next(plan, None)
+    for reply in replies:
+        if step is None:
+            raise PerceptionError(
+                "the plan ended before its recorded replies; they are of another design or seed"
+            )
+        try:
+            step = plan.send(reply)
+        except StopIteration:
+            step = None
+    return step

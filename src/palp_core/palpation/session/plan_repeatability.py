@@ -1,0 +1,104 @@
+"""The plan ``repeatability``: how much a reading scatters, and which handling makes it scatter.
+
+Sweeps without moving anything (``stay``), with the ring re-positioned (``reposition``), with the phantom
+remounted and the ring left alone (``remount``), and before and after a wait (``hour``). A trial is one group:
+what differs between groups of a condition, and not within, is what the condition did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.session.plan import Mount, Palpate, Phase, Plan, Rehome, Trial, Wait
+
+__all__ = ["CONDITIONS", "RepeatDesign", "repeatability", "sweep_count"]
+
+CONDITIONS: tuple[Phase, ...] = ("stay", "reposition", "remount", "hour")
+
+
+@dataclass(frozen=True)
+class RepeatDesign:
+    """The plan's numbers; all are choices.
+
+    Attributes:
+        phantom: Code of the phantom.
+        rings_m: Ring positions of ``stay`` and ``reposition``, at least two: their means tell how a reading
+            answers to the ring. The last one is that of ``remount`` and ``hour``.
+        stay: Sweeps without moving anything, per ring.
+        repositions: Positionings per ring.
+        remounts: Mountings.
+        hours: Waits.
+        wait_s: Length of a wait.
+        group: Sweeps per positioning, mounting, and before and after a wait; at least two, so that what
+            differs between groups is told from what differs within.
+
+    Raises:
+        PerceptionError: A number is too small to tell anything.
+    """
+
+    phantom: str
+    rings_m: tuple[float, ...] = (0.004, 0.008, 0.012, 0.016)
+    stay: int = 8
+    repositions: int = 10
+    remounts: int = 16
+    hours: int = 2
+    wait_s: float = 3600.0
+    group: int = 2
+
+    def __post_init__(self) -> None:
+        if len(self.rings_m) < 2 or len(set(self.rings_m)) < len(self.rings_m):
+            raise PerceptionError(f"repeatability needs two or more different rings, not {self.rings_m}")
+        least = {"stay": 2, "repositions": 2, "remounts": 2, "hours": 0, "group": 2}
+        for name, count in least.items():
+            if getattr(self, name) < count:
+                raise PerceptionError(f"repeatability: {name} is {getattr(self, name)}; it needs {count}")
+        if not self.wait_s >= 0.0:
+            raise PerceptionError(f"repeatability: wait_s is {self.wait_s}; it cannot be negative")
+
+
+def sweep_count(design: RepeatDesign) -> int:
+    """Return how many sweeps the plan asks for."""
+    each = design.stay + design.repositions * design.group
+    waits = (design.hours + 1) * design.group if design.hours else 0
+    return len(design.rings_m) * each + design.remounts * design.group + waits
+
+
+def repeatability(design: RepeatDesign) -> Plan:
+    """Yield the steps; the order is fixed, as nothing is to be guessed.
+
+    Raises:
+        PerceptionError: A step is not answered ``done``, or ``failed`` where a sweep is to be repeated.
+    """
+    for index, (before, phase, ring_m, count) in enumerate(_groups(design)):
+        for step in (*before, Trial(index, phase, design.phantom, label_known=False, label_m=0.0)):
+            yield from _until_done(step)
+        for iteration in range(1, count + 1):
+            yield from _until_done(Palpate(index, iteration, ring_given=True, ring_m=ring_m))
+
+
+def _until_done(step: Mount | Rehome | Wait | Trial | Palpate) -> Plan:
+    word = (yield step).word
+    while word == "failed" and isinstance(step, Palpate):
+        word = (yield step).word
+    if word != "done":
+        raise PerceptionError(f"{step} was answered '{word}', not 'done'")
+
+
+def _groups(design: RepeatDesign) -> Iterator[tuple[tuple[Mount | Rehome | Wait, ...], Phase, float, int]]:
+    """Yield for every group the handling before it, its condition, ring and number of sweeps."""
+    mount, rehome = Mount(design.phantom), Rehome()
+    first: tuple[Mount | Rehome | Wait, ...] = (mount,)
+    for ring_m in design.rings_m:
+        yield (*first, rehome), "stay", ring_m, design.stay
+        first = ()
+        for _ in range(design.repositions):
+            yield (rehome,), "reposition", ring_m, design.group
+    last_m = design.rings_m[-1]
+    for _ in range(design.remounts):
+        yield (mount,), "remount", last_m, design.group
+    if design.hours:
+        yield (), "hour", last_m, design.group
+        for _ in range(design.hours):
+            yield (Wait(design.wait_s),), "hour", last_m, design.group

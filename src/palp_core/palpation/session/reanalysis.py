@@ -1,0 +1,202 @@
+"""Decide stored sessions again with other methods, without the rig: the sweeps are what was felt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from palp_core.errors import PalpError, PerceptionError
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.methods import find
+from palp_core.palpation.perception.belief import bayes
+from palp_core.palpation.perception.belief.information import gain_vector
+from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.rig_noise import RigNoise
+from palp_core.palpation.perception.belief.stopping import decide, stop_rule
+from palp_core.palpation.perception.belief.trial_filter import NAIVE, Probe, TrialFilter
+from palp_core.palpation.perception.signal.smoothers import smoother
+from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
+from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
+from palp_core.units import Float64Array
+
+__all__ = ["Again", "Decided", "Methods", "learn", "readings", "redecide"]
+
+
+@dataclass(frozen=True)
+class Methods:
+    """Which methods; each a name of the register.
+
+    Attributes:
+        smoother: Task ``smoother``.
+        feature: Task ``feature``.
+        filter: Task ``filter``: ``naive``, eq. (7), or one that knows what stays.
+        likelihood: Task ``likelihood``; of the naive filter.
+        stop: Task ``stop``.
+        stop_value: The stop rule's own number; 0 for its default.
+        max_probes: Probes after which a trial is undecided.
+        depth_count: Depths of a grid over the trained ones; 0 for the trained ones.
+    """
+
+    smoother: str = "db10_soft"
+    feature: str = "peak"
+    filter: str = "naive"
+    likelihood: str = "normal"
+    stop: str = "paper_guarded"
+    stop_value: float = 0.0
+    max_probes: int = 15
+    depth_count: int = 0
+
+    def __post_init__(self) -> None:
+        for task in ("smoother", "feature", "filter", "likelihood", "stop"):
+            find(task, getattr(self, task))
+
+
+@dataclass(frozen=True)
+class Decided:
+    """A trial decided again.
+
+    Attributes:
+        trial: Its number.
+        depth_m: True depth; None where nobody told.
+        estimate_m: Most probable depth.
+        confidence: Its probability.
+        probe_count: Stored sweeps that were used.
+        verdict: ``decided``, ``undecided``, or ``ran_out`` where the rule wanted more sweeps than there are.
+        expected_m: Mean depth of the belief.
+    """
+
+    trial: int
+    depth_m: float | None
+    estimate_m: float
+    confidence: float
+    probe_count: int
+    verdict: str
+    expected_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Again:
+    """A session decided again: what training taught, and every trial."""
+
+    session: StoredSession
+    primitives: Primitives
+    trials: tuple[Decided, ...]
+
+
+def readings(sweeps: Sequence[StoredSweep], methods: Methods) -> Float64Array:
+    """Return the feature of each sweep, N m, shape (n,).
+
+    Raises:
+        PerceptionError: A sweep is too short, or holds NaN.
+    """
+    smooth, feature = smoother(methods.smoother), find("feature", methods.feature).target
+    return np.array([feature(smooth.apply(sweep.torque_n_m), edge=smooth.edge).value_n_m for sweep in sweeps])
+
+
+def learn(sweeps: Sequence[StoredSweep], values: Float64Array, where: object) -> Primitives:
+    """Return the memory primitives of training sweeps.
+
+    Raises:
+        PalpError: There is no training, or a cell of it is missing.
+    """
+    known = [(s, v) for s, v in zip(sweeps, values.tolist(), strict=True) if s.depth_m is not None]
+    if not known:
+        raise PalpError(f"{where}: has no training sweeps with known depths; there is nothing to learn from")
+    depths_m = sorted({float(s.depth_m or 0.0) for s, _ in known})
+    rings_m = sorted({s.ring_m for s, _ in known})
+    try:
+        return fit(
+            np.array([v for _, v in known]),
+            [depths_m.index(float(s.depth_m or 0.0)) for s, _ in known],
+            [rings_m.index(s.ring_m) for s, _ in known],
+            depths_m=depths_m,
+            rings_m=rings_m,
+            floor=quantisation_sd(RESOLUTION_N_M),
+        )
+    except PerceptionError as error:
+        raise PalpError(f"{where}: {error}") from error
+
+
+def redecide(
+    session: StoredSession, methods: Methods, *, noise: RigNoise | None = None, scene: Scene | None = None
+) -> Again:
+    """Learn from a session's training and decide its trials, each with its stored sweeps in their order.
+
+    Args:
+        session: The sweeps.
+        methods: Which methods.
+        noise: What stays; the latent filter needs it.
+        scene: Gel, probe and indentation, from which the latent filter takes how a reading answers to the
+            phantom's height; None: the default scene, assumed.
+
+    Raises:
+        PalpError: There is no training or no trial, or the latent filter has no noise file.
+    """
+    training, estimation = session.phase("training"), session.phase("estimation")
+    primitives = learn(training, readings(training, methods), session.path)
+    if not estimation:
+        raise PalpError(f"{session.path}: has no trial of estimation to decide again")
+    values = dict(zip(map(id, estimation), readings(estimation, methods).tolist(), strict=True))
+    if methods.filter != NAIVE and noise is None:
+        raise PalpError(
+            f"the filter '{methods.filter}' needs to know what stays: name a noise file with --noise "
+            "(palp launch FILE plan:=repeatability writes one)"
+        )
+    belief = filter_of(
+        primitives,
+        methods.filter,
+        likelihood=methods.likelihood,
+        depth_count=methods.depth_count,
+        feature=methods.feature,
+        noise=noise,
+        scene=scene,
+    )
+    each = bool(session.ring_moves_each_time)
+    trials = []
+    for number, group in groupby(estimation, key=lambda sweep: sweep.trial):
+        sweeps = sorted(group, key=lambda sweep: sweep.iteration)
+        trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, each, methods))
+    return Again(session, primitives, tuple(trials))
+
+
+def _decide(
+    number: int,
+    sweeps: Sequence[StoredSweep],
+    values: Sequence[float],
+    belief: TrialFilter,
+    lands_each_time: bool,
+    methods: Methods,
+) -> Decided:
+    rings_m, depths_m = belief.primitives.rings_m, belief.primitives.depths_m
+    rule, flat = stop_rule(methods.stop, methods.stop_value), np.exp(bayes.flat_prior(depths_m.size))
+    probes: list[Probe] = []
+    posteriors: list[Float64Array] = []
+    gains: list[Float64Array] = []
+    word = "ran_out"
+    for sweep, value in zip(sweeps, values, strict=True):
+        near = np.flatnonzero(np.isclose(rings_m, sweep.ring_m, atol=1e-9))
+        if not near.size:
+            raise PalpError(f"trial {number}: ring at {sweep.ring_m:g} m was not trained")
+        ring = int(near[0])
+        landed = sweep.landed if sweep.landed is not None else lands_each_time
+        probes.append(Probe(value, ring, landed or not probes or ring != probes[-1].setting))
+        posteriors.append(belief.posterior(probes))
+        gains.append(gain_vector(posteriors[-1], flat))
+        verdict = decide(rule, posteriors, gains, max_probes=methods.max_probes)
+        if verdict.word != "continue":
+            word = verdict.word
+            break
+    best = int(np.argmax(posteriors[-1]))
+    return Decided(
+        number,
+        sweeps[0].depth_m,
+        float(depths_m[best]),
+        float(posteriors[-1][best]),
+        len(posteriors),
+        word,
+        float(posteriors[-1] @ depths_m),
+    )

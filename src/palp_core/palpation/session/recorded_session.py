@@ -1,0 +1,189 @@
+"""One session as it was recorded: its palpations, grouped into trials, and what was learnt in training."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PalpError, PerceptionError
+from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.session.trials_csv import Row, read_rows
+from palp_core.units import Float64Array
+
+__all__ = ["Session", "Trial", "mm", "read_session"]
+
+_RESOLUTION_N_M = 1e-3 / 64  # the maker's figure for a Nano17 SI-12-0.12; the floor where none was recorded
+
+
+def mm(length_m: float) -> str:
+    """Return a length as people write it in mm: ``2``, ``2.5``."""
+    return f"{length_m * 1e3:g}"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of estimation.
+
+    Attributes:
+        probes: Its palpations in order; at least one.
+        mean_m: Mean depth of the last belief, over the depths it is about.
+        confidence: Posterior of the estimate, 0 to 1.
+    """
+
+    probes: tuple[Row, ...]
+    mean_m: float
+    confidence: float
+
+    @property
+    def depth_m(self) -> float:
+        """True depth."""
+        return self.probes[0].depth_m
+
+    @property
+    def verdict(self) -> str:
+        """``decided``, ``undecided``, or ``continue`` where the record ends within the trial."""
+        return self.probes[-1].verdict
+
+    @property
+    def right(self) -> bool:
+        """Whether the last estimate is the true depth; an undecided trial has an estimate too."""
+        estimate_m = self.probes[-1].estimate_m
+        return estimate_m is not None and abs(estimate_m - self.depth_m) < 1e-9
+
+
+@dataclass(frozen=True)
+class Session:
+    """A session's record in memory, without its sweeps.
+
+    Attributes:
+        folder: Where it is.
+        rows: Every palpation.
+        depths_m: Classes, in the order of posterior and gain.
+        primitives: The memory primitives; None where training did not reach every cell.
+        trials: Trials of estimation that came to a verdict.
+        unfinished_count: Trials of estimation without one: the record ends within them.
+        grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
+            of a depth of the grid is counted to the class nearest to it.
+    """
+
+    folder: Path
+    rows: tuple[Row, ...]
+    depths_m: tuple[float, ...]
+    primitives: Primitives | None
+    trials: tuple[Trial, ...]
+    unfinished_count: int
+    grid_count: int = 0
+
+    @property
+    def training(self) -> list[Row]:
+        """The palpations of training."""
+        return [row for row in self.rows if row.phase == "training"]
+
+    def class_of(self, depth_m: float) -> int:
+        """Return the index of the class nearest to a depth."""
+        return int(np.argmin(np.abs(np.array(self.depths_m) - depth_m)))
+
+    def at_depth(self, depth_m: float) -> list[Trial]:
+        """Return the trials whose true depth belongs to the class of ``depth_m``."""
+        wanted = self.class_of(depth_m)
+        return [trial for trial in self.trials if self.class_of(trial.depth_m) == wanted]
+
+    @property
+    def tried_m(self) -> list[float]:
+        """Depths that have a trial, ascending."""
+        return [self.depths_m[i] for i in sorted({self.class_of(trial.depth_m) for trial in self.trials})]
+
+    def expected_depth_m(self, trial: Trial) -> Float64Array:
+        """Return the posterior's expected depth after 0, 1, ... probes of a trial, shape (probes + 1,).
+
+        The first is the flat prior's.
+        """
+        flat = np.full(len(self.depths_m), 1.0 / len(self.depths_m))
+        beliefs = np.array([flat, *(probe.posterior for probe in trial.probes)])
+        expected: Float64Array = beliefs @ np.array(self.depths_m)
+        return expected
+
+
+def read_session(out: str | Path) -> Session:
+    """Read a record, whole or cut short.
+
+    Raises:
+        PalpError: There is no record there, or a row's posterior has not one entry per depth.
+    """
+    folder = Path(out)
+    rows = read_rows(folder)
+    believed_m = _classes(folder) or tuple(sorted({row.depth_m for row in rows}))
+    for row in rows:
+        if row.phase == "estimation" and len(row.posterior) != len(believed_m):
+            raise PalpError(
+                f"{folder / 'trials.csv'}: row {row.row} has a posterior of {len(row.posterior)}, not "
+                f"{len(believed_m)} classes; the record is damaged, run the session again"
+            )
+    taught_m = tuple(sorted({row.depth_m for row in rows if row.phase == "training"}))
+    grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
+    depths_m = taught_m if grid else believed_m
+    counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
+    every = list(_trials(rows, counted, believed_m, depths_m))
+    ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
+    unfinished = len(every) - len(ended)
+    return Session(folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid)
+
+
+def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Row:
+    """Return a row whose belief over a grid is one over the classes nearest to its depths."""
+    if not row.posterior:
+        return row
+    nearest = np.argmin(np.abs(np.array(grid_m)[:, None] - np.array(depths_m)), axis=1)
+    mass, gain = (np.bincount(nearest, weights=w, minlength=len(depths_m)) for w in (row.posterior, row.gain))
+    best = depths_m[nearest[int(np.argmax(row.posterior))]]
+    return msgspec.structs.replace(row, posterior=mass.tolist(), gain=gain.tolist(), estimate_m=best)
+
+
+def _classes(folder: Path) -> tuple[float, ...]:
+    """Return the depths that the table's own columns name."""
+    with (folder / "trials.csv").open(encoding="utf-8", newline="") as file:
+        columns = next(csv.reader(file), [])
+    labels = [c.removeprefix("posterior_") for c in columns if c.startswith("posterior_")]
+    return tuple(float(label.removesuffix("mm")) / 1e3 for label in labels)
+
+
+def _trials(
+    rows: Sequence[Row], counted: Sequence[Row], believed_m: Sequence[float], depths_m: Sequence[float]
+) -> Iterator[Trial]:
+    """Give the trials of estimation, their probes as counted; the mean depth is the belief's own."""
+    pairs = (pair for pair in zip(rows, counted, strict=True) if pair[0].phase == "estimation")
+    for _, group in groupby(pairs, key=lambda pair: pair[0].trial):
+        raw, probes = zip(*group, strict=True)
+        believed, last = raw[-1].posterior, probes[-1]
+        estimate_m = believed_m[int(np.argmax(believed))] if last.estimate_m is None else last.estimate_m
+        stated = last.posterior[int(np.argmin(np.abs(np.array(depths_m) - estimate_m)))]
+        yield Trial(probes, float(np.dot(believed, believed_m)), min(stated, 1.0))
+
+
+def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:
+    """Return what the session learnt; fitted from its training where it ended before that."""
+    path = folder / "primitives.json"
+    if path.exists():
+        return Primitives.from_json_dict(json.loads(path.read_text(encoding="utf-8")))
+    training = [row for row in rows if row.phase == "training"]
+    if not training:
+        return None
+    depths_m, rings_m = sorted({row.depth_m for row in training}), sorted({row.ring_m for row in training})
+    try:
+        return fit(
+            np.array([row.peak_n_m for row in training]),
+            [depths_m.index(row.depth_m) for row in training],
+            [rings_m.index(row.ring_m) for row in training],
+            depths_m=depths_m,
+            rings_m=rings_m,
+            floor=quantisation_sd(_RESOLUTION_N_M),
+        )
+    except PerceptionError:
+        return None

@@ -1,0 +1,169 @@
+"""Recorded sweeps of a session, from its folder or from a bag of its run, ready to be decided again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.errors import PalpError
+from palp_core.graph.bag.reader import Bag
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
+from palp_core.units import Float64Array
+
+__all__ = ["StoredSession", "StoredSweep", "read_sessions", "read_stored"]
+
+_TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
+_RING = "/actuator/ring_state"
+_TRUTH = "/phantom/truth"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSweep:
+    """A sweep and what is known of it.
+
+    Attributes:
+        phase: ``training``, ``estimation``, or a condition of the plan ``repeatability``.
+        phantom: Code of the phantom.
+        trial: Number of its trial.
+        iteration: Number of the sweep within it, from 1.
+        remount: Number of the mounting.
+        depth_m: Nodule's true depth; None where nobody told.
+        ring_m: Ring position as commanded.
+        torque_n_m: As measured, shape (n,).
+        rate_hz: Sampling rate.
+        landed: Whether the ring was moved or re-homed since the sweep before; None where nobody told.
+    """
+
+    phase: str
+    phantom: str
+    trial: int
+    iteration: int
+    remount: int
+    depth_m: float | None
+    ring_m: float
+    torque_n_m: Float64Array
+    rate_hz: float
+    landed: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSession:
+    """A session's sweeps in their order.
+
+    Attributes:
+        path: Its folder or bag.
+        sweeps: Every sweep.
+        ring_moves_each_time: Whether the ring was homed before every palpation; None where nobody told.
+    """
+
+    path: Path
+    sweeps: tuple[StoredSweep, ...]
+    ring_moves_each_time: bool | None = None
+
+    def phase(self, name: str) -> list[StoredSweep]:
+        """Return the sweeps of a phase."""
+        return [sweep for sweep in self.sweeps if sweep.phase == name]
+
+
+def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
+    """Read sessions, each its own: one that counts twice makes intervals too narrow.
+
+    Raises:
+        PalpError: One is named twice, also as folder and bag, or cannot be read.
+        BagError: A bag cannot be read.
+    """
+    places = [path.resolve() for path in paths]
+    for path, place in zip(paths, places, strict=True):
+        if places.count(place) > 1:
+            raise PalpError(f"{path}: named twice; a session counts once")
+    sessions = [read_stored(path) for path in paths]
+    seen: dict[bytes, Path] = {}
+    for session in sessions:
+        other = seen.setdefault(_fingerprint(session), session.path)
+        if other is not session.path:
+            raise PalpError(f"{session.path}: holds the sweeps of {other}; a session counts once")
+    return sessions
+
+
+def _fingerprint(session: StoredSession) -> bytes:
+    """Return what two copies of a session have in common: every sample of every sweep."""
+    digest = hashlib.sha256()
+    for sweep in session.sweeps:
+        digest.update(np.ascontiguousarray(sweep.torque_n_m, dtype=np.float64).tobytes())
+    return digest.digest()
+
+
+def read_stored(path: Path) -> StoredSession:
+    """Read a session's folder (``trials.csv`` and ``sweeps/``) or a bag of a run.
+
+    Raises:
+        PalpError: It is neither, or holds no sweep.
+        BagError: The bag cannot be read.
+    """
+    if (path / "trials.csv").exists():
+        sweeps, each = tuple(_of_record(path)), _rehomes(path)
+    elif path.suffix == ".mcap" or any(path.glob("*.mcap")):
+        sweeps, each = tuple(_of_bag(path)), None
+    else:
+        raise PalpError(f"{path}: neither a session's folder (trials.csv) nor a bag (*.mcap)")
+    if not sweeps:
+        raise PalpError(f"{path}: holds no sweep")
+    return StoredSession(path, sweeps, each)
+
+
+def _of_record(folder: Path) -> Iterator[StoredSweep]:
+    for row in read_rows(folder):
+        torque_n_m, rate_hz = read_sweep(folder, row.row)
+        yield StoredSweep(
+            row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
+            torque_n_m, rate_hz, row.landed,
+        )  # fmt: skip
+
+
+def _rehomes(folder: Path) -> bool | None:
+    try:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        return bool(result["protocol"]["experiment"]["rehome"]["value"] == "palpation")
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _of_bag(path: Path) -> Iterator[StoredSweep]:
+    """Yield the bag's sweeps; a phantom's depth is what was recorded of it, else what training told."""
+    with Bag(path) as bag:
+        missing = [topic for topic in _TOPICS if topic not in bag.topics()]
+        if missing:
+            raise PalpError(
+                f"{path}: has no {', '.join(missing)}; record the whole run: palp launch FILE --record DIR"
+            )
+        told = _RING in bag.topics()
+        there = [topic for topic in (*_TOPICS, _RING, _TRUTH) if topic in bag.topics()]
+        messages = list(bag.messages(there))  # in the order of recording: a mount follows its last sweep
+    depths: dict[str, float] = {}
+    code, remount, trial = "", -1, None
+    homed, ring_m = False, -1.0
+    for message in messages:
+        value: Any = message.value
+        if message.topic == _TOPICS[0]:
+            code, remount = value.code, value.remount
+        elif message.topic == _TOPICS[1]:
+            trial = value
+            if value.label_known:
+                depths[code] = value.depth_m
+        elif message.topic == _TRUTH:
+            depths[value.code] = value.depth_m
+        elif message.topic == _RING:
+            homed = homed or value.rehome
+        elif trial is not None and value.trial == trial.trial:
+            landed = (homed or value.ring_m != ring_m) if told else None
+            homed, ring_m = False, value.ring_m
+            yield StoredSweep(
+                trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
+                value.torque_n_m, value.rate_hz, landed,
+            )  # fmt: skip

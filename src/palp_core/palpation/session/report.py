@@ -1,0 +1,78 @@
+"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, written when a run ended well.
+
+A launch file names it: ``report: palp_core.palpation.session.report:session``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.reporting.charts import Chart, save
+from palp_core.palpation.session.estimation_charts import (
+    accuracy_chart,
+    belief_chart,
+    calibration_chart,
+    rings_chart,
+)
+from palp_core.palpation.session.recorded_session import Session, read_session
+from palp_core.palpation.session.recorded_sweeps import read_stored
+from palp_core.palpation.session.repeatability import headline as headline_of
+from palp_core.palpation.session.repeatability import (
+    is_repeatability,
+    measure_repeatability,
+    write_repeatability,
+)
+from palp_core.palpation.session.report_page import headline, page
+from palp_core.palpation.session.result_json import build, out_of, write_result
+from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.graph import RunSummary
+
+__all__ = ["session"]
+
+
+def session(summary: RunSummary) -> str:
+    """Write the result, the charts and the page beside the record that a run has just left.
+
+    Returns:
+        The result in words, and where the page is.
+
+    Raises:
+        PalpError: The run names no folder, or there is no record in it.
+    """
+    found = read_session(out_of(summary))
+    result = build(found, summary)
+    write_result(result, found.folder)
+    if is_repeatability([row.phase for row in found.rows]):
+        return _repeatability(found, summary)
+    drawn = [(chart, save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
+    target = found.folder / "report.html"
+    part = target.with_suffix(".part")
+    part.write_text(page(result, drawn), encoding="utf-8")
+    part.rename(target)
+    return f"{headline(result)}\nReport: {target}"
+
+
+def _repeatability(found: Session, summary: RunSummary) -> str:
+    """Write the noise file and the page of the plan ``repeatability``."""
+    path = summary.params.get("phantom", {}).get("scene", "")
+    measured = measure_repeatability(read_stored(found.folder), scene=read_scene(path) if path else None)
+    write_repeatability(measured, found.folder)
+    return f"{headline_of(measured)}\nReport: {found.folder / 'report.html'}"
+
+
+def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:
+    """Yield the charts that the record has numbers for, in the order of the page."""
+    for chart in (
+        accuracy_chart(found),
+        belief_chart(found),
+        calibration_chart(found),
+        rings_chart(found),
+        primitives_chart(found),
+        sweeps_chart(found, params),
+    ):
+        if chart is not None:
+            yield chart

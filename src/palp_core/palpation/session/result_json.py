@@ -1,0 +1,296 @@
+"""The result of a session as numbers: ``result.json``.
+
+Two runs of one launch file and seed give the same file but for :data:`TIME_KEYS`.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+import palp_core
+from palp_core.errors import PalpError
+from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.scene.rig import rig
+from palp_core.palpation.perception.belief.stopping import stop_rule
+from palp_core.palpation.perception.statistics import statistics
+from palp_core.palpation.session.parameter_basis import SCENE, basis_of
+from palp_core.palpation.session.recorded_session import Session, Trial, mm
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.graph import RunSummary
+
+__all__ = ["TIME_KEYS", "build", "out_of", "policy_label", "read_result", "without_times", "write_result"]
+
+TIME_KEYS = (
+    "composed",
+    "launch_file",
+    "out",
+    "palpations_per_wall_s",
+    "sweep_s_per_wall_s",
+    "wall_time_s",
+)
+"""Top-level keys that depend on wall time, or on where and how the graph was run."""
+
+INTERVAL = "95 % Wilson, this session only"
+_PACKAGES = {
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "pywt": "PyWavelets",
+    "msgspec": "msgspec",
+    "pyzmq": "pyzmq",
+}
+
+
+def out_of(summary: RunSummary) -> Path:
+    """Return the folder that a run recorded into.
+
+    Raises:
+        PalpError: The run names none.
+    """
+    out = summary.args.get("out") or summary.params.get("experiment", {}).get("out")
+    if not out:
+        raise PalpError(
+            f"{summary.file}: the run names no folder of a record; give the launch file an argument 'out' "
+            "that the experiment records into"
+        )
+    return Path(out)
+
+
+def build(session: Session, summary: RunSummary) -> dict[str, Any]:
+    """Return the result of a session and its run, in the order in which a person reads it."""
+    experiment = {**summary.params.get("experiment", {}), **summary.args}
+    sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
+    trials = session.trials
+    return {
+        "policy": experiment.get("policy", ""),
+        "seed": summary.seed,
+        "trials": experiment.get("trials"),
+        "training": experiment.get("training"),
+        "trials_done": len(trials),
+        "trials_unfinished": session.unfinished_count,
+        "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
+        "accuracy": {
+            "overall": _accuracy(trials),
+            "per_depth_mm": {mm(d): _accuracy(session.at_depth(d)) for d in session.tried_m},
+            "interval": INTERVAL,
+        },
+        "chance": 1.0 / len(session.depths_m) if session.depths_m else None,
+        "probes_mean": _probes(trials),
+        "probes_mean_per_depth_mm": {mm(d): _probes(session.at_depth(d)) for d in session.tried_m},
+        "verdicts": {word: _verdicts(trials)[word] for word in ("decided", "undecided")},
+        "calibration": _calibration(trials),
+        "confusion": _confusion(session),
+        "grid_depths": session.grid_count,
+        "rmse_mm": _rmse_mm(trials),
+        "stop_rule": _stop_rule(summary.params.get("estimator", {})),
+        "mechanics": _mechanics(summary.params.get("phantom"), session),
+        "protocol": _protocol(summary.params),
+        "clock": summary.clock,
+        "sim_time_s": summary.clock_s,
+        "palpations": len(session.rows),
+        "sweep_s": sweep_s,
+        "activations": summary.activation_count,
+        "wall_time_s": summary.wall_s,
+        "sweep_s_per_wall_s": sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
+        "palpations_per_wall_s": len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
+        "composed": summary.composed,
+        "graph": summary.graph,
+        "launch_file": summary.file,
+        "out": str(session.folder),
+        "versions": _versions(),
+    }
+
+
+def write_result(result: dict[str, Any], folder: Path) -> Path:
+    """Write ``result.json``; it appears under its name only when complete. NaN becomes null."""
+    target = folder / "result.json"
+    part = target.with_suffix(".part")
+    part.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=1) + b"\n")
+    part.rename(target)
+    return target
+
+
+def read_result(out: str | Path) -> dict[str, Any]:
+    """Return the result of the session recorded in a folder.
+
+    Raises:
+        PalpError: There is none, or it is not JSON.
+    """
+    path = Path(out) / "result.json"
+    try:
+        result: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+    except FileNotFoundError as error:
+        raise PalpError(f"no result in '{out}': {path} is missing; run a session with out:={out}") from error
+    except msgspec.DecodeError as error:
+        raise PalpError(f"{path} is no result: {error}; run the session again") from error
+    return result
+
+
+def policy_label(result: dict[str, Any]) -> str:
+    """Return the policy's name, with its ring position where it has one, and those that took over from it."""
+    protocol = result["protocol"]
+    ring = protocol.get("policy", {}).get("ring_mm")
+    label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
+    swaps = protocol.get("experiment", {}).get("swaps", {}).get("value", "")
+    for swap in filter(None, swaps.split(",")):
+        trial, _, run = swap.partition("=")
+        label += f", from trial {trial.strip()} on {run.rpartition(':')[2].lower()}"
+    return label
+
+
+def without_times(result: dict[str, Any]) -> dict[str, Any]:
+    """Return what must be equal for two runs of the same launch file and seed."""
+    return {key: value for key, value in result.items() if key not in TIME_KEYS}
+
+
+def _share(proportion: statistics.Proportion) -> dict[str, Any]:
+    return {
+        "value": proportion.value,
+        "ci": [proportion.low, proportion.high],
+        "right": proportion.success_count,
+        "of": proportion.trial_count,
+    }
+
+
+def _accuracy(trials: Sequence[Trial]) -> dict[str, Any]:
+    if not trials:
+        return {"value": None, "ci": None, "right": 0, "of": 0}
+    return _share(statistics.wilson(sum(trial.right for trial in trials), len(trials)))
+
+
+def _mounts(session: Session, phase: str) -> int:
+    """Return how often a phantom was put on the rig; trials of one mounting share its error."""
+    return len({row.remount for row in session.rows if row.phase == phase})
+
+
+def _probes(trials: Sequence[Trial]) -> float | None:
+    return float(np.mean([len(trial.probes) for trial in trials])) if trials else None
+
+
+def _verdicts(trials: Sequence[Trial]) -> Counter[str]:
+    return Counter(trial.verdict for trial in trials)
+
+
+def _calibration(trials: Sequence[Trial]) -> dict[str, Any] | None:
+    if not trials:
+        return None
+    found = statistics.calibration(
+        np.array([trial.confidence for trial in trials]), [trial.right for trial in trials]
+    )
+    return {
+        "expected_error": found.expected_error,
+        "overconfidence": found.overconfidence,
+        "bins": [
+            {
+                "low": b.low,
+                "high": b.high,
+                "mean_confidence": b.mean_confidence,
+                "accuracy": _share(b.accuracy),
+            }
+            for b in found.bins
+        ],
+    }
+
+
+def _confusion(session: Session) -> dict[str, Any]:
+    """Return counts, a row per actual depth, a column per estimate."""
+    estimates = [(trial, trial.probes[-1].estimate_m) for trial in session.trials]
+    table = statistics.confusion(
+        [session.class_of(trial.depth_m) for trial, estimate_m in estimates if estimate_m is not None],
+        [session.class_of(estimate_m) for _, estimate_m in estimates if estimate_m is not None],
+        len(session.depths_m),
+    )
+    return {"depths_mm": [round(d * 1e3, 6) for d in session.depths_m], "actual_by_estimated": table.tolist()}
+
+
+def _rmse_mm(trials: Sequence[Trial]) -> float | None:
+    """Return the root mean square of the belief's mean depth about the true one, mm."""
+    if not trials:
+        return None
+    return 1e3 * float(np.sqrt(np.mean([(trial.mean_m - trial.depth_m) ** 2 for trial in trials])))
+
+
+def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
+    if "stop" not in estimator:
+        return None
+    settings: dict[str, Any] = asdict(
+        stop_rule(estimator["stop"], estimator.get("stop_value", 0.0))  # type: ignore[call-overload]
+    )
+    limit = {"max_probes": estimator["max_probes"]} if "max_probes" in estimator else {}
+    return {"name": estimator["stop"], "settings": settings | limit}
+
+
+def _mechanics(phantom: dict[str, Any] | None, session: Session) -> dict[str, Any] | None:
+    """Return every phantom's rung, its stated bound, its guards, and the scene; None where touch was real.
+
+    Guards are those of sweeps at the ring positions visited and the nominal height.
+    """
+    if phantom is None:
+        return None
+    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
+    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
+    touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
+    choices, file = touched.choices, phantom.get("scene") or phantom.get("phantoms", "")
+    way_m = phantom.get("from_m", -0.03), phantom.get("to_m", 0.05)
+    visited = {code: {row.ring_m for row in session.rows if row.phantom == code} for code in choices}
+    return {
+        "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
+        "bound": max(choice.bound or 0.0 for choice in choices.values()),
+        "output": touched.output,
+        "tolerance": touched.tolerance,
+        "per_phantom": {
+            code: {
+                "rung": choice.method.name,
+                "bound": choice.bound,
+                "reason": choice.reason,
+                "guards": list(touched.guards(code, sorted(visited[code]), *way_m)),
+            }
+            for code, choice in choices.items()
+        },
+        "scene": {
+            "probe": _based(asdict(touched.probe), phantom.get("scene", "")),
+            **{code: _based(_flat(s), file) for code, s in touched.phantoms.items()},
+        },
+    }
+
+
+def _flat(phantom: Phantom) -> dict[str, float]:
+    """Return the numbers of a phantom and of its bead."""
+    values = asdict(phantom)
+    return values | (values.pop("bead") or {})
+
+
+def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]]:
+    basis = dict.fromkeys(values, f"given by {file}") if file else SCENE
+    return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
+
+
+def _protocol(params: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return every node's parameters, each with what it rests on; where to record is no part of it."""
+    return {
+        node: {
+            name: {"value": value, "basis": basis_of(node, name)}
+            for name, value in values.items()
+            if (node, name) != ("experiment", "out")
+        }
+        for node, values in params.items()
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"palp": palp_core.__version__, "python": platform.python_version()}
+    for name, package in _PACKAGES.items():
+        try:
+            found[name] = version(package)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found

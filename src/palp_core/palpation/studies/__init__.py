@@ -1,0 +1,1 @@
+"""Studies: the paper again, and beyond it."""

@@ -1,0 +1,129 @@
+"""The studies by name: what each asks, and the function that runs it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from palp_core.errors import PalpError
+from palp_core.palpation.studies.toolkit.checkpoint import read_lines
+
+__all__ = ["STUDIES", "Study", "study"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study.
+
+    Attributes:
+        name: As in ``palp study run NAME``.
+        question: What it answers, in a line.
+        target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
+        spreads: Whether its function takes ``workers`` and ``dask`` too.
+        keeps: File of its folder that gets a line for every part that is finished; empty if there is none.
+    """
+
+    name: str
+    question: str
+    target: str
+    spreads: bool = False
+    keeps: str = ""
+
+    def run(self, out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:
+        """Run it and return its page.
+
+        Raises:
+            PalpError: Workers were asked for, and the study has no use for them.
+        """
+        module, _, name = self.target.partition(":")
+        function: Callable[..., Path] = getattr(importlib.import_module(module), name)
+        if self.spreads:
+            return function(out, quick=quick, workers=workers, dask=dask)
+        if workers > 1 or dask:
+            raise PalpError(f"the study '{self.name}' runs in one process; leave out --workers and --dask")
+        return function(out, quick=quick)
+
+    def stopped(self, out: Path) -> str:
+        """Return what there is to say when it was stopped: what is kept, and how to go on."""
+        count = len(read_lines(out / self.keeps)) if self.keeps else 0
+        if not count:
+            return f"{self.name} stopped before anything was kept; the same command begins again"
+        what = f"{Path(self.keeps).stem} are kept in {out / self.keeps}"
+        return f"{self.name} stopped: {count} {what}; the same command goes on from there"
+
+
+STUDIES = {
+    one.name: one
+    for one in (
+        Study(
+            "contact-stability",
+            "Where does each method fail, by which symptom, and what survives there?",
+            "palp_core.palpation.studies.contact.stability:run",
+        ),
+        Study(
+            "contact-tradeoff",
+            "What does each contact model cost, and how wrong is it?",
+            "palp_core.palpation.studies.contact.tradeoff:run",
+        ),
+        Study(
+            "contact-validity",
+            "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
+            "palp_core.palpation.studies.contact.validity:run",
+            keeps="scenes.jsonl",
+        ),
+        Study(
+            "decision-stability",
+            "Where does the published algorithm fail, what does the naive way give there, and what ours?",
+            "palp_core.palpation.studies.decision.stability:run",
+        ),
+        Study(
+            "decision-tradeoff",
+            "How right are decisions after how many probes and seconds, by policy, stop rule and filter?",
+            "palp_core.palpation.studies.decision.tradeoff:run",
+            spreads=True,
+        ),
+        Study(
+            "paper",
+            "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
+            "palp_core.palpation.studies.paper.study:run",
+            spreads=True,
+        ),
+        Study(
+            "power",
+            "How many trials and sessions does it take to see the paper's differences?",
+            "palp_core.palpation.studies.power.study:run",
+            spreads=True,
+        ),
+        Study(
+            "robustness",
+            "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
+            "palp_core.palpation.studies.robustness.study:run",
+            spreads=True,
+            keeps="cells.jsonl",
+        ),
+        Study(
+            "why",
+            "Which hypotheses make a fixed stiffness stop making progress?",
+            "palp_core.palpation.studies.paper.why:run",
+            spreads=True,
+        ),
+        Study(
+            "features",
+            "How wrong is a sweep's feature, how late is it known, and what does it cost?",
+            "palp_core.palpation.studies.decision.feature_tradeoff:run",
+        ),
+    )
+}
+
+
+def study(name: str) -> Study:
+    """Return a study by name.
+
+    Raises:
+        PalpError: There is none of that name.
+    """
+    if name not in STUDIES:
+        raise PalpError(f"there is no study '{name}'; there are {', '.join(STUDIES)}")
+    return STUDIES[name]

@@ -1,0 +1,1 @@
+"""Contact models: speed, accuracy, and where they fail."""

@@ -1,0 +1,1 @@
+"""Decisions: speed, accuracy, and where they fail."""

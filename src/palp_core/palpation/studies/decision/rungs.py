@@ -1,0 +1,153 @@
+"""End to end: do decisions agree with those of contact rung L4, and what does a trial cost in CPU?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PalpError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.methods import find
+from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
+from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.policies import STIFF_M, begin, run
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, touch
+from palp_core.palpation.studies.toolkit.parallel import spread
+
+__all__ = ["QUICK", "REFERENCE", "RungJob", "rung_rows", "rung_world"]
+
+REFERENCE = "l4"
+RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
+QUICK = ("l1", "l2", "l4")
+FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+FEATURES = ("peak", "contrast")
+_COARSE = ("l3",)  # seconds a sweep: solved at the ends of errors and heights only
+_LONG = "takes minutes to set up; run without --quick"
+
+
+@dataclass(frozen=True)
+class RungJob:
+    """A contact rung to decide with.
+
+    Attributes:
+        rung: Its name.
+        features: What is read off a sweep.
+        sessions: How many.
+        seed: Of the sessions.
+    """
+
+    rung: str
+    features: tuple[str, ...]
+    sessions: int
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What a rung led to with one feature.
+
+    Attributes:
+        estimates: Classes decided for by filter, all sessions, shape (n,).
+        probes: Mean probes a trial by filter.
+        filter_s: CPU of a trial's filtering by filter.
+        sweep_s: CPU of a sweep, its set-up not counted.
+        words: Why there is nothing, or why it is not to be trusted here.
+    """
+
+    estimates: dict[str, NDArray[np.int64]]
+    probes: dict[str, float]
+    filter_s: dict[str, float]
+    sweep_s: float
+    words: str
+
+
+def rung_rows(
+    *, quick: bool = False, seed: int = 1, workers: int = 1, dask: str = ""
+) -> list[dict[str, Any]]:
+    """Return agreement and CPU of every contact rung, feature and filter.
+
+    Training and trials are simulated with the rung, with the same luck as with the reference; decisions agree
+    where both name the same depth. Cost is that of the sweeps a trial takes, plus its filter's, on one core.
+
+    Args:
+        quick: Few sessions, the peak only, and without the rungs that take minutes.
+        seed: Of the sessions; times are measured.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+    """
+    chosen = set(touch(Gel(), noisy_sweeps=2).rungs)
+    features = FEATURES[:1] if quick else FEATURES
+    served = QUICK if quick else RUNGS
+    jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]
+    worlds = spread(rung_world, jobs, label="rungs", workers=workers, dask=dask)
+    found = dict(zip(served, worlds, strict=True))
+    return [
+        _row(rung, feature, filter_name, found, rung in chosen)
+        for rung in RUNGS
+        for feature in features
+        for filter_name in FILTERS
+    ]
+
+
+def _row(
+    rung: str, feature: str, filter_name: str, found: Mapping[str, Mapping[str, World]], chosen: bool
+) -> dict[str, Any]:
+    world = found[rung][feature] if rung in found else None
+    reference = found[REFERENCE][feature]
+    agreement, cost, words = None, None, _LONG if world is None else world.words
+    if world is not None and world.estimates:
+        agreement = float(np.mean(world.estimates[filter_name] == reference.estimates[filter_name]))
+        cost = world.probes[filter_name] * world.sweep_s + world.filter_s[filter_name]
+    return {
+        "rung": rung,
+        "feature": feature,
+        "filter": filter_name,
+        "agreement": agreement,
+        "cpu_s_per_trial": cost,
+        "chosen": chosen,
+        "unstable": bool(words),
+        "words": words,
+    }
+
+
+def rung_world(job: RungJob) -> dict[str, World]:
+    """Return by feature what a rung leads to."""
+    return {feature: _decide(job, feature) for feature in job.features}
+
+
+def _decide(job: RungJob, feature: str) -> World:
+    gel = Gel(rung=job.rung, rings_m=STIFF_M, feature=feature)
+    conditions = Conditions(remount=True, trials=20)
+    try:
+        sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
+        felt = touch(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
+        begun = monotonic_ns()
+        sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1])
+        sweep_s = 1e-9 * (monotonic_ns() - begun)
+    except PalpError as error:
+        return World({}, {}, {}, float("nan"), str(error))
+    estimates, probes, filter_s = {}, {}, {}
+    for filter_name in FILTERS:
+        begun = monotonic_ns()
+        ended = [
+            run("uniform_stiff", begin(felt, conditions, one), PosteriorThreshold(), filter_name=filter_name)
+            for one in seeds(21, job.seed, job.sessions)
+        ]
+        count = sum(one.depth.size for one in ended)
+        filter_s[filter_name] = 1e-9 * (monotonic_ns() - begun) / count
+        estimates[filter_name] = np.concatenate([one.estimate for one in ended])
+        probes[filter_name] = float(np.concatenate([one.probes for one in ended]).mean())
+    return World(estimates, probes, filter_s, sweep_s, _doubt(job.rung, feature, gel))
+
+
+def _doubt(rung: str, feature: str, gel: Gel) -> str:
+    """Return why the register would not take the rung for this feature, or nothing."""
+    vouches = [
+        find("contact", rung).bound(feature, scene_quantities(gel, depth_m)) for depth_m in gel.depths_m
+    ]
+    return "" if all(bound is not None for bound in vouches) else f"vouches for no {feature} here"

@@ -1,0 +1,181 @@
+"""The study ``decision-tradeoff``: accuracy of decisions against probes and against seconds on the rig."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.palpation.perception.belief.stopping import (
+    FixedNumber,
+    PaperGuarded,
+    PaperVerbatim,
+    PosteriorThreshold,
+    StopRule,
+)
+from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.studies.decision.charts import calibration_chart, rungs_chart, tradeoff_chart
+from palp_core.palpation.studies.decision.limits import limits
+from palp_core.palpation.studies.decision.rungs import rung_rows
+from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin
+from palp_core.palpation.studies.simulation.policies import run as run_policy
+from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
+from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
+from palp_core.palpation.studies.simulation.trials import Outcomes
+from palp_core.palpation.studies.toolkit.parallel import spread
+
+__all__ = ["FILTERS", "POLICIES", "STOPS", "TradeoffJob", "pareto", "run", "tradeoff_session"]
+
+POLICIES = NAMES
+STOPS: dict[str, StopRule] = {
+    "paper_verbatim": PaperVerbatim(),
+    "paper_guarded": PaperGuarded(),
+    "posterior_0.95": PosteriorThreshold(0.95),
+    "fixed_1": FixedNumber(1),
+    "fixed_3": FixedNumber(3),
+    "fixed_8": FixedNumber(8),
+}
+FEATURES = ("peak", "contrast")
+FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
+"""Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
+
+
+@dataclass(frozen=True, eq=False)
+class TradeoffJob:
+    """A session of one feature under every policy, stop rule and filter."""
+
+    touch: Touch
+    conditions: Conditions
+    seed: tuple[int, ...]
+
+
+def tradeoff_session(job: TradeoffJob) -> dict[tuple[str, str, str], Outcomes]:
+    """Return outcomes by policy, stop rule and filter; with all fixed positions, their average too."""
+    session = begin(job.touch, job.conditions, job.seed)
+    found = {
+        (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
+        for policy in POLICIES
+        for stop in STOPS
+        for filter_name in FILTERS
+    }
+    if set(FIXED) <= set(POLICIES):
+        for stop in STOPS:
+            for filter_name in FILTERS:
+                fixed = {policy: [found[policy, stop, filter_name]] for policy in FIXED}
+                (found["fixed_average", stop, filter_name],) = joined(fixed)
+    return found
+
+
+def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Tell which points (cost, accuracy) no other point beats in both.
+
+    >>> pareto([(1.0, 0.5), (2.0, 0.9), (3.0, 0.8)])
+    [True, True, False]
+    """
+    return [
+        not any(c <= cost and a >= share and (c, a) != (cost, share) for c, a in points)
+        for cost, share in points
+    ]
+
+
+def mark_front(rows: Sequence[dict[str, Any]], cost: str) -> None:
+    """Mark every row that is on the front of accuracy against a cost; a guess without a probe is not.
+
+    Args:
+        rows: Lines of a table; each gains ``front_`` and the cost's name.
+        cost: ``probes`` or ``seconds``.
+    """
+    felt = [row for row in rows if row["probes"] > 0.0]
+    for row in rows:
+        row[f"front_{cost}"] = False
+    for row, front in zip(felt, pareto([(r[cost], r["accuracy"]) for r in felt]), strict=True):
+        row[f"front_{cost}"] = front
+
+
+def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+    """Run every combination, write tables and charts, and return the page.
+
+    Args:
+        out: Folder for the files; made if missing.
+        quick: Few sessions and rungs.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+        seed: Of everything but the measured times.
+    """
+    count = 2 if quick else 20
+    rows: list[dict[str, Any]] = []
+    for feature in FEATURES:
+        felt = touch(Gel(feature=feature))
+        jobs = [TradeoffJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
+        found = spread(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
+        for key in found[0]:
+            line = summarise([one[key] for one in found], felt.gel.depths_m)
+            names = dict(zip(("policy", "stop", "filter"), key, strict=True))
+            rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
+    for cost in ("probes", "seconds"):
+        mark_front(rows, cost)
+    bounds = limits(touch(Gel()), UNKNOWN, 500 if quick else 4000)
+    rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
+    out.mkdir(parents=True, exist_ok=True)
+    report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
+    (out / "decision_tradeoff.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
+    with (out / "decision_tradeoff.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    charts = [
+        tradeoff_chart(rows, "probes", bounds),
+        tradeoff_chart(rows, "seconds", bounds),
+        calibration_chart(rows),
+        rungs_chart(rungs),
+    ]
+    return write_page(
+        out,
+        "Speed against accuracy of decisions",
+        [_lead(rows, count), *(figure(chart, out, svg=False) for chart in charts), _front(rows)],
+    )
+
+
+_KEPT = ("accuracy", "ci", "probes", "seconds", "moves", "ece", "overconfidence", "undecided", "sessions")
+
+
+def _label(row: dict[str, Any]) -> str:
+    return f"{row['policy']}, {row['stop']}, {row['feature']}, {row['filter']} filter".replace("_", " ")
+
+
+def _lead(rows: Sequence[dict[str, Any]], sessions: int) -> str:
+    best = max(rows, key=lambda row: row["accuracy"])
+    return paragraph(
+        f"{len(rows)} combinations of policy, stop rule, feature and filter on {sessions} common sessions. "
+        f"The most accurate is {_label(best)}: {100 * best['accuracy']:.1f} % after {best['probes']:.1f} "
+        f"probes and {best['seconds']:.0f} s. The height differs from trial to trial (0.1 mm sd, assumed).",
+        "lead",
+    )
+
+
+def _front(rows: Sequence[dict[str, Any]]) -> str:
+    front: dict[tuple[float, float], list[dict[str, Any]]] = {}
+    for row in sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"])):
+        front.setdefault((row["seconds"], row["accuracy"]), []).append(row)
+    return "<h2>On the front of accuracy against seconds</h2>" + table(
+        ["combination", "accuracy", "95 %", "probes", "seconds", "calibration error"],
+        [
+            [
+                _label(r) + (f", and {len(alike) - 1} more with the same" if len(alike) > 1 else ""),
+                f"{100 * r['accuracy']:.1f} %",
+                f"{100 * r['ci'][0]:.1f} to {100 * r['ci'][1]:.1f} %",
+                f"{r['probes']:.2f}",
+                f"{r['seconds']:.1f}",
+                f"{r['ece']:.3f}",
+            ]
+            for alike in front.values()
+            for r in alike[:1]
+        ],
+    )

@@ -1,0 +1,1 @@
+"""How many sessions tell strategies apart."""

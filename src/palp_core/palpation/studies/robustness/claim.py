@@ -1,0 +1,159 @@
+"""Is information gain ever significantly worse than the best of the others, and what makes it so?
+
+The best of the others is chosen for each session by all the other sessions, so that the one it is compared in
+does not choose it: the largest of a dozen noisy means is otherwise too large. A family of comparisons is one
+policy and design over all cells (Holm).
+
+Where information gain is worse, the cell is run again with one thing changed, for all policies alike: the
+reason is what, changed alone, takes the deficit away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palp_core.palpation.perception.belief.stopping import FixedNumber
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, holm, sign_flip
+from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, Design
+from palp_core.units import Float64Array
+
+__all__ = ["CHANGES", "CLAIMS", "LEVEL", "Change", "against_best", "changes_of", "judged"]
+
+CLAIMS = (
+    ("information_gain", "paper"),
+    ("information_gain_latent", "paper"),
+    ("information_gain_latent", "aware"),
+)
+"""Policy and design; the first is the paper's filter throughout."""
+
+LEVEL = 0.05
+_PROBES = 6
+_TRAINING = 2000
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing changed, and what it says if the deficit goes with it.
+
+    Attributes:
+        name: As in tables.
+        reason: What the cause then is.
+        designs: The design to run instead, by the one that was run; a claim of another design has no such
+            change.
+    """
+
+    name: str
+    reason: str
+    designs: Mapping[str, Design]
+
+
+_PAPER, _AWARE = DESIGNS["paper"], DESIGNS["aware"]
+
+CHANGES = (
+    Change(
+        f"{_PROBES} probes for all",
+        "the stop rule: it takes fewer probes than the others",
+        {
+            "paper": Design("naive", FixedNumber(_PROBES)),
+            "aware": Design("latent", FixedNumber(_PROBES)),
+        },
+    ),
+    Change(
+        "the policy is told what stays",
+        "the policy's promise: it takes readings for independent, so a new landing of the ring, and a second "
+        "ring position, look worth no more than the same reading again",
+        {"paper": Design("naive", _PAPER.stop, promise=True)},
+    ),
+    Change(
+        "the filter is told what stays",
+        "the filter: it takes readings that share an error for independent, and weighs them wrongly",
+        {"paper": Design("latent", _PAPER.stop)},
+    ),
+    Change(
+        "policy and filter are told",
+        "policy and filter together: neither knows what stays",
+        {"paper": Design("latent", _PAPER.stop, promise=True)},
+    ),
+    Change(
+        f"{_TRAINING} training palpations",
+        "training: too few palpations to know what each ring position is worth",
+        {
+            "paper": Design("naive", _PAPER.stop, training=_TRAINING),
+            "aware": Design("latent", _AWARE.stop, training=_TRAINING),
+        },
+    ),
+)
+
+
+def changes_of(policy: str, design: str) -> list[Change]:
+    """Return the changes that are changes for a claim."""
+    return [
+        one
+        for one in CHANGES
+        if design in one.designs and not (policy == "information_gain_latent" and _only_promise(one))
+    ]
+
+
+def _only_promise(change: Change) -> bool:
+    return all(design.promise for design in change.designs.values())
+
+
+def against_best(lines: Mapping[str, Mapping[str, Any]], policy: str) -> dict[str, Any]:
+    """Compare a policy with the best of the others, session by session.
+
+    Args:
+        lines: ``per_session`` accuracies (and more) by policy.
+        policy: Which.
+
+    Returns:
+        ``best``, the other with the highest mean; ``difference`` with ``ci`` and sign-flip ``p``, where in
+        each session the best is that of all the others; and ``probes``, how many it takes less than the best.
+    """
+    others = [name for name in POLICIES if name != policy]
+    shares = np.array([lines[name]["per_session"] for name in others])
+    own = np.array(lines[policy]["per_session"])
+    difference = own - _unseen_best(shares)
+    best = others[int(np.argmax(shares.mean(axis=1)))]
+    rng = np.random.default_rng(17)
+    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
+    return {
+        "best": best,
+        "difference": interval.value,
+        "ci": [interval.low, interval.high],
+        "p": sign_flip(difference, rng),
+        "fewer_probes": lines[best]["probes"] - lines[policy]["probes"],
+    }
+
+
+def _unseen_best(shares: Float64Array) -> Float64Array:
+    """Return each session's share of the policy that is best in all other sessions, shape (s,)."""
+    count = shares.shape[1]
+    if count == 1:
+        return np.asarray(shares.max(axis=0))
+    without = (shares.sum(axis=1, keepdims=True) - shares) / (count - 1)
+    return np.asarray(shares[np.argmax(without, axis=0), np.arange(count)])
+
+
+def judged(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return comparisons of one claim with Holm's p.
+
+    Args:
+        rows: Of :func:`against_best`, one per cell.
+
+    Returns:
+        They, with ``worse``: significantly, within the family; and ``suspected``: its own interval, taken
+        alone, is below 0 (of 40 such intervals, one lies there by chance).
+    """
+    return [
+        {
+            **row,
+            "p_holm": p,
+            "worse": bool(p < LEVEL and row["difference"] < 0.0),
+            "suspected": bool(row["ci"][1] < 0.0),
+        }
+        for row, p in zip(rows, holm([row["p"] for row in rows]), strict=True)
+    ]

@@ -1,0 +1,1 @@
+"""Whole sessions without a graph, many at a time."""

@@ -1,0 +1,126 @@
+"""Sessions of one policy made into the numbers of a table: accuracy, probes, seconds, calibration.
+
+Intervals are over sessions (cluster bootstrap): trials of one session are not independent facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from palp_core.palpation.perception.statistics.resampling import share_interval, widened
+from palp_core.palpation.perception.statistics.statistics import calibration, reliability_bins
+from palp_core.palpation.studies.simulation.trials import Outcomes
+from palp_core.units import Float64Array
+
+__all__ = ["accuracies", "average_of", "calibration_interval", "depth_key", "joined", "summarise"]
+
+_SEED = 11  # of the resamples; every table gives the same intervals for the same sessions
+
+
+def depth_key(depth_m: float) -> str:
+    """Return a depth as a table's key, in mm."""
+    return f"{depth_m * 1e3:g}"
+
+
+def accuracies(sessions: Sequence[Outcomes]) -> Float64Array:
+    """Return the share of right estimates of each session, shape (s,)."""
+    return np.array([one.correct.mean() for one in sessions])
+
+
+def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return one policy's line.
+
+    Args:
+        sessions: Its outcomes, a session each.
+        depths_m: Depth of each class.
+
+    Returns:
+        ``accuracy`` with ``ci`` as [low, high], ``per_depth`` and ``per_depth_ci`` by depth in mm, mean
+        ``probes``, ``moves`` and ``seconds`` a trial, ``ece`` (expected calibration error over all trials)
+        with ``ece_ci``, ``overconfidence``, ``undecided`` share, the number of ``sessions`` and each one's
+        accuracy.
+    """
+    rng = np.random.default_rng(_SEED)
+    overall = share_interval([one.correct for one in sessions], rng)
+    depth = {
+        depth_key(depth_m): share_interval([one.correct[one.depth == c] for one in sessions], rng)
+        for c, depth_m in enumerate(depths_m)
+    }
+    stated = calibration(
+        np.clip(np.concatenate([one.confidence for one in sessions]), 0.0, 1.0),
+        np.concatenate([one.correct for one in sessions]).tolist(),
+    )
+    return {
+        "accuracy": overall.value,
+        "ci": [overall.low, overall.high],
+        "per_depth": {key: one.value for key, one in depth.items()},
+        "per_depth_ci": {key: [one.low, one.high] for key, one in depth.items()},
+        "probes": _mean([one.probes for one in sessions]),
+        "moves": _mean([one.moves for one in sessions]),
+        "seconds": _mean([one.seconds for one in sessions]),
+        "ece": stated.expected_error,
+        "ece_ci": calibration_interval(sessions, np.random.default_rng(_SEED)),
+        "overconfidence": stated.overconfidence,
+        "undecided": 1.0 - _mean([one.decided for one in sessions]),
+        "sessions": len(sessions),
+        "per_session": accuracies(sessions).tolist(),
+    }
+
+
+def calibration_interval(
+    sessions: Sequence[Outcomes], rng: np.random.Generator, *, bin_count: int = 10, resamples: int = 1000
+) -> list[float]:
+    """Return the 95 % interval over sessions of the expected calibration error.
+
+    A mean of absolute values lies above the truth where that is near 0, and its resamples lie higher still,
+    so their lower percentile is no bound: the interval is as wide downwards as it is upwards. A test shows
+    that it holds the truth as often as it says.
+
+    Args:
+        sessions: Outcomes, a session each, equally long.
+        rng: Draws sessions with replacement.
+        bin_count: Equal bins of confidence.
+        resamples: How often.
+    """
+    count, trials = len(sessions), sum(one.confidence.size for one in sessions)
+    gaps = np.zeros((count, bin_count))
+    for row, one in zip(gaps, sessions, strict=True):
+        stated = np.clip(one.confidence, 0.0, 1.0)
+        row += np.bincount(
+            reliability_bins(stated, bin_count), weights=stated - one.correct, minlength=bin_count
+        )
+    error = float(np.abs(gaps.sum(axis=0)).sum() / trials)
+    if count < 2:
+        return [error, error]
+    drawn = gaps[rng.integers(0, count, (resamples, count))].sum(axis=1)
+    high = float(np.quantile(np.abs(drawn).sum(axis=1) / trials, 0.975))
+    half = widened(count) * max(high - error, 0.0)
+    return [max(error - half, 0.0), min(error + half, 1.0)]
+
+
+def _mean(values: Sequence[Any]) -> float:
+    return float(np.mean(np.concatenate(values)))
+
+
+def average_of(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return the line of the average over several policies, a session's average being one value.
+
+    Args:
+        sessions: Outcomes by policy, all over the same sessions.
+        depths_m: Depth of each class.
+    """
+    return summarise(joined(sessions), depths_m)
+
+
+def joined(sessions: Mapping[str, Sequence[Outcomes]]) -> list[Outcomes]:
+    """Return the trials of several policies as one policy's, session by session."""
+    return [_join(row) for row in zip(*sessions.values(), strict=True)]
+
+
+def _join(parts: Sequence[Outcomes]) -> Outcomes:
+    """Return the trials of several policies in one session as one."""
+    names = Outcomes.__dataclass_fields__
+    return Outcomes(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

@@ -1,0 +1,173 @@
+"""Decide many trials at once: probe, update, stop or go on, all policies and filters by the same lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PalpError
+from palp_core.palpation.perception.belief import latent
+from palp_core.palpation.perception.belief.stopping import StopRule
+from palp_core.palpation.perception.belief.stopping_batch import Step, converged_batch
+from palp_core.palpation.perception.strategy.policies import Fixed, Policy
+from palp_core.palpation.perception.strategy.policies_batch import Levels, start_batch, step_batch
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Timing
+from palp_core.palpation.studies.simulation.conditions import Conditions, Draws
+from palp_core.palpation.studies.simulation.reading_table import Touch
+from palp_core.units import Float64Array
+
+__all__ = ["Outcomes", "run_trials"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """How n trials ended.
+
+    Attributes:
+        depth: True class, shape (n,).
+        estimate: Class decided for, shape (n,).
+        confidence: Its posterior, shape (n,).
+        probes: Sweeps taken, shape (n,).
+        moves: Moves of the ring after the first, re-positioning included, shape (n,).
+        seconds: Duration on the rig, shape (n,).
+        decided: Whether the stop rule was met, shape (n,); else undecided at the last probe.
+        expected_m: Posterior mean depth after each probe, as it was at the stop from then on, shape (n, t).
+        right: Whether the estimate was right after each probe, likewise, shape (n, t).
+    """
+
+    depth: NDArray[np.int64]
+    estimate: NDArray[np.int64]
+    confidence: Float64Array
+    probes: NDArray[np.int64]
+    moves: NDArray[np.int64]
+    seconds: Float64Array
+    decided: NDArray[np.bool_]
+    expected_m: Float64Array
+    right: NDArray[np.bool_]
+
+    @property
+    def correct(self) -> NDArray[np.bool_]:
+        """Whether the estimate is the true class, shape (n,)."""
+        return np.asarray(self.estimate == self.depth)
+
+
+def run_trials(
+    touch: Touch,
+    conditions: Conditions,
+    draws: Draws,
+    model: latent.OffsetModel,
+    policy: Policy,
+    stop: StopRule,
+    *,
+    timing: Timing | None = None,
+) -> Outcomes:
+    """Run every trial to its verdict.
+
+    Args:
+        touch: What is felt.
+        conditions: The rig and the experiment.
+        draws: The trials' luck.
+        model: The filter: readings and what it knows to stay.
+        policy: Where to probe. One that knows offsets keeps a belief of its own.
+        stop: When to stop.
+        timing: How long moves and sweeps take.
+
+    Raises:
+        PalpError: The policy asks for a ring position that the rig was not trained at.
+        PerceptionError: Policy or stop rule has no batch form.
+    """
+    timing = timing or Timing()
+    slot = _slots(policy, touch)
+    count, most = draws.landing_m.shape
+    rings_m, depths_m = np.asarray(touch.gel.rings_m), np.asarray(touch.gel.depths_m)
+    prior = np.full(len(depths_m), 1.0 / len(depths_m))
+    active = np.arange(count)
+    belief = latent.start(model, count)
+    knows = isinstance(policy, InformationGainLatent) and policy.model is not model
+    own = latent.start(policy.model, count) if isinstance(policy, InformationGainLatent) else belief
+    at = start_batch(policy, draws.uniforms[:, 0])
+    end_posterior = np.tile(prior, (count, 1))
+    posteriors = np.zeros((most, count, len(depths_m)))
+    probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
+    error_m, reading = np.zeros(count), np.zeros(count)
+    before_ring = np.full(count, -1)
+    for t in range(most):
+        ring = slot[at.level]
+        here = before_ring[active]
+        moved = (ring != here) | at.renew
+        seconds[active] += timing.sweep_s + _travel_s(timing, rings_m, here, ring, at.renew)
+        moves[active] += moved & (here >= 0)
+        if conditions.landing == "level":
+            landing = draws.level_landing_m[ring]
+        else:  # a fixed ring lands before its first probe only
+            landing = (
+                draws.fixed_landing_m[active] if isinstance(policy, Fixed) else draws.landing_m[active, t]
+            )
+        error_m[active] = np.where(moved, landing, error_m[active])
+        felt = draws.bias_n_m + touch.reading(
+            draws.depth[active], ring, error_m[active], draws.height_m[active], draws.noise[active, t]
+        )
+        if conditions.same_reading:
+            felt = np.where(moved, felt, reading[active])
+        reading[active], before_ring[active] = felt, ring
+        belief = latent.update(model, belief, felt[:, None], ring, moved)
+        if knows and isinstance(policy, InformationGainLatent):
+            own = latent.update(policy.model, own, felt[:, None], ring, moved)
+        else:
+            own = belief
+        posterior = belief.posterior
+        halt = converged_batch(stop, Step(posterior, end_posterior[active], prior, t + 1))
+        end_posterior[active], probes[active] = posterior, t + 1
+        decided[active] = halt
+        posteriors[t] = end_posterior
+        going = ~halt
+        if t + 1 == most or not going.any():
+            posteriors[t + 1 :] = end_posterior
+            break
+        active, belief, own, at = active[going], _keep(belief, going), _keep(own, going), _at(at, going)
+        at = step_batch(policy, at, own, draws.uniforms[active, t + 1])
+    estimate = np.argmax(end_posterior, axis=1)
+    return Outcomes(
+        draws.depth,
+        estimate,
+        end_posterior.max(axis=1),
+        probes,
+        moves,
+        seconds,
+        decided,
+        np.transpose(posteriors @ depths_m),
+        np.transpose(np.argmax(posteriors, axis=2) == draws.depth),
+    )
+
+
+def _slots(policy: Policy, touch: Touch) -> NDArray[np.int64]:
+    """Return the trained setting of each level of the policy."""
+    away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(touch.gel.rings_m))
+    if (away.min(axis=1) > 1e-9).any():
+        raise PalpError(f"the policy uses rings {policy.rings_m} m; trained are {touch.gel.rings_m}")
+    slots: NDArray[np.int64] = np.argmin(away, axis=1)
+    return slots
+
+
+def _travel_s(
+    timing: Timing,
+    rings_m: Float64Array,
+    here: NDArray[np.int64],
+    ring: NDArray[np.int64],
+    renew: NDArray[np.bool_],
+) -> Float64Array:
+    """Return the time of each trial's move; the first is from the stop, where the trial began."""
+    first = (rings_m[ring] + timing.home_m) / timing.ring_m_per_s + timing.settle_s
+    way = np.where(renew, timing.renew_s(rings_m[ring]), timing.move_s(rings_m[here], rings_m[ring]))
+    return np.where(here < 0, first, way)
+
+
+def _keep(belief: latent.Belief, which: NDArray[np.bool_]) -> latent.Belief:
+    return latent.Belief(belief.log_class[which], belief.offset_mean[which], belief.offset_cov[which])
+
+
+def _at(levels: Levels, which: NDArray[np.bool_]) -> Levels:
+    return Levels(levels.level[which], levels.mean_level[which], levels.renew[which])

@@ -1,0 +1,1 @@
+"""What studies share: processes, kept results, progress."""

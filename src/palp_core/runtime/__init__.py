@@ -1,1 +1,0 @@
-"""The node graph's runtime: messages, ports, nodes, clocks, executors and buses."""

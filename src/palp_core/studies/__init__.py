@@ -1,1 +1,0 @@
-"""What is made of the rig's records: results, reports, comparisons."""

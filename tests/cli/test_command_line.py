@@ -1,0 +1,55 @@
+"""The verbs that start nothing: check, print, show, draw."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from tests.support.palp import CHAIN, SIM, Palp
+
+
+def test_check_says_that_all_is_well_and_starts_nothing(palp: Palp, tmp_path: Path) -> None:
+    done = palp.run("launch", SIM, "--check", f"out:={tmp_path / 'out'}")
+    assert done.returncode == 0
+    assert "no mistake: 9 nodes" in done.stdout
+    assert not (tmp_path / "out").exists()
+    assert palp.all_gone()
+
+
+def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path: Path) -> None:
+    done = palp.run("launch", CHAIN, "cuont:=5")
+    assert done.returncode == 2
+    assert "no argument 'cuont'" in done.stderr
+    assert "did you mean 'count'?" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Path) -> None:
+    printed = palp.run("launch", CHAIN, "count:=7", "clock:=sim", "--print")
+    assert printed.returncode == 0
+    shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
+    copy = tmp_path / "chain" / "launch" / "printed.yaml"
+    copy.write_text(printed.stdout)
+    done = palp.run("launch", copy, "--compose")
+    assert done.returncode == 0, done.stderr
+    assert "blocks: 7/7" in done.stdout
+
+
+def test_arguments_are_shown_in_ros_words(palp: Palp) -> None:
+    shown = palp.run("launch", SIM, "--show-args").stdout
+    assert shown.startswith("Arguments (pass arguments as '<name>:=<value>'):")
+    assert "'policy':" in shown
+    assert "(default: 'markov')" in shown
+
+
+def test_a_graph_is_drawn_as_text_and_picture(palp: Palp, tmp_path: Path) -> None:
+    done = palp.run("graph", CHAIN, "--png", tmp_path / "chain.png")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("flowchart LR")
+    assert (tmp_path / "chain.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
+    done = palp.run("launch", CHAIN, "--compose")
+    assert done.returncode == 2
+    assert "only a graph with 'clock: sim' can be composed" in done.stderr

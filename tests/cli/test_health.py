@@ -1,0 +1,205 @@
+"""``palp top``, ``palp doctor``, shell completion, and the verbs in simulated time."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.talkative import Talk, talk
+
+__all__ = ["talk"]
+
+
+def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk: Talk) -> None:
+    done = talk.run("doctor", "--json", "--graph", "talk")
+    found = json.loads(done.stdout)
+    assert [f for f in found["findings"] if f["level"] == "error"] == []
+    assert (done.returncode, found["error"]) == (0, 0)
+    assert found["graphs"] == ["talk"]
+    assert set(found["findings"][0]) == {"level", "what", "where", "advice"}
+    said = talk.run("doctor", "-r").stdout
+    for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
+        assert part in said
+    assert talk.run("wtf").stdout.splitlines()[-1].endswith("1 graphs running")
+
+
+def test_without_a_graph_the_doctor_looks_at_the_host(palp: Palp) -> None:
+    done = palp.run("doctor", "--report")
+    assert done.returncode == 0
+    assert "0 graphs running" in done.stdout
+
+
+def test_what_a_killed_launcher_leaves_is_found(palp: Palp, tmp_path: Path) -> None:
+    graph = Talk(palp, tmp_path)
+    graph.process.kill()
+    graph.process.wait()
+    assert palp.all_gone()  # palp's own processes leave nothing; so leave something for them
+    (folder,) = (palp.runtime_dir / "palp").iterdir()
+    with (folder / "log" / "source.log").open("a") as log:
+        left = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=log)
+    done = graph.run("doctor")
+    assert done.returncode == 1
+    assert f"ERROR    process {left.pid}: an orphan of graph 'talk'" in done.stdout
+    assert f"kill {left.pid}" in done.stdout
+    assert f"1 run directories of runs that are over, kept for their logs: {folder.name}" in done.stdout
+    left.communicate()
+    assert left.wait() is not None
+    assert graph.run("doctor").returncode == 0
+
+
+def test_top_shows_nodes_and_edges_once(talk: Talk) -> None:
+    told: Any = talk.told("top")
+    assert [node["name"] for node in told["nodes"]] == ["/source", "/scale"]
+    assert all(node["responsive"] and node["memory_bytes"] > 0 for node in told["nodes"])
+    (edge,) = [edge for edge in told["edges"] if edge["topic"] == "/source/sample"]
+    assert edge["rate_hz"] > 0.0
+    assert edge["lost"] == 0
+    said = talk.said("top", "--once").splitlines()
+    assert said[0].split() == [
+        "NODE",
+        "STATE",
+        "CPU",
+        "%",
+        "MEMORY",
+        "RATE",
+        "Hz",
+        "P99",
+        "ms",
+        "LOST",
+        "OVERRUNS",
+        "MISSED",
+        "PID",
+    ]
+
+
+def on_a_terminal(palp: Palp, *words: str) -> tuple[int, subprocess.Popen[bytes]]:
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        palp.command(*words),
+        env=palp.environment | {"TERM": "xterm"},
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+    )
+    os.close(slave)
+    return master, process
+
+
+def read_until(master: int, pattern: str) -> str:
+    said = ""
+    while not re.search(pattern, said, re.DOTALL):
+        assert select.select([master], [], [], PATIENCE_S)[0], said
+        said += os.read(master, 65536).decode(errors="replace")
+    return said
+
+
+@pytest.mark.parametrize(
+    ("words", "pattern"),
+    [
+        (("top",), r"NODE.*/source.*/scale.*TOPIC.*NODE.*/source"),
+        (("topic", "plot", "/source/sample", "index"), r"/source/sample.*index.*/source/sample"),
+        (("topic", "echo", "/source/sample", "--clear"), r"index: .*index: "),
+    ],
+)
+def test_a_live_view_is_drawn_again_and_again_until_ctrl_c(
+    talk: Talk, words: tuple[str, ...], pattern: str
+) -> None:
+    master, process = on_a_terminal(talk.palp, *words)
+    read_until(master, pattern)
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:  # a terminal nobody reads would hold up its writer
+        if select.select([master], [], [], 0.1)[0]:
+            try:
+                os.read(master, 65536)
+            except OSError:
+                break
+    assert process.wait(PATIENCE_S) == 130
+    os.close(master)
+
+
+def completed(graph: Talk, *words: str) -> list[str]:
+    line = ["palp", *words]
+    request = {
+        "_PALP_COMPLETE": "complete_bash",
+        "COMP_WORDS": " ".join(line),
+        "COMP_CWORD": str(len(line) - 1),
+    }
+    environment = graph.palp.environment | request
+    done = subprocess.run(
+        graph.palp.command(), env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (("to",), ["topic", "top"]),
+        (("topic", "e"), ["echo"]),
+        (("topic", "echo", "/source/s"), ["/source/sample"]),
+        (("node", "info", "/"), ["/source", "/scale"]),
+        (("param", "get", "/source", "ra"), ["rate_hz", "rare_hz"]),
+        (("service", "call", "/scale/"), ["/scale/weigh"]),
+        (("interface", "show", "Se"), ["Seen"]),
+        (("topic", "plot", "/source/sample", "in"), ["index"]),
+        (("node", "list", "--graph", "t"), ["talk"]),
+        (("lifecycle", "set", "/source", "de"), ["deactivate"]),
+    ],
+)
+def test_the_shell_completes_verbs_and_what_runs(
+    talk: Talk, words: tuple[str, ...], offered: list[str]
+) -> None:
+    assert sorted(completed(talk, *words)) == sorted(offered)
+
+
+def test_without_a_graph_there_is_nothing_to_complete_and_no_noise(palp: Palp, tmp_path: Path) -> None:
+    request = {"_PALP_COMPLETE": "complete_bash", "COMP_WORDS": "palp topic echo /", "COMP_CWORD": "3"}
+    done = subprocess.run(
+        palp.command(),
+        env=palp.environment | request,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.stdout + done.stderr).strip() == ""
+
+
+@pytest.mark.parametrize("compose", [(), ("--compose",)])
+def test_a_graph_in_simulated_time_is_asked_the_same_way(palp: Palp, tmp_path: Path, compose: Any) -> None:
+    process = palp.start("launch", CHAIN, "clock:=sim", "count:=100000000", "rate_hz:=50.0", *compose)
+    wait_for_line(process, "blocks: ")
+    graph = Talk.__new__(Talk)
+    graph.palp, graph.process = palp, process
+    rate: Any = graph.told("topic", "hz", "/source/sample", "-w", "20")
+    assert rate["clock"] == "sim"
+    assert rate["hz"] == pytest.approx(50.0)
+    assert rate["wall_hz"] is None or rate["wall_hz"] > 0  # twenty may come in one read: no time has passed
+    width: Any = graph.told("topic", "bw", "/source/sample", "-w", "20")
+    assert width["bytes_per_clock_s"] == pytest.approx(50.0 * width["mean_bytes"])
+    assert graph.told("lifecycle", "get") == {"/source": "active", "/relay": "active", "/sink": "active"}
+    assert graph.said("param", "set", "/relay", "gain", "3") == "gain: 2.0 -> 3.0\n"
+    messages = graph.said(
+        "topic", "echo", "/relay/amplified", "-n", "5", "--json", "--qos-reliability", "reliable"
+    )
+    indices = [json.loads(line)["index"] for line in messages.splitlines()]
+    assert indices == list(range(indices[0], indices[0] + 5))
+    told: Any = graph.told("top", "-d", "0.2")
+    assert [node["state"] for node in told["nodes"]] == ["active"] * 3
+    assert graph.run("doctor").returncode == 0
+    assert psutil.pid_exists(told["nodes"][0]["pid"])
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143

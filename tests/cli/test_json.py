@@ -1,0 +1,63 @@
+"""What the documentation promises to machines is what they get."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.talkative import Talk, talk
+
+__all__ = ["talk"]
+
+PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"
+ROW = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
+WORDS = {
+    "topic info": ("/source/sample",),
+    "topic type": ("/source/sample",),
+    "topic hz": ("/source/sample", "-w", "5"),
+    "topic bw": ("/source/sample", "-w", "5"),
+    "topic delay": ("/source/sample",),
+    "topic pub": ("-1", "/scale/load", "{load_n: 1, samples: []}"),
+    "node info": ("/scale",),
+    "service type": ("/scale/weigh",),
+    "param get": ("/source", "name"),
+    "param set": ("/source", "name", "block"),
+    "interface show": ("Sample",),
+    "bag play": (str(PAGE.parents[1] / "tests/golden/emg.mcap"), "--playback-duration", "0.2"),
+}
+
+
+def promises() -> dict[str, tuple[bool, list[str]]]:
+    """Per verb whether a list comes, and the keys of what it holds."""
+    found = {}
+    table = PAGE.read_text(encoding="utf-8").partition("## For machines")[2]
+    for verbs, keys in ROW.findall(table):
+        for verb in re.findall("`([^`]+)`", verbs):
+            found[verb] = (keys.startswith("a list of"), re.findall("`([^`]+)`", keys)[0].split())
+    return found
+
+
+def test_the_page_has_its_promises() -> None:
+    assert set(WORDS) <= set(promises())
+
+
+@pytest.mark.parametrize("verb", [verb for verb in promises() if verb not in ("param load", "lifecycle set")])
+def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
+    is_list, keys = promises()[verb]
+    done = talk.run(*verb.split(), *WORDS.get(verb, ()), "--json")
+    assert done.returncode == 0, done.stderr
+    told: Any = json.loads(done.stdout)
+    assert isinstance(told, list) == is_list
+    for entry in told if is_list else [told]:
+        assert set(keys) <= set(entry)
+
+
+def test_every_verb_of_the_page_exists(talk: Talk) -> None:
+    table = PAGE.read_text(encoding="utf-8").partition("## ")[0]
+    for group, verbs in re.findall(r"^\| `palp (\w+)` \| `([^`]+)`", table, re.MULTILINE):
+        for verb in verbs.split():
+            assert talk.run(group, verb, "--help").returncode == 0

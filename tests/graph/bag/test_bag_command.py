@@ -1,0 +1,95 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.bag.bag import app
+from palp_core.errors import BagError
+
+
+def palp_bag(*arguments: str | Path, status: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    if isinstance(result.exception, BagError):
+        raise result.exception
+    assert result.exit_code == status, result.output
+    return result.output
+
+
+def test_info_says_what_is_in_a_bag(bag: Path) -> None:
+    text = palp_bag("info", bag)
+    assert "202 messages, 0.199 s" in text
+    assert "1000.00 Hz  Block" in text
+    assert text.endswith("complete\n")
+    found = json.loads(palp_bag("info", bag, "--json"))
+    assert found["topics"]["/torque/block"]["count"] == 200
+    assert found["healthy"]
+    assert found["attachments"] == ["launch.yaml", "palp/recording.json"]
+
+
+def test_info_of_a_lossy_bag_ends_non_zero_and_names_the_gap(tmp_path: Path, kit: Any) -> None:
+    frames = kit.run_frames(20)
+    del frames[5:8]
+    bag, _ = kit.record(tmp_path / "run", frames)
+    text = palp_bag("info", bag, status=1)
+    assert "3 MISSING" in text
+    assert "missing 5..7 of epoch 0" in text
+    assert "NOT complete" in text
+
+
+def test_every_verb_takes_a_folder_or_a_file(bag: Path, tmp_path: Path) -> None:
+    for name, path in (("a", bag), ("b", bag / "run_0.mcap")):
+        out = tmp_path / name
+        assert "202 messages saved" in palp_bag("recover", path, "-o", out / "recovered")
+        assert palp_bag("filter", path, "-o", out / "filtered", "-e", "block", "--end", "0.1") == (
+            "100 messages\n"
+        )
+        assert "4 files" in palp_bag("split", path, "-o", out / "split", "-d", "0.05")
+        assert palp_bag("merge", path, path, "-o", out / "merged") == "404 messages\n"
+        for form in ("json", "csv", "ros2"):
+            assert palp_bag("convert", path, "-o", out / form, "--to", form) == "202 messages\n"
+        assert "/torque/block: 200 equal" in palp_bag("diff", path, out / "split")
+        assert "sequence" in palp_bag("diff", path, out / "merged", status=1)
+    listed = json.loads(palp_bag("list", tmp_path / "a", "--json"))
+    assert {entry["name"] for entry in listed} >= {str(tmp_path / "a" / "split")}
+    assert "recovered  1 files" in palp_bag("list", tmp_path / "a")
+
+
+def test_echo_prints_messages(bag: Path) -> None:
+    text = palp_bag("echo", bag, "/policy/mode")
+    assert "level: 0.5" in text
+    lines = palp_bag("echo", bag, "--json", "-n", "3", "--start", "0.01").splitlines()
+    assert [json.loads(line)["sequence"] for line in lines] == [11, 12, 13]
+
+
+def test_diff_speaks_json(bag: Path) -> None:
+    assert json.loads(palp_bag("diff", bag, bag, "--json"))["/torque/block"]["equal_count"] == 200
+
+
+def test_mistakes_are_palps_own_errors(bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="no such bag"):
+        palp_bag("info", tmp_path / "nothing")
+    with pytest.raises(BagError, match="exists already"):
+        palp_bag("recover", bag, "-o", bag)
+    with pytest.raises(BagError, match="not a regular expression"):
+        palp_bag("filter", bag, "-o", tmp_path / "x", "-e", "(")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("echo", "{bag}"),
+        ("filter", "{bag}", "-o", "{out}", "-t"),
+        ("diff", "{bag}", "{bag}", "-t"),
+        ("play", "{bag}", "-t"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_topic_that_the_bag_lacks_is_a_mistake_with_the_nearest_name(
+    bag: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    given = [word.format(bag=bag, out=tmp_path / "out") for word in words]
+    with pytest.raises(BagError, match="no topic '/torque/blok'; did you mean '/torque/block'"):
+        palp_bag(*given, "/torque/blok")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,163 @@
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.convert import json_form, to_csv, to_json, to_parquet
+from palp_core.graph.bag.reader import read, to_numpy
+from palp_core.graph.bag.ros2 import message_texts, to_ros2
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+
+
+@pytest.fixture
+def rich(tmp_path: Path, kit: Any) -> Path:
+    """Three messages with something in every field."""
+    frames = []
+    for i in range(3):
+        block = kit.Block(
+            stamp_ns=i,
+            torque_n_m=np.arange(float(i)),
+            over_phantom=i == 1,
+            text="é",
+            raw=bytes([i, 255]),
+            counts=[-i, 2**40],
+            place=kit.Place(depth_m=0.5),
+            places=[kit.Place(depth_m=0.25)] * i,
+        )
+        frames.append((i * 10, kit.frame("/torque/block", block, i + 1, i)))
+    bag: Path = kit.record(tmp_path / "rich", frames)[0]
+    return bag
+
+
+def test_rosbags_reads_the_ros_2_bag(rich: Path, tmp_path: Path) -> None:
+    assert to_ros2(rich, tmp_path / "ros") == 3
+    store = get_typestore(Stores.EMPTY)
+    with Reader(tmp_path / "ros") as reader:
+        (connection,) = reader.connections
+        assert connection.topic == "/torque/block"
+        assert connection.msgtype == "palp_msgs/msg/Block"
+        store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        found = [
+            (time_ns, store.deserialize_cdr(data, connection.msgtype))
+            for _, time_ns, data in reader.messages()
+        ]
+    assert [time_ns for time_ns, _ in found] == [0, 10, 20]
+    for original, (_, message) in zip(read(rich), found, strict=True):
+        value: Any = original.value
+        ros: Any = message
+        assert ros.torque_n_m.tolist() == value.torque_n_m.tolist()
+        assert (ros.stamp_ns, ros.over_phantom, ros.text) == (value.stamp_ns, value.over_phantom, value.text)
+        assert ros.raw.tobytes() == value.raw
+        assert ros.counts.tolist() == value.counts
+        assert ros.place.depth_m == 0.5
+        assert [p.depth_m for p in ros.places] == [p.depth_m for p in value.places]
+
+
+def test_msg_text_from_the_bag_is_that_of_the_message_class(kit: Any) -> None:
+    texts = message_texts(json_schema(schema_of(kit.Block)))
+    assert texts["Place"] == ros_text(schema_of(kit.Place)) == "float64 depth_m  # m\n"
+    expected = ros_text(schema_of(kit.Block)).replace("Place", "palp_msgs/msg/Place")
+    assert texts["Block"] == expected
+
+
+@pytest.mark.parametrize(
+    ("schema", "words"),
+    [
+        ({"title": "A", "properties": {"Bad__Name": {"type": "integer"}}}, "lower case"),
+        ({"title": "A", "properties": {"x": {}}}, "cannot say this"),
+        ({"properties": {}}, "without a title"),
+        (
+            {
+                "title": "A",
+                "properties": {
+                    "x": {"type": "object", "title": "B", "properties": {"y": {"type": "integer"}}},
+                    "z": {"type": "object", "title": "B", "properties": {"y": {"type": "number"}}},
+                },
+            },
+            "two different messages are called B",
+        ),
+    ],
+)
+def test_what_ros_cannot_say_is_named(schema: dict[str, Any], words: str) -> None:
+    with pytest.raises(BagError, match=words):
+        message_texts(schema)
+
+
+def test_a_topic_without_a_schema_is_named_and_leaves_no_half_bag(tmp_path: Path, kit: Any) -> None:
+    stranger = kit.frame("/cup/mode", kit.Mode(stamp_ns=0, level=2.0), 1, 0)
+    bag, _ = kit.record(tmp_path / "run", [(0, stranger)])
+    with pytest.raises(BagError, match="/cup/mode: without a schema"):
+        to_ros2(bag, tmp_path / "ros")
+    assert not (tmp_path / "ros").exists()
+
+
+def test_json_messages_have_lists_and_a_root_that_is_an_object(rich: Path, tmp_path: Path) -> None:
+    assert to_json(rich, tmp_path / "json") == 3
+    with (tmp_path / "json/json_0.mcap").open("rb") as file:
+        found = list(make_reader(file, validate_crcs=True).iter_messages())
+    schema, channel, message = found[2]
+    assert schema is not None
+    assert channel.message_encoding == "json"
+    assert schema.encoding == "jsonschema"
+    described = json.loads(schema.data)
+    assert described["type"] == "object"
+    assert described["properties"]["torque_n_m"] == {
+        "type": "array",
+        "items": {"type": "number"},
+        "x-unit": "N m",
+    }
+    value = json.loads(message.data)
+    assert value["torque_n_m"] == [0.0, 1.0]
+    assert value["places"] == [{"depth_m": 0.25}] * 2
+    assert [m.value["counts"] for m in read(tmp_path / "json")] == [[0, 2**40], [-1, 2**40], [-2, 2**40]]
+
+
+def test_a_schema_within_a_list_changes_too() -> None:
+    inner = {"type": "object", "properties": {"a": {"type": "string", "x-dtype": "<f8"}}}
+    changed = json_form({"type": "array", "items": inner})
+    assert changed["items"]["properties"]["a"] == {"type": "array", "items": {"type": "number"}}
+
+
+def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, kit: Any) -> None:
+    assert to_csv(bag, tmp_path / "csv") == 202
+    with (tmp_path / "csv/torque.block.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    torque_n_m = to_numpy(bag, "/torque/block", "torque_n_m")
+    assert np.array([[float(v) for v in row["torque_n_m"].split()] for row in table]).tolist() == (
+        torque_n_m.tolist()
+    )
+    assert table[7]["sequence"] == "8"
+    assert table[7]["place.depth_m"] == "0.0"
+    assert to_csv(rich, tmp_path / "rich-csv") == 3
+    with pytest.raises(BagError, match="exists already"):
+        to_csv(bag, tmp_path / "csv")
+
+
+def test_parquet_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(BagError, match="pip install pyarrow"):
+        to_parquet(bag, tmp_path / "parquet")
+
+
+def test_parquet_reads_back(bag: Path, tmp_path: Path) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    assert to_parquet(bag, tmp_path / "parquet") == 202
+    table = pq.read_table(tmp_path / "parquet/torque.block.parquet")
+    assert table.num_rows == 200
+
+
+def test_conversion_loses_no_bit(bag: Path, tmp_path: Path, kit: Any) -> None:
+    to_json(bag, tmp_path / "json")
+    blocks = [parse(raw) for _, raw in kit.run_frames(200)]
+    sent = [decode(kit.Block, w.payload).torque_n_m.tolist() for w in blocks if w.topic == "/torque/block"]
+    assert [m.value["torque_n_m"] for m in read(tmp_path / "json", ["/torque/block"])] == sent

@@ -1,0 +1,198 @@
+"""Whatever happens to a bag's bytes: no crash, no silent wrong value, everything intact is saved."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import BagDamaged, BagError
+from palp_core.graph.bag.info import bag_info
+from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.recover import recover
+
+Content = dict[tuple[str, int, int], tuple[int, int, bytes]]
+CHUNK_MESSAGES = 80
+"""More than a chunk of 4 KiB holds here."""
+
+
+def content(bag: Path) -> Content:
+    with Bag(bag) as opened:
+        return {
+            (m.stream.topic.name, m.stream.epoch, m.sequence): (m.log_ns, m.publish_ns, m.payload)
+            for m in opened.recorded()
+        }
+
+
+def check(path: Path, original: Content, out: Path) -> tuple[int, bool]:
+    """Return how many messages were recovered and whether reading told of the damage."""
+    told = False
+    try:
+        with Bag(path) as bag:
+            told = bool(bag.problems)
+            count = 0
+            for m in bag.recorded():
+                key = (m.stream.topic.name, m.stream.epoch, m.sequence)
+                assert original[key] == (m.log_ns, m.publish_ns, m.payload)
+                count += 1
+            assert told or count == len(original)
+            assert set(bag.attachments().values()) <= {b"graph: rig\n"} or told or len(bag.attachments()) == 2
+    except BagError:
+        told = True
+    try:
+        assert not (told and bag_info(path).healthy)
+    except BagError:
+        assert told
+    report = recover(path, out)
+    saved = content(out)
+    assert all(original[key] == value for key, value in saved.items())
+    assert sum(report.message_count.values()) == len(saved)
+    return len(saved), told
+
+
+def flips(bag: Path, folder: Path, count: int, seed: int) -> None:
+    data, original = (bag / "run_0.mcap").read_bytes(), content(bag)
+    rng = np.random.default_rng(seed)
+    for place in range(count):
+        changed = bytearray(data)
+        changed[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+        path = folder / f"{place}.mcap"
+        path.write_bytes(changed)
+        saved, _ = check(path, original, folder / f"saved{place}")
+        assert saved >= len(original) - CHUNK_MESSAGES
+
+
+def truncations(bag: Path, folder: Path, count: int, seed: int) -> None:
+    data, original = (bag / "run_0.mcap").read_bytes(), content(bag)
+    with Bag(bag) as opened:
+        ends = [(p.offset + p.length, p.entry) for p in opened.files[0].chunks]
+        counts = np.cumsum([len(opened.files[0].read_chunk(p)) for p in opened.files[0].chunks])
+    rng = np.random.default_rng(seed)
+    for place in range(count):
+        size = int(rng.integers(len(data)))
+        path = folder / f"{place}.mcap"
+        path.write_bytes(data[:size])
+        saved, told = check(path, original, folder / f"saved{place}")
+        whole = sum(end <= size for end, _ in ends)
+        assert told
+        assert saved >= (counts[whole - 1] if whole else 0)
+
+
+@pytest.fixture(params=["zstd", "none"])
+def any_bag(request: pytest.FixtureRequest, tmp_path: Path, kit: Any) -> Path:
+    folder: Path = kit.record(
+        tmp_path / "run", kit.run_frames(200), chunk_bytes=4096, compression=request.param
+    )[0]
+    return folder
+
+
+def test_a_flipped_bit_costs_a_chunk_at_most(any_bag: Path, tmp_path: Path) -> None:
+    flips(any_bag, tmp_path, 50, seed=1)
+
+
+def test_a_truncated_file_keeps_every_whole_chunk(any_bag: Path, tmp_path: Path) -> None:
+    truncations(any_bag, tmp_path, 50, seed=2)
+
+
+@pytest.mark.slow
+def test_hundreds_of_flips_and_truncations_do_no_silent_harm(any_bag: Path, tmp_path: Path) -> None:
+    for name, harm in (("flips", flips), ("cuts", truncations)):
+        (tmp_path / name).mkdir()
+        harm(any_bag, tmp_path / name, 500, seed=3)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_many_damages_at_once_do_no_silent_harm(any_bag: Path, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    original = content(any_bag)
+    changed = bytearray((any_bag / "run_0.mcap").read_bytes())
+    for _ in range(int(rng.integers(2, 8))):
+        begin = int(rng.integers(len(changed)))
+        kind = rng.integers(3)
+        if kind == 0:
+            changed[begin : begin + 40] = rng.bytes(40)
+        elif kind == 1:
+            del changed[begin : begin + int(rng.integers(1, 200))]
+        else:
+            changed[begin:begin] = rng.bytes(int(rng.integers(1, 200)))
+    path = tmp_path / "harmed.mcap"
+    path.write_bytes(changed)
+    check(path, original, tmp_path / "saved")
+
+
+def test_of_a_torn_uncompressed_chunk_whole_messages_are_saved_and_marked(tmp_path: Path, kit: Any) -> None:
+    bag, _ = kit.record(tmp_path / "run", kit.run_frames(100), compression="none")
+    with Bag(bag) as opened:
+        (place,) = opened.files[0].chunks
+    path = tmp_path / "torn.mcap"
+    path.write_bytes((bag / "run_0.mcap").read_bytes()[: place.offset + place.length // 2])
+    report = recover(path, tmp_path / "saved")
+    assert 40 < report.unverified_count == sum(report.message_count.values()) < 60
+    assert "no CRC vouches" in report.text()
+
+
+def test_an_unclosed_file_reads_to_its_end_and_says_so(tmp_path: Path, bag: Path) -> None:
+    with Bag(bag) as opened:
+        chunk = opened.files[0].chunks[2]
+        kept = [m for p in opened.files[0].chunks[:2] for m in opened.files[0].read_chunk(p)]
+    path = tmp_path / "open.mcap"
+    path.write_bytes((bag / "run_0.mcap").read_bytes()[: chunk.offset])
+    assert len(list(read(path, ["/torque/block"]))) == len(kept) - 1
+    info = bag_info(path)
+    assert not info.healthy
+    assert "it was not closed" in info.problems[0]
+
+
+def test_a_damaged_chunk_stops_reading_after_what_is_intact(tmp_path: Path, bag: Path) -> None:
+    data = bytearray((bag / "run_0.mcap").read_bytes())
+    with Bag(bag) as opened:
+        place = opened.files[0].chunks[3]
+        before = sum(len(opened.files[0].read_chunk(p)) for p in opened.files[0].chunks[:3])
+    data[place.offset + place.length - 5] ^= 4
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    found: list[Any] = []
+    with pytest.raises(BagDamaged, match="palp bag recover") as caught:
+        found.extend(read(path))
+    assert caught.value.offset == place.offset
+    assert len(found) == before
+    report = recover(path, tmp_path / "saved")
+    assert report.damaged_chunk_count == 1
+    assert report.gaps["/torque/block"] == 202 - sum(report.message_count.values())
+
+
+WRITER = """
+import sys
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.frame import pack
+writer = BagWriter(sys.argv[1], chunk_bytes=8192)
+recorder = BagRecorder(writer, [Topic(name="/a")])
+for i in range(1, 10_000_000):
+    recorder(i, pack(b"/a", 0, 0, i, i, 0, b"\\x81\\xa1x" + bytes([i % 100])))
+    if i % 97 == 0:
+        writer.flush()
+        print(i, flush=True)
+"""
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_after_kill_9_everything_that_was_flushed_is_there(tmp_path: Path, seed: int) -> None:
+    arguments = [sys.executable, "-c", WRITER, str(tmp_path / "run")]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        acknowledged = 0
+        for _ in range(int(np.random.default_rng(seed).integers(1, 400))):
+            acknowledged = int(process.stdout.readline())
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    report = recover(tmp_path / "run", tmp_path / "saved")
+    sequences = [m.sequence for m in read(tmp_path / "saved")]
+    assert len(sequences) == report.message_count["/a"] >= acknowledged
+    assert sequences == list(range(1, len(sequences) + 1))
+    assert not bag_info(tmp_path / "run").healthy
+    assert bag_info(tmp_path / "run").message_count == len(sequences)

@@ -1,0 +1,175 @@
+import io
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.edit import filter_bag
+from palp_core.graph.bag.info import bag_info
+from palp_core.graph.bag.mcap.chunk import open_chunk, split_chunk
+from palp_core.graph.bag.mcap.compression import compressor, decompress
+from palp_core.graph.bag.mcap.records import Attachment, Metadata
+from palp_core.graph.bag.mcap.salvage import salvage
+from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.recover import recover
+from palp_core.graph.bag.ros2 import to_ros2
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.values import plain, type_from_schema
+from palp_core.graph.bag.writer import BagWriter
+
+
+def test_a_chunk_that_lies_about_its_size_is_refused() -> None:
+    data = bytes(1000)
+    for name in ("zstd", "lz4", "none"):
+        stored_name, compress = compressor(name)
+        stored = bytes(compress(data))
+        assert decompress(stored_name, stored, 1000) == data
+        for size in (999, 1001, 1 << 40):
+            with pytest.raises(ValueError, match=r"bytes|size|decompress"):
+                decompress(stored_name, stored, size)
+    with pytest.raises(ValueError, match="unknown compression"):
+        decompress("rar", b"", 0)
+    with pytest.raises(BagError, match="use one of zstd, lz4, none"):
+        compressor("rar")  # type: ignore[arg-type]
+
+
+def test_records_that_make_no_sense_are_refused() -> None:
+    ignore: Any = lambda op, content: None  # noqa: E731
+    for records, words in (
+        (b"\x05" + bytes(4), "unpack"),
+        (b"\x05" + (3).to_bytes(8, "little") + bytes(40), "shorter than its head"),
+        (b"\x05" + (90).to_bytes(8, "little") + bytes(40), "not whole"),
+        (b"\x03" + (90).to_bytes(8, "little") + bytes(40), "not whole"),
+        (bytes(9), "record 0"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            split_chunk(records, ignore)
+    assert split_chunk(b"\x05" + bytes(4), ignore, torn=True) == []
+    with pytest.raises(ValueError, match="stands where a chunk"):
+        open_chunk(b"\x05" + bytes(60))
+
+
+def test_attachments_and_metadata_that_changed_are_refused() -> None:
+    packed = bytearray(Attachment("a", b"hello").pack()[9:])
+    packed[-6] ^= 1
+    with pytest.raises(ValueError, match="CRC"):
+        Attachment.parse(bytes(packed))
+    changed = Metadata("a", {"k": "v"}).pack()[9:].replace(b"v", b"w")
+    with pytest.raises(ValueError, match="CRC"):
+        Metadata.parse(changed)
+
+
+def test_foreign_schemas_survive_a_copy(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    writer = Writer(buffer)
+    writer.start("ros2", "other")
+    schema = writer.register_schema("std_msgs/msg/Int64", "ros2msg", b"int64 data")
+    channel = writer.register_channel("/n", "cdr", schema, {"offered_qos_profiles": ""})
+    writer.add_message(channel, 5, b"\0\1\0\0" + bytes(8), 5, 1)
+    writer.finish()  # type: ignore[no-untyped-call]
+    path = tmp_path / "ros.mcap"
+    path.write_bytes(buffer.getvalue())
+    assert filter_bag(path, tmp_path / "copy") == 1
+    with Bag(tmp_path / "copy") as bag:
+        (message,) = bag.recorded()
+    assert message.stream.foreign_schema == b"int64 data"
+    assert message.stream.schema_encoding == "ros2msg"
+    assert message.stream.topic.type == "std_msgs/msg/Int64"
+
+
+def test_schemas_become_types() -> None:
+    assert type_from_schema({}) is Any
+    assert type_from_schema({"type": "object"}) == dict[str, Any]
+    odd = {"type": "object", "properties": {"class": {"type": "integer"}}}
+    assert type_from_schema(odd) == dict[str, Any]
+    with pytest.raises(BagError, match="'null'"):
+        type_from_schema({"type": "null"})
+    assert plain({"a": (np.arange(2.0), b"\1")}) == {"a": [[0.0, 1.0], "AQ=="]}
+
+
+def test_a_payload_that_is_not_its_type_is_named(tmp_path: Path, kit: Any) -> None:
+    raw = kit.frame("/policy/mode", kit.Mode(stamp_ns=0, level=0.5), 1, 0)
+    bag, _ = kit.record(tmp_path / "run", [(0, raw.replace(b"level", b"lever"))])
+    with pytest.raises(BagError, match="/policy/mode epoch 0 sequence 1: not what its schema says"):
+        list(read(bag))
+
+
+def test_a_recorder_keeps_what_is_learnt_on_the_way(tmp_path: Path, kit: Any) -> None:
+    with BagRecorder(BagWriter(tmp_path / "run")) as recorder:
+        recorder.describe(kit.describe(kit.Mode, "/a/mode"))
+        for epoch, sequence in ((0, 1), (1, 1), *((1, s) for s in range(3, 15, 2))):
+            recorder(0, kit.frame("/a/mode", kit.Mode(stamp_ns=0, level=1.0), sequence, 0, epoch=epoch))
+        recorder(0, kit.frame("/a/mode", kit.Mode(stamp_ns=0, level=1.0), 14, -1, epoch=1))
+        recorder.tick(0)
+        recorder.attach("params/1.json", b"{}")
+    text = recorder.close().text()
+    assert "2..2 of epoch 1" in text
+    assert "and 2 more gaps" in text
+    assert "1 stamped before the graph's start" in text
+    assert bag_info(tmp_path / "run").attachments == ["palp/recording.json", "params/1.json"]
+    (first, *_) = read(tmp_path / "run")
+    assert first.value.level == 1.0
+
+
+def test_of_a_folder_with_a_lost_file_the_rest_is_saved_with_its_latched_values(
+    tmp_path: Path, kit: Any
+) -> None:
+    bag, _ = kit.record(tmp_path / "run", kit.run_frames(100), max_duration_ns=20_000_000)
+    (bag / "run_0.mcap").unlink()
+    report = recover(bag, tmp_path / "saved")
+    assert report.message_count == {"/policy/mode": 2, "/torque/block": 80}
+    assert next(iter(read(tmp_path / "saved"))).value.level == 0.5
+    assert report.gaps["/torque/block"] == 0
+
+
+def test_messages_whose_definition_is_gone_are_counted(tmp_path: Path, kit: Any) -> None:
+    bag, _ = kit.record(tmp_path / "run", kit.run_frames(200), chunk_bytes=4096)
+    with Bag(bag) as opened:
+        chunks = opened.files[0].chunks
+    data = bytearray((bag / "run_0.mcap").read_bytes())[: chunks[-1].offset + chunks[-1].length]
+    for place in chunks[:2]:
+        data[place.offset + place.length - 1] ^= 1
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    report = recover(path, tmp_path / "saved")
+    assert report.orphan_count > 100
+    assert "messages of unknown topics" in report.text()
+    assert report.damaged_chunk_count == 2
+
+
+def test_nothing_is_saved_from_nothing(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    assert salvage(empty).chunks == []
+    assert sum(recover(empty, tmp_path / "saved").message_count.values()) == 0
+    with pytest.raises(BagError, match="no such bag"):
+        recover(tmp_path / "nowhere", tmp_path / "b")
+    with pytest.raises(BagError, match="No such file"):
+        salvage(tmp_path / "nowhere.mcap")
+
+
+def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BagError, match="exists already"):
+        to_ros2(bag, tmp_path)
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    with pytest.raises(BagError, match="pip install rosbags"):
+        to_ros2(bag, tmp_path / "ros")
+
+
+def test_a_bag_flushed_by_hand_and_closed_twice_is_whole(tmp_path: Path, kit: Any) -> None:
+    from palp_core.graph.bag.topic import Stream
+
+    writer = BagWriter(tmp_path / "run", custom={"operator": "x"})
+    number = writer.stream(Stream(topic=Topic(name="/a")))
+    writer.write(number, 1, 0, 0, b"\x80")
+    writer.tick(0)
+    writer.flush()
+    writer.close()
+    writer.close()
+    assert len(list(read(tmp_path / "run"))) == 1
+    assert "operator: x" in (tmp_path / "run/metadata.yaml").read_text()

@@ -1,0 +1,271 @@
+"""What a valid launch file becomes: arguments, selections, includes, wires, and its way back to YAML."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import msgspec
+import pytest
+
+from palp_core.graph.description.check import CheckedGraph, GraphProblems, load, resolved_yaml
+from palp_core.graph.description.diagram import draw_png, mermaid
+from palp_core.graph.description.file_reader import read
+from palp_core.graph.description.launch_file import arguments_text, find_workspace
+from palp_core.graph.description.node_class import describe
+from palp_core.graph.messages.qos import Qos
+
+LAUNCH = """
+    graph: rig
+    clock: sim
+    seed: 7
+    args:
+      policy: {default: markov, choices: [fixed, markov], help: stiffness policy}
+      rate_hz: {default: 500.0}
+      live: {default: false}
+    nodes:
+      torque:
+        run: ../nodes/torque.py:TorqueSensor
+        params: {rate_hz: $(var rate_hz)}
+      estimator:
+        run: nodes.estimator:Estimator
+        params: {gain: 1}
+        inputs:
+          torque: {from: torque/torque, deadline_ms: 50, depth: 3}
+          tare: torque/tare
+        restart: {max_restarts: 2, backoff_s: 1}
+      policy:
+        run: {select: $(var policy), fixed: nodes.policy_fixed:Fixed, markov: nodes.policy_markov:Markov}
+        params: {select: $(var policy), fixed: {level: 2}, markov: {order: 3}}
+        inputs:
+          select: $(var policy)
+          fixed: {belief: estimator/belief}
+          markov: {belief: estimator/belief, torque: {from: torque/torque, reliability: best_effort}}
+      record:
+        run: {select: $(var live), true: nodes.record:Record, false: nodes.record:Record}
+        inputs: {truth: torque/truth}
+        on_exit: shutdown
+    report: nodes.policy_markov:report
+"""
+
+
+def test_a_valid_file_becomes_a_whole_graph(workspace: Any) -> None:
+    graph = workspace.load(LAUNCH)
+    assert (graph.graph, graph.clock, graph.seed) == ("rig", "sim", 7)
+    assert graph.args == {"policy": "markov", "rate_hz": 500.0, "live": False}
+    assert graph.workspace == str(workspace.root)
+    assert graph.report == "nodes.policy_markov:report"
+    torque, estimator, policy, record = graph.nodes
+    assert (torque.name, torque.run, torque.moves, torque.seed) == (
+        "torque",
+        "nodes.torque:TorqueSensor",
+        True,
+        7,
+    )
+    assert torque.params == {"device": "sim", "rate_hz": 500.0, "samples": 50}
+    assert torque.requests == {"tare": ["/estimator/tare"]}
+    assert estimator.inputs == {"torque": "/torque/torque", "tare": "/torque/tare"}
+    assert (estimator.restart, estimator.max_restarts, estimator.backoff_s) == ("on_failure", 2, 1.0)
+    assert (policy.run, policy.params) == ("nodes.policy_markov:Markov", {"order": 3})
+    assert record.shutdown_on_exit
+    assert graph.edges == {
+        "/torque/torque": [["estimator", "torque"], ["policy", "torque"]],
+        "/estimator/tare": [["torque", "tare"]],
+        "/torque/tare/estimator/tare": [["estimator", "tare"]],
+        "/estimator/belief": [["policy", "belief"]],
+        "/torque/truth": [["record", "truth"]],
+    }
+    assert set(graph.edges) | {"/policy/command"} == set(graph.topics)
+    belief = graph.topics["/estimator/belief"]
+    assert (belief.node, belief.port, belief.type, len(belief.type_hash)) == (
+        "estimator",
+        "belief",
+        "Belief",
+        16,
+    )
+    assert belief.ros_text == "int64 stamp_ns  # ns\nfloat64 depth_m  # m\n"
+    assert belief.json_schema["title"] == "Belief"
+    wanted = Qos(reliability="best_effort", deadline_ms=50.0, depth=3)
+    assert graph.readings["estimator"]["torque"].qos == wanted
+    assert graph.docs["torque"] == "Stream the probe's torque."
+
+
+def test_an_argument_selects_what_runs_with_its_parameters_and_wires(workspace: Any) -> None:
+    graph = workspace.load(LAUNCH, "policy:=markov", "policy:=fixed", "rate_hz:=250")
+    policy = graph.nodes[2]
+    assert (policy.run, policy.params) == ("nodes.policy_fixed:Fixed", {"level": 2})
+    assert policy.inputs == {"belief": "/estimator/belief"}
+    assert graph.args["rate_hz"] == 250.0
+    assert isinstance(graph.args["rate_hz"], float)
+
+
+def test_a_checked_graph_crosses_a_process_boundary(workspace: Any) -> None:
+    graph = workspace.load(LAUNCH)
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(graph), type=CheckedGraph) == graph
+
+
+def test_the_printed_graph_loads_to_the_same_nodes_and_wires(workspace: Any) -> None:
+    graph = workspace.load(LAUNCH, "policy:=fixed")
+    again = load(workspace.write("launch/printed.yaml", resolved_yaml(graph)), [], describe)
+    assert again == msgspec.structs.replace(graph, args={}, file=str(workspace.root / "launch/printed.yaml"))
+
+
+def test_arguments_are_shown_in_the_words_of_ros_2(workspace: Any) -> None:
+    text = arguments_text(read(workspace.write("launch/graph.yaml", LAUNCH)))
+    assert text.startswith(
+        textwrap.dedent(
+            """\
+            Arguments (pass arguments as '<name>:=<value>'):
+
+                'policy':
+                    stiffness policy. Valid choices are: ['fixed', 'markov']
+                    (default: 'markov')
+
+                'rate_hz':
+                    no description given
+                    (default: 500.0)
+            """
+        )
+    )
+
+
+INNER = """
+    args:
+      source: {help: who publishes the torque}
+      gain: {default: 1.0}
+    nodes:
+      estimator:
+        run: nodes.estimator:Estimator
+        params: {gain: $(var gain)}
+        inputs: {torque: $(var source)/torque, tare: $(var source)/tare}
+"""
+OUTER = """
+    graph: outer
+    clock: wall
+    args: {gain: {default: 2.5}}
+    include: [{file: parts/inner.yaml, args: {source: torque, gain: $(var gain)}}]
+    nodes:
+      torque: {run: nodes.torque:TorqueSensor}
+"""
+
+
+def test_an_included_file_brings_its_nodes(workspace: Any) -> None:
+    workspace.write("launch/parts/inner.yaml", INNER)
+    graph = workspace.load(OUTER, "gain:=3")
+    assert [spec.name for spec in graph.nodes] == ["estimator", "torque"]
+    assert graph.nodes[0].params == {"gain": 3.0}
+    assert graph.nodes[0].inputs["torque"] == "/torque/torque"
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "place", "words"),
+    [
+        (INNER, OUTER.replace("inner", "iner"), "graph.yaml:4:18", ("did you mean 'inner.yaml'?",)),
+        (INNER, OUTER.replace("source:", "sorce:"), "graph.yaml:4:43", ("'sorce'", "mean 'source'?")),
+        (INNER, OUTER.replace("source: torque,", ""), "graph.yaml:4:18", ("source:=value",)),
+        (INNER.replace("gain: $", "gian: $"), OUTER, "inner.yaml:7:14", ("'gian'",)),
+        (
+            INNER.replace("estimator:\n", "torque:\n"),
+            OUTER,
+            "graph.yaml:6:3",
+            ("already defined", "inner.yaml:5:3"),
+        ),
+        (
+            INNER.replace("args:", "include: [{file: ../graph.yaml}]\n    args:"),
+            OUTER,
+            ":1:18",
+            ("each other",),
+        ),
+        (INNER.replace("args:", "args: ["), OUTER, "inner.yaml:3:3", ("not valid YAML", "line 1")),
+        ("- a list\n", OUTER, "inner.yaml:1:1", ("must be a mapping",)),
+        (
+            INNER,
+            OUTER.replace("{source: torque, gain: $(var gain)}", "[$(var gain)]"),
+            ":4:42",
+            ("map each",),
+        ),
+        (INNER.replace("$(var gain)", "1.0"), OUTER, "inner.yaml:3:3", ("never used",)),
+    ],
+)
+def test_a_mistake_about_an_include_is_located(
+    workspace: Any, inner: str, outer: str, place: str, words: tuple[str, ...]
+) -> None:
+    workspace.write("launch/parts/inner.yaml", inner)
+    with pytest.raises(GraphProblems) as caught:
+        workspace.load(outer)
+    assert any(place in str(p) and all(w in str(p) for w in words) for p in caught.value.problems), str(
+        caught.value
+    )
+
+
+def test_only_branches_of_one_argument_that_go_together_are_wired(workspace: Any) -> None:
+    text = """
+        graph: g
+        clock: sim
+        args: {kind: {default: a, choices: [a, b]}}
+        nodes:
+          source: {run: {select: $(var kind), a: nodes.torque:TorqueSensor, b: nodes.policy_markov:Markov},
+                   inputs: {select: $(var kind), a: {}, b: {belief: source/command}}}
+          sink: {run: {select: $(var kind), a: nodes.record:Record, b: nodes.policy_fixed:Fixed},
+                 inputs: {select: $(var kind), a: {truth: source/truth}, b: {belief: source/command}}}
+    """
+    assert workspace.load(text, "kind:=b").nodes[1].inputs == {"belief": "/source/command"}
+    with pytest.raises(GraphProblems, match="no output 'truth'"):
+        workspace.load(
+            text.replace("b: {belief: source/command}}}\n    ", "b: {belief: source/truth}}}\n    ")
+        )
+
+
+def test_the_workspace_is_the_nearest_folder_with_nodes(workspace: Any) -> None:
+    deep = workspace.write("launch/deep/er/graph.yaml", "graph: g")
+    assert find_workspace(deep) == workspace.root
+
+
+def test_mermaid_text_has_every_wire_and_dashes_the_truth(workspace: Any) -> None:
+    text = mermaid(workspace.load(LAUNCH))
+    assert '    torque("<b>torque</b><br/>TorqueSensor")' in text
+    assert '    estimator -->|"belief"| policy' in text
+    assert '    torque -.->|"truth"| record' in text
+    assert '    estimator -->|"tare"| torque' in text
+
+
+def test_a_picture_is_a_png(workspace: Any) -> None:
+    path = workspace.root / "graph.png"
+    draw_png(workspace.load(LAUNCH), path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_file_without_arguments_says_so(workspace: Any) -> None:
+    text = arguments_text(read(workspace.write("launch/graph.yaml", "graph: g\nclock: sim\nnodes: {}\n")))
+    assert text == "Arguments (pass arguments as '<name>:=<value>'):\n\n    No arguments.\n"
+
+
+def test_text_arguments_are_taken_as_typed(workspace: Any) -> None:
+    text = LAUNCH.replace("rate_hz: {default: 500.0}", "subject: {default: none}").replace(
+        "params: {rate_hz: $(var rate_hz)}", "params: {device: $(var subject)}"
+    )
+    for typed in ("007", "true", "a: b"):
+        description = read(workspace.write("launch/graph.yaml", text), [f"subject:={typed}"])
+        assert description.values["subject"] == typed
+
+
+def test_types_of_one_name_that_differ_say_where(workspace: Any) -> None:
+    workspace.write(
+        "nodes/other.py",
+        """
+        from palp_core import Message, Node, Sub, on
+
+        class Belief(Message):
+            stamp_ns: int
+
+        class Other(Node):
+            belief = Sub(Belief)
+
+            @on(belief)
+            def hear(self, message): ...
+        """,
+    )
+    with pytest.raises(GraphProblems, match=r"both are called Belief but differ: 'int64 stamp_ns' here"):
+        workspace.load(
+            LAUNCH.replace("nodes.policy_fixed:Fixed", "nodes.other:Other").replace("{level: 2}", "{}")
+        )

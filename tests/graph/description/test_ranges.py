@@ -1,0 +1,144 @@
+"""Numbers that cannot be, and choices that contradict each other, are said with the launch file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.description.check import GraphProblems, load
+from palp_core.graph.description.node_class import describe
+from palp_core.graph.node.loading import load_class
+from palp_core.graph.node.node import Node, declaration_of
+from palp_core.graph.node.param_description import ParamDescription, describe_params
+
+ROOT = Path(__file__).parents[3]
+LAUNCH = ROOT / "launch"
+PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else is a size, a rate or a count
+
+
+def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
+    """Return the text that each mistake points at, and what it says."""
+    with pytest.raises(GraphProblems) as caught:
+        load(path, arguments, describe)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert {problem.file for problem in caught.value.problems} == {str(path)}
+    return [(lines[p.line - 1][p.column - 1 :], p.message) for p in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("name", "argument", "nodes"),
+    [
+        ("sim", "height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
+        ("sim", "trials:=-3", ["Experiment"]),
+        ("sim", "training:=-1", ["Experiment"]),
+        ("sim", "ring_mm:=99.0", ["Fixed"]),
+        ("sim", "max_probes:=0", ["Estimator"]),
+        ("sim", "stop_value:=-1.0", ["Estimator"]),
+        ("emulated", "height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
+        ("rig", "height_sd_mm:=-1.0", ["Operator", "Information", "Estimator"]),
+        ("rig", "lift_mm:=-5.0", ["Safety", "RigStage"]),
+        ("rig", "stale_ms:=1e9", ["Safety"]),
+        ("rig", "beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
+        ("rig", "link_ms:=-1.0", ["Safety"]),
+        ("rig", "range_n_mm:=0.0", ["Safety", "RigTorque"]),
+    ],
+)
+def test_an_argument_out_of_its_range_is_a_mistake_at_each_parameter_that_takes_it(
+    name: str, argument: str, nodes: list[str]
+) -> None:
+    variable = argument.partition(":=")[0]
+    mistakes = found(LAUNCH / f"{name}.yaml", argument)
+    assert [message.partition("(")[2].partition(")")[0] for _, message in mistakes] == nodes
+    for place, message in mistakes:
+        assert place.partition(":")[2].partition("}")[0].startswith(f" $(var {variable}")
+        assert place.startswith(f"{variable}:")
+        assert "does not fit: Expected" in message
+        assert "give" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place", "words"),
+    [
+        (["lift_mm:=4.4"], "lift_mm: $(var", "enters by 4 mm where it scans; raise it by at least 4.5 mm"),
+        (["lift_mm:=6.0", "scene:=DEEP"], "lift_mm: $(var", "enters by 6 mm where it scans; raise it"),
+        (["range_n_mm:=90.0"], "nodes.safety:Safety", "can never trip; lower it, or state the range"),
+        (["range_n:=9.0"], "nodes.safety:Safety", "stop_force_n = 10 is above the sensor's range of 9"),
+        (["answer_s:=-1.0"], "options:", "stage: stale_s = -1 must lie in [0.001, 600]"),
+        (["answer_s:=-1.0"], "options:", "ring: stale_s = -1 must lie in [0.001, 60]"),
+        (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
+        (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
+        (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
+        (["filter:=latent", "likelihood:=robust"], "likelihood: $(var", "'latent' needs 'normal'"),
+        (["stop:=fixed_number", "stop_value:=20.0"], "stop: $(var", "max_probes is 15"),
+        (["noise:=nowhere.yaml"], "noise: $(var", "cannot read the noise file"),
+        (["chain:=nowhere.yaml"], "chain: $(var", "cannot read the chain"),
+    ],
+)
+def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
+    arguments: list[str], place: str, words: str, tmp_path: Path
+) -> None:
+    deep = tmp_path / "deep.yaml"
+    deep.write_text("path: {indentation_m: 0.006}\n", encoding="utf-8")
+    mistakes = found(LAUNCH / "rig.yaml", *(text.replace("DEEP", str(deep)) for text in arguments))
+    assert any(where.startswith(place) and words in message for where, message in mistakes), mistakes
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("rate_hz: 1000.0", "rate_hz: -5", "parameter 'rate_hz' does not fit: Expected `float` >= 0.001"),
+        ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
+        ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
+        ("uniform: {}", "uniform: {rings_mm: [4.0, -8.0]}", "Expected `float` >= 0.0 - at `$[1]`"),
+        ("stop_url:", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never trip"),
+        ("stop_url:", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
+        ("stop_url:", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
+        ("device: ati", "device: ait", "no torque device 'ait'; known: ati, netft, sim"),
+        ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
+        ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
+        (
+            'url: "socket',
+            'lift_m: 0.003, url: "socket',
+            "raised by 3 mm the probe is dragged through the gel",
+        ),
+        ("level: 5", "level: 0", "Expected `int` >= 1"),
+        ("wavelet: db10", "wavelet: db1000", "db1000"),
+    ],
+)
+def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
+    old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    for folder in ("nodes", "msgs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    path = tmp_path / "launch" / "rig.yaml"
+    path.parent.mkdir()
+    text = (LAUNCH / "rig.yaml").read_text(encoding="utf-8")
+    assert old in text
+    changed = f"{new}\n      {old}" if old == "stop_url:" else new
+    path.write_text(text.replace(old, changed, 1), encoding="utf-8")
+    ((place, message),) = found(path)
+    assert words in message
+    assert place.startswith((new.partition(":")[0], "options:", "rings_mm:"))
+
+
+def numbers() -> Iterator[tuple[str, ParamDescription]]:
+    """Return every parameter of a node that is a number."""
+    for path in sorted((ROOT / "nodes").glob("*.py")):
+        module = __import__(f"nodes.{path.stem}", fromlist=["*"])
+        for name, cls in vars(module).items():
+            if isinstance(cls, type) and issubclass(cls, Node) and cls.__module__ == module.__name__:
+                loaded = load_class(f"{cls.__module__}:{name}", str(ROOT))
+                for param in describe_params(declaration_of(loaded).params).values():
+                    if param.type in ("int", "float"):
+                        yield f"{name}.{param.name}", param
+
+
+def test_every_number_that_a_node_takes_has_bounds_and_only_a_place_may_be_negative() -> None:
+    known = dict(numbers())
+    assert len(known) > 80
+    assert [name for name, param in known.items() if param.minimum is None] == []
+    assert [name for name, p in known.items() if p.maximum is None and p.type == "float"] == []
+    signed = {param.name for param in known.values() if param.minimum is not None and param.minimum < 0}
+    assert signed == PLACES

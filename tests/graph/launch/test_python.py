@@ -1,0 +1,44 @@
+"""A graph from Python, as in a notebook."""
+
+from __future__ import annotations
+
+import pytest
+
+from palp_core.errors import GraphError, NodeError
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.frame import parse
+from tests.support.palp import CHAIN
+
+
+def test_a_graph_runs_from_python_and_says_how_it_went() -> None:
+    seen: list[tuple[int, str]] = []
+    with Graph(
+        CHAIN, clock="sim", count=20, observe=lambda now_ns, raw: seen.append((now_ns, parse(raw).topic))
+    ) as graph:
+        summary = graph.run()
+    assert summary.exit_code == 0
+    assert summary.clock_s == 0.2
+    assert summary.args["count"] == 20
+    assert summary.params["relay"] == {"gain": 2.0, "fail_at": -1}
+    assert sum(topic == "/relay/amplified" for _, topic in seen) == 20
+    assert [now_ns for now_ns, _ in seen] == sorted(now_ns for now_ns, _ in seen)
+
+
+def test_a_graph_stops_at_a_time_on_its_clock() -> None:
+    with Graph(CHAIN, clock="sim", count=1000) as graph:
+        summary = graph.run(until_s=0.5)
+    assert summary.clock_s == 0.5
+
+
+def test_a_failing_node_is_an_exception_that_names_it() -> None:
+    with (
+        pytest.raises(NodeError, match="block 3 is the one to fail at") as failure,
+        Graph(CHAIN, clock="sim", fail_at=3) as graph,
+    ):
+        graph.run()
+    assert failure.value.node == "relay"
+
+
+def test_mistakes_are_raised_before_anything_starts() -> None:
+    with pytest.raises(GraphError, match=r"chain\.yaml"), Graph(CHAIN, count="many"):
+        pass

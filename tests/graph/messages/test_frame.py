@@ -1,0 +1,100 @@
+"""Frames: what comes out is what went in, and garbage is refused in one way only."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import SchemaMismatch
+from palp_core.graph.messages.frame import HEADER_BYTES, Kind, pack, parse, sequence_of, topic_of
+
+topics = st.from_regex(r"/[a-z_]{1,12}/[a-z_]{1,12}", fullmatch=True)
+u64 = st.integers(0, 2**64 - 1)
+frames = st.builds(
+    pack,
+    topics.map(str.encode),
+    st.sampled_from(Kind),
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 2**64 - 1),
+    st.integers(-(2**63), 2**63 - 1),
+    u64,
+    st.binary(max_size=40),
+)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    topics,
+    st.sampled_from(Kind),
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 2**64 - 1),
+    st.integers(-(2**63), 2**63 - 1),
+    u64,
+    st.binary(max_size=40),
+)
+def test_a_parsed_frame_is_what_was_packed(
+    topic: str, kind: Kind, epoch: int, sequence: int, stamp_ns: int, type_hash: int, payload: bytes
+) -> None:
+    data = pack(topic.encode(), kind, epoch, sequence, stamp_ns, type_hash, payload)
+    assert tuple(parse(data)) == (topic, kind, epoch, sequence, stamp_ns, type_hash, payload, ())
+    assert topic_of(data) == topic.encode()
+    assert sequence_of(data, len(topic)) == sequence
+    assert len(data) == len(topic) + 1 + HEADER_BYTES + len(payload)
+
+
+def test_the_header_is_32_little_endian_bytes_after_topic_and_nul() -> None:
+    data = pack(b"/a/b", Kind.DATA, 2, 3, 4, 5, b"payload")
+    header = bytes([1, 0, 0, 0, 2, 0, 0, 0, 3, *[0] * 7, 4, *[0] * 7, 5, *[0] * 7])
+    assert data == b"/a/b\0" + header + b"payload"
+
+
+@settings(deadline=None, max_examples=200)
+@given(frames, st.integers(0, 60))
+def test_a_truncated_header_raises_schema_mismatch(frame: bytes, cut: int) -> None:
+    needed = frame.index(0) + 1 + HEADER_BYTES
+    with pytest.raises(SchemaMismatch):
+        parse(frame[: min(cut, needed - 1)])
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.binary(max_size=80))
+def test_random_bytes_raise_schema_mismatch_or_parse(data: bytes) -> None:
+    try:
+        parse(data)
+    except SchemaMismatch:
+        return
+    assert data[data.index(0) + 1] == 1
+
+
+@settings(deadline=None, max_examples=200)
+@given(frames, st.data())
+def test_flipped_bytes_raise_schema_mismatch_or_parse(frame: bytes, data: st.DataObject) -> None:
+    damaged = bytearray(frame)
+    damaged[data.draw(st.integers(0, len(frame) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        parse(bytes(damaged))
+    except SchemaMismatch:
+        return
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda f: b"", "no topic"),
+        (lambda f: f[4:], "no topic"),
+        (lambda f: b"x" * 256 + f, "no topic"),
+        (lambda f: f[:5] + b"\x02" + f[6:], "version 2"),
+        (lambda f: f[:6] + b"\x07" + f[7:], "kind 7"),
+        (lambda f: b"/\xff/b" + f[4:], "UTF-8"),
+        (lambda f: f[:20], "too few"),
+        (lambda f: f[:13] + bytes(8) + f[21:], "without a sequence"),
+    ],
+)
+def test_the_refusal_says_what_is_wrong(damage, words) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(SchemaMismatch, match=words):
+        parse(damage(pack(b"/a/b", Kind.DATA, 0, 1, 0, 0)))
+
+
+def test_a_heartbeat_before_the_first_message_states_sequence_0() -> None:
+    assert parse(pack(b"/a/b", Kind.HEARTBEAT, 0, 0, 0, 0)).sequence == 0

@@ -1,0 +1,236 @@
+"""Malformed frames and requests of every kind: counted, said at a bounded rate, and nothing else happens."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import msgspec
+import numpy as np
+import pytest
+import zmq
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from palp_core import Message, Node, Pub, Srv, Sub, on, serve
+from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import HEADER_BYTES, Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.lifecycle import Lifecycle, Transition
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.node_services import NodeCommands
+from palp_core.graph.transport.receiver import Intake
+from palp_core.graph.transport.request_server import RequestDesk
+from palp_core.units import Float64Array, Metres
+
+
+class Inner(Message):
+    depth_m: Metres
+
+
+class Word(Message):
+    n: int
+    text: str
+    values: Float64Array
+    inner: Inner
+
+
+class Reader(Node):
+    word = Sub(Word)
+    passed = Pub(Inner)
+    ask = Srv(Inner, Inner)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        assert type(word.n) is int
+        assert type(word.text) is str
+        assert word.values.ndim == 1
+        assert 0.0 <= word.inner.depth_m < 1e9
+
+    @serve(ask)
+    def answer(self, inner: Inner) -> Inner:
+        return inner
+
+
+class Target:
+    """A reader's intake, which the test feeds by hand."""
+
+    def __init__(self, folder: Path) -> None:
+        self.context: zmq.Context[Any] = zmq.Context()
+        spec = NodeSpec(name="r", run="m:R", inputs={"word": "/p/word"})
+        self.clock = SimClock()
+        self.executor = Executor(Reader, spec, self.clock, lambda _: None)
+        publishers = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
+        self.intake = Intake(self.executor, publishers, self.context, None)
+        self.executor.transition(Transition.CONFIGURE)
+        self.executor.transition(Transition.ACTIVATE)
+        self.intake.begin(0)
+        self.desk = RequestDesk()
+        self.desk.add("r", NodeCommands(self.executor).operations(), ())
+
+    def feed(self, raw: bytes) -> None:
+        self.intake._arrive(raw, 1)
+        while self.executor.inbox:
+            self.intake.hand_over_next()
+
+    def close(self) -> None:
+        self.intake.close()
+        self.context.destroy(linger=0)
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Iterator[Target]:
+    made = Target(tmp_path)
+    yield made
+    made.close()
+
+
+GOOD = encode(Word(n=1, text="x", values=np.array([0.5]), inner=Inner(depth_m=0.1)))
+HASH = schema_of(Word).type_hash
+scalars = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.binary() | st.text()
+trees = st.recursive(
+    scalars,
+    lambda inner: st.lists(inner) | st.dictionaries(st.text() | st.integers(0, 9), inner),
+    max_leaves=20,
+)
+
+
+def packed(tree: Any) -> bytes:
+    return bytes(msgpack.packb(tree, unicode_errors="surrogatepass"))
+
+
+maps = st.dictionaries(st.sampled_from(["op", "node", "id", "request", "first"]), trees).map(packed)
+nested = st.integers(1, 3000).map(lambda depth: b"\x91" * depth + b"\xc0")
+payloads = st.one_of(
+    st.binary(max_size=200),
+    trees.map(packed),
+    nested,
+    st.just(GOOD),
+    st.tuples(st.integers(0, len(GOOD)), st.binary(max_size=8)).map(lambda cut: GOOD[: cut[0]] + cut[1]),
+    st.just(b"\xc6\xff\xff\xff\xff" + b"\0" * 64),  # claims to hold 4 GiB
+    st.just(b"\xdf\xff\xff\xff\xff"),
+)
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> bytes:
+    """Whole frames with wrong parts, parts of frames, and bytes that are none."""
+    shape = draw(st.sampled_from(["random", "header", "truncated", "whole"]))
+    if shape == "random":
+        return draw(st.binary(max_size=300))
+    topic = draw(st.sampled_from([b"/p/word", b"/p/wor", b"", b"\xff\xfe", b"/" * 400, b"/q/other"]))
+    kind, version = draw(st.integers(0, 255)), draw(st.sampled_from([1, 1, 1, 0, 2, 255]))
+    numbers = struct.pack(
+        "<BBHIQqQ",
+        version,
+        draw(st.sampled_from([Kind.DATA, Kind.DATA, Kind.HEARTBEAT, Kind.MOVED, Kind.IDLE, kind])),
+        draw(st.sampled_from([0, 0, 1, 65535])),
+        draw(st.sampled_from([0, 0, 1, 2**32 - 1])),
+        draw(st.one_of(st.integers(0, 50), st.just(2**64 - 1))),
+        draw(st.integers(-(2**63), 2**63 - 1)),
+        draw(st.sampled_from([HASH, HASH, 0, 2**64 - 1])),
+    )
+    assert len(numbers) == HEADER_BYTES
+    whole = topic + b"\0" + numbers + draw(payloads)
+    length: int = draw(st.integers(0, len(whole))) if shape == "truncated" else len(whole)
+    cut: bytes = whole[:length]
+    return cut
+
+
+def survives(target: Target, raw: bytes) -> None:
+    before = target.executor.events.rejected_count + target.executor.counters["/p/word"].received
+    target.feed(raw)
+    assert target.executor.lifecycle is Lifecycle.ACTIVE
+    after = target.executor.events.rejected_count + target.executor.counters["/p/word"].received
+    assert after >= before  # one that fills a gap sets free what was held behind it
+
+
+def answers(target: Target, raw: bytes) -> None:
+    reply = target.desk.take([b"stranger"], raw)
+    assert reply is not None
+    assert isinstance(msgpack.unpackb(reply, strict_map_key=False), dict)
+
+
+@settings(deadline=None, max_examples=1000, suppress_health_check=list(HealthCheck))
+@given(raw=frames())
+@example(raw=pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH))
+def test_a_malformed_frame_harms_nothing(target: Target, raw: bytes) -> None:
+    survives(target, raw)
+
+
+@settings(deadline=None, max_examples=1000, suppress_health_check=list(HealthCheck))
+@given(raw=payloads | maps)
+def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw: bytes) -> None:
+    answers(target, raw)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=100_000, suppress_health_check=list(HealthCheck))
+@given(raw=frames(), request_raw=payloads)
+def test_a_hundred_thousand_malformed_frames_and_requests_harm_nothing(
+    target: Target, raw: bytes, request_raw: bytes
+) -> None:
+    survives(target, raw)
+    answers(target, request_raw)
+
+
+ARGUMENTS = [
+    "topic",
+    "first",
+    "last",
+    "parameters",
+    "service",
+    "request",
+    "transition",
+    "port",
+    "message",
+    "id",
+]
+OPERATIONS = ["info", "history", "schemas", "set_parameters", "call", "transition", "publish"]
+
+
+@pytest.mark.parametrize("operation", OPERATIONS)
+@settings(deadline=None, max_examples=25, suppress_health_check=list(HealthCheck))
+@given(more=st.dictionaries(st.sampled_from(ARGUMENTS), trees))
+def test_no_operation_trusts_its_arguments(target: Target, operation: str, more: dict[str, Any]) -> None:
+    answers(target, packed({"op": operation, **more}))
+
+
+def test_a_flood_of_rubbish_is_counted_and_said_a_few_times(
+    target: Target, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        for number in range(10_000):
+            target.feed(b"rubbish %d" % number)
+    assert target.executor.events.rejected_count == 10_000
+    assert len(caplog.records) == 14  # the 1st, 2nd, 4th ... 8192nd
+
+
+def test_good_messages_pass_between_bad_ones_and_each_is_accounted_for(target: Target) -> None:
+    for n in range(1, 101):
+        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH ^ (n % 2), GOOD[: n % len(GOOD)]))
+        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH, GOOD)[: n % HEADER_BYTES])
+        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH, GOOD))
+    target.feed(pack(b"/p/word", Kind.DATA, 0, 101, 0, HASH, GOOD[:-1]))
+    target.feed(pack(b"/p/word", Kind.DATA, 0, 102, 0, HASH, GOOD))
+    counter = target.executor.counters["/p/word"]
+    assert (counter.received, counter.lost, counter.repeated) == (101, 1, 0)
+    assert target.executor.events.rejected_count == 201
+
+
+def test_a_message_of_another_type_or_of_a_later_wire_version_is_named(
+    target: Target, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        target.feed(pack(b"/p/word", Kind.DATA, 0, 1, 0, 7, msgspec.msgpack.encode({})))
+        later = bytearray(pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH, GOOD))
+        later[len(b"/p/word") + 1] = 9
+        target.feed(bytes(later))
+    assert "carries another type than Word" in caplog.text
+    assert "wire version 9; this end speaks 1" in caplog.text

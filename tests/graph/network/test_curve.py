@@ -1,0 +1,247 @@
+"""A listener behind CURVE and those who call it: each side knows why it does not come about."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+from palp_core.errors import GraphError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.network.curve_caller import Caller
+from palp_core.graph.network.curve_listener import Listener, Received, Sent, _peer_of
+from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.keys import KeyFolder, OwnKeys
+
+PATIENCE_NS = 60_000_000_000
+
+
+class Ends:
+    """A listener, its callers, and what they were told; all in one loop, with a context for each."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.reactors: list[Reactor] = []
+        self.messages: list[Received] = []
+        self.refused: list[tuple[str, str, str]] = []
+        self.failures: list[str] = []
+        self.replies: list[list[bytes]] = []
+        self.greetings = 0
+        self.hung_up = 0
+        self.allowed: set[str] = set()
+        self.endpoint = ""
+
+    def keys(self, name: str) -> OwnKeys:
+        return KeyFolder(self.folder / name).generate(name)
+
+    def listen(self, own: OwnKeys | None, endpoint: str = "tcp://127.0.0.1:0") -> Listener:
+        listener = Listener(
+            self._reactor(),
+            endpoint,
+            own,
+            admits=lambda key: key in self.allowed,
+            receive=self.messages.append,
+            refused=lambda *who: self.refused.append(who),
+            hung_up=self._count_end,
+        )
+        self.endpoint = listener.endpoint
+        return listener
+
+    def call(self, own: OwnKeys | None, server_key: str = "") -> Caller:
+        return Caller(
+            self._reactor(),
+            self.endpoint,
+            own,
+            server_key,
+            receive=self.replies.append,
+            greeted=self._count_greeting,
+            failed=self.failures.append,
+        )
+
+    def _reactor(self) -> Reactor:
+        self.reactors.append(Reactor())
+        return self.reactors[-1]
+
+    def _count_greeting(self) -> None:
+        self.greetings += 1
+
+    def _count_end(self) -> None:
+        self.hung_up += 1
+
+    def until(self, so: Callable[[], object]) -> None:
+        end_ns = monotonic_ns() + PATIENCE_NS
+        while not so():
+            assert monotonic_ns() < end_ns, (self.refused, self.failures)
+            for reactor in self.reactors:
+                reactor.turn(0.005)
+
+    def close(self) -> None:
+        for reactor in self.reactors:
+            reactor.close()
+
+
+@pytest.fixture
+def ends(tmp_path: Path) -> Iterator[Ends]:
+    made = Ends(tmp_path)
+    yield made
+    made.close()
+
+
+def test_an_allowed_key_is_let_in_and_known_by_each_message(ends: Ends) -> None:
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.allowed.add(mine.public)
+    listener = ends.listen(server)
+    caller = ends.call(mine, server.public)
+    ends.until(lambda: ends.greetings)
+    assert caller.send([b"a", b"b" * 100_000]) is Sent.QUEUED
+    ends.until(lambda: ends.messages)
+    (message,) = ends.messages
+    assert (message.key, message.address, message.parts) == (mine.public, "127.0.0.1", [b"a", b"b" * 100_000])
+    assert listener.send(message.connection, [b"c"]) is Sent.QUEUED
+    ends.until(lambda: ends.replies)
+    assert ends.replies == [[b"c"]]
+    assert not ends.refused
+    assert not ends.failures
+
+
+def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.allowed.add(mine.public)
+    listener = ends.listen(server)
+    caller = ends.call(mine, server.public)
+    ends.until(lambda: ends.greetings)
+    caller.send([b"a"])
+    ends.until(lambda: ends.messages)
+    ends.reactors.pop().close()
+    ends.until(lambda: ends.hung_up)
+    assert listener.send(ends.messages[0].connection, [b"c"]) is Sent.GONE
+    ends.call(mine, server.public)
+    ends.until(lambda: ends.greetings == 2)
+    ends.reactors.pop(0).close()
+    ends.until(lambda: ends.failures)
+    assert "has ended" in ends.failures[0]
+
+
+def test_a_key_that_is_not_allowed_is_named_on_both_sides(ends: Ends) -> None:
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.listen(server)
+    ends.call(mine, server.public)
+    ends.until(lambda: ends.refused and ends.failures)
+    assert ends.refused[0][:2] == ("127.0.0.1", mine.public)
+    assert f"palp keys allow '{mine.public}'" in ends.failures[0]
+    assert not ends.greetings
+
+
+def test_a_wrong_server_key_is_told_apart(ends: Ends) -> None:
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.allowed.add(mine.public)
+    ends.listen(server)
+    ends.call(mine, mine.public)
+    ends.until(lambda: ends.refused and ends.failures)
+    assert "wrong server key" in ends.refused[0][2]
+    assert "--server-key is not its public key" in ends.failures[0]
+
+
+def test_a_caller_without_a_key_is_refused(ends: Ends) -> None:
+    ends.listen(ends.keys("server"))
+    ends.call(None)
+    ends.until(lambda: ends.refused and ends.failures)
+    assert "no key" in ends.refused[0][2]
+    assert "palp keys generate" in ends.failures[0]
+
+
+def test_who_wants_a_key_where_there_is_none_is_refused(ends: Ends) -> None:
+    ends.listen(None)
+    ends.call(ends.keys("mine"), ends.keys("server").public)
+    ends.until(lambda: ends.refused and ends.failures)
+    assert "leave out --server-key" in ends.failures[0]
+
+
+def test_without_keys_anybody_on_loopback_is_let_in(ends: Ends) -> None:
+    ends.listen(None)
+    caller = ends.call(None)
+    ends.until(lambda: ends.greetings)
+    caller.send([b"a"])
+    ends.until(lambda: ends.messages)
+    assert ends.messages[0].key == ""
+
+
+def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
+    ends.listen(ends.keys("server"))
+    port = int(ends.endpoint.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)) as stranger:
+        stranger.sendall(b"GET / HTTP/1.0\r\n\r\n" + bytes(100))
+        ends.until(lambda: ends.refused)
+    with socket.create_connection(("127.0.0.1", port)):
+        pass
+    ends.until(lambda: len(ends.refused) == 2)
+    assert not ends.messages
+
+
+def test_a_message_too_large_ends_its_connection_only(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palp_core.graph.network.curve_listener.LARGEST_BYTES", 10_000)
+    ends.listen(None)
+    caller, other = ends.call(None), ends.call(None)
+    ends.until(lambda: ends.greetings == 2)
+    caller.send([bytes(20_000)])
+    ends.until(lambda: ends.failures)
+    other.send([b"a"])
+    ends.until(lambda: ends.messages)
+    assert [message.parts for message in ends.messages] == [[b"a"]]
+
+
+def test_a_call_that_somebody_takes_is_told_from_one_that_nobody_takes(ends: Ends) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
+        caller = ends.call(None)
+        ends.until(lambda: caller.accepted)
+        mute.accept()[0].close()
+    ends.until(lambda: not caller.accepted and caller.attempt_count)
+
+
+def test_a_caller_of_nobody_says_how_often_it_has_tried(ends: Ends) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        ends.endpoint = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+    caller = ends.call(None)
+    assert caller.send([b"a"]) is Sent.GONE
+    ends.until(lambda: caller.attempt_count)
+    assert not caller.accepted
+    assert not ends.failures
+
+
+def test_an_address_that_is_taken_or_nonsense_is_an_error(ends: Ends) -> None:
+    ends.listen(None)
+    with pytest.raises(GraphError, match="in use"):
+        ends.listen(None, ends.endpoint)
+    ends.endpoint = "tcp://nonsense"
+    with pytest.raises(GraphError, match="write tcp://HOST:PORT"):
+        ends.call(None)
+
+
+def test_sockets_that_were_closed_leave_the_loop(ends: Ends) -> None:
+    reactor = Reactor()
+    ends.reactors.append(reactor)
+    pair = reactor.socket(zmq.PAIR)
+    pair.bind("inproc://x")
+    other = reactor.socket(zmq.PAIR)
+    other.connect("inproc://x")
+    seen: list[bytes] = []
+    reactor.watch(pair, lambda: seen.append(pair.recv()))
+    other.send(b"a")
+    reactor.turn(10.0)
+    reactor.forget(pair)
+    reactor.turn(0.0)
+    assert seen == [b"a"]
+
+
+def test_a_descriptor_that_is_another_files_by_now_has_no_address() -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    one, other = socket.socketpair()
+    with one, other, Path(__file__).open() as file:
+        assert [_peer_of(descriptor) for descriptor in (one.fileno(), file.fileno(), 9_999)] == ["", "", ""]
+    assert (
+        len(list(Path("/proc/self/fd").iterdir())) <= before
+    )  # what others have left may be closed meanwhile

@@ -1,0 +1,117 @@
+"""A node on another host: here a network namespace of its own, behind a cable that can be pulled."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+from tests.support.hosts import Host, joining, trusting
+from tests.support.palp import finished
+
+
+def ip(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+
+
+class Cable:
+    """Two namespaces and a cable between them."""
+
+    home_address, away_address = "10.213.7.1", "10.213.7.2"
+
+    def __init__(self) -> None:
+        self.home, self.away = f"palp-home-{os.getpid()}", f"palp-away-{os.getpid()}"
+
+    def lay(self) -> str:
+        """Return why it cannot be laid; "" if it lies."""
+        ends = (f"ph{os.getpid()}", f"pa{os.getpid()}")
+        places = tuple(zip((self.home, self.away), ends, (self.home_address, self.away_address), strict=True))
+        steps: list[tuple[str, ...]] = [("netns", "add", self.home), ("netns", "add", self.away)]
+        steps.append(("link", "add", ends[0], "type", "veth", "peer", "name", ends[1]))
+        for place, end, address in places:
+            steps.append(("link", "set", end, "netns", place))
+            steps.append(("-n", place, "address", "add", f"{address}/24", "dev", end))
+            steps.append(("-n", place, "link", "set", end, "up"))
+            steps.append(("-n", place, "link", "set", "lo", "up"))
+        for step in steps:
+            done = ip(*step)
+            if done.returncode:
+                return f"ip {' '.join(step)}: {done.stderr.strip()}"
+        return ""
+
+    def pull(self) -> None:
+        assert ip("-n", self.away, "link", "set", f"pa{os.getpid()}", "down").returncode == 0
+
+    def remove(self) -> None:
+        for place in (self.home, self.away):
+            ip("netns", "delete", place)
+
+
+@pytest.fixture
+def cable() -> Iterator[Cable]:
+    if shutil.which("ip") is None:
+        pytest.skip("no command ip here")
+    laid = Cable()
+    try:
+        if reason := laid.lay():
+            pytest.skip(f"no network namespaces here: {reason}")
+        yield laid
+    finally:
+        laid.remove()
+
+
+@pytest.fixture
+def home(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
+    host = Host(tmp_path_factory.mktemp("r"))
+    host.prefix = ["ip", "netns", "exec", cable.home]
+    yield host
+    host.close()
+
+
+@pytest.fixture
+def away(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
+    host = Host(tmp_path_factory.mktemp("r"))
+    host.prefix = ["ip", "netns", "exec", cable.away]
+    yield host
+    host.close()
+
+
+def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
+    cable: Cable, home: Host, away: Host
+) -> None:
+    trusting(home, away)
+    graph, book = home.launch(listen=f"tcp://{cable.home_address}:0"), away.book()
+    wires = ("-r", "tick:=/ticker/tick", "-p", f"notes:={book.path}")
+    guest = away.start(*joining(home, graph, "nodes.toys:Keeper", "--name", "guest", *wires))
+    ticks = [int(book.until("tick")[1]) for _ in range(50)]
+    assert ticks == list(range(ticks[0], ticks[0] + 50))
+    (entry,) = graph.ask("gateway", op="guests")["guests"]
+    assert entry["address"] == cable.away_address
+    assert entry["key"] == "away"
+    cable.pull()
+    status, said = finished(guest)
+    assert status == 1
+    assert "not heard any more" in said
+    book.until("safe")
+    assert "not been heard for 3 s" in graph.said("/guest has left")
+    assert graph.ask("ticker", op="info")["lifecycle"] == "active"
+
+
+def test_a_stranger_on_the_network_is_refused_with_its_address(cable: Cable, home: Host, away: Host) -> None:
+    home.keys.generate("home")
+    stranger = away.keys.generate("away").public
+    graph = home.launch(listen="tcp://0.0.0.0:0")
+    port = graph.address.rpartition(":")[2]
+    address = f"tcp://{cable.home_address}:{port}"
+    key = home.keys.path / "home.public"
+    done = away.run("run", "nodes.toys:Ticker", "--join", address, "--server-key", key)
+    assert done.returncode == 2
+    assert "its public key is not allowed there" in done.stderr
+    (entry,) = graph.ask("gateway", op="refusals")["refusals"]
+    assert (entry["address"], entry["key"]) == (cable.away_address, stranger)
+    unsaid = away.run("run", "nodes.toys:Ticker", "--join", address)
+    assert unsaid.returncode == 2
+    assert "give its public key with --server-key" in unsaid.stderr

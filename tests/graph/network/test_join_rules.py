@@ -1,0 +1,220 @@
+"""The arithmetic and the rules of joining, without any process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import SchemaMismatch, SecurityError
+from palp_core.graph.description.checked import TopicInfo
+from palp_core.graph.messages.builtin import NodeHealth
+from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.network.admission import objections
+from palp_core.graph.network.clock_offset import OffsetEstimate
+from palp_core.graph.network.curve_listener import Received, Sent
+from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.gateway_messages import Begin, GuestDoes, GuestIn
+from palp_core.graph.network.join_protocol import (
+    WINDOW_BYTES,
+    Beat,
+    GraphView,
+    Health,
+    Input,
+    Join,
+    JoinRequest,
+    NodeView,
+    decode_word,
+    encode_word,
+)
+from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.network.listen_address import host_and_port, plan
+from palp_core.graph.network.peer import Peer
+from palp_core.graph.network.remote_nodes import Guests
+
+NS = st.integers(0, 10**9)
+
+
+@settings(deadline=None)
+@given(st.integers(-(10**15), 10**15), st.lists(st.tuples(NS, NS, NS), min_size=1, max_size=40))
+def test_the_clocks_offset_is_within_its_uncertainty_whatever_the_ways_take(
+    offset_ns: int, ways: list[tuple[int, int, int]]
+) -> None:
+    estimate = OffsetEstimate()
+    for at_ns, there_ns, back_ns in ways:
+        estimate.add(at_ns, at_ns + there_ns + offset_ns, at_ns + there_ns + back_ns)
+    best = estimate.best()
+    assert abs(best.offset_ns - offset_ns) <= best.uncertainty_ns + 1
+    shortest_ns = min(there_ns + back_ns for _, there_ns, back_ns in ways[-32:])
+    assert best.uncertainty_ns == (shortest_ns + 1) // 2
+
+
+def info(node: str, port: str, type_hash: str = "0" * 16, qos: Qos | None = None) -> TopicInfo:
+    return TopicInfo(
+        node=node,
+        port=port,
+        type="Sample",
+        type_hash=type_hash,
+        ros_text="",
+        json_schema={},
+        qos=qos or Qos(),
+    )
+
+
+VIEW = GraphView(
+    graph="rig",
+    clock="wall",
+    nodes=[NodeView("torque", "x:Y")],
+    topics={
+        "/torque/block": info("torque", "block"),
+        "/torque/truth": info("torque", "truth"),
+        "/torque/lossy": info("torque", "lossy", qos=Qos(reliability="best_effort")),
+    },
+)
+
+
+def asks(topic: str, *, reads_truth: bool = False, type_hash: str = "0" * 16) -> list[str]:
+    wanted = Input(topic=topic, type="Sample", type_hash=type_hash)
+    request = JoinRequest(
+        name="viewer", run="a:B", host="h", pid=1, inputs={"sample": wanted}, reads_truth=reads_truth
+    )
+    return objections(request, VIEW, {"torque"})
+
+
+def test_what_fits_is_let_in() -> None:
+    assert asks("/torque/block") == []
+    assert asks("/torque/truth", reads_truth=True) == []
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        ("/torque/blokc", "did you mean '/torque/block'"),
+        ("/torque/lossy", "the publisher offers best_effort"),
+        ("/torque/truth", "simulates or records"),
+    ],
+)
+def test_the_launch_files_rules_hold_for_who_comes_later(topic: str, words: str) -> None:
+    (found,) = asks(topic)
+    assert words in found
+
+
+def test_two_versions_of_a_type_are_told_apart() -> None:
+    (found,) = asks("/torque/block", type_hash="1" * 16)
+    assert "update the older host" in found
+
+
+@pytest.mark.parametrize("name", ["torque", "graph", "gateway", "composition", "../x", "", "1x", "x" * 33])
+def test_a_name_that_is_taken_reserved_or_no_name_is_refused(name: str) -> None:
+    request = JoinRequest(name=name, run="a:B", host="h", pid=1)
+    assert objections(request, VIEW, {"torque"})
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.binary(max_size=200), min_size=1, max_size=3))
+def test_no_bytes_do_harm_to_who_reads_a_word(parts: list[bytes]) -> None:
+    try:
+        decode_word(parts)
+    except SchemaMismatch:
+        return
+    assert isinstance(msgspec.msgpack.decode(parts[0]), dict)
+
+
+def test_deep_nesting_is_refused() -> None:
+    with pytest.raises(SchemaMismatch):
+        decode_word([b"\x81\xa1x" * 100_000])
+
+
+def test_a_word_survives_the_way() -> None:
+    word = Beat(received_bytes=7)
+    assert decode_word(encode_word(word)) == word
+
+
+def test_no_more_than_a_window_is_under_way_to_a_slow_host() -> None:
+    sent: list[int] = []
+
+    def transmit(parts: list[bytes]) -> Sent:
+        sent.append(sum(map(len, parts)))
+        return Sent.QUEUED
+
+    peer = Peer(transmit)
+    frame = [b"/a/b\0", bytes(1 << 20)]
+    for _ in range(100):
+        peer.forward(frame)
+    assert sum(sent) <= WINDOW_BYTES + 2 * sum(map(len, frame))
+    assert peer.dropped_count == 100 - len(sent) > 0
+    peer.on_beat(Beat(received_bytes=sum(sent)))
+    before = len(sent)
+    peer.forward(frame)
+    assert len(sent) == before + 1
+    peer.on_beat(Beat(received_bytes=1 << 62))  # more than was ever sent
+    for _ in range(100):
+        peer.forward(frame)
+    assert sum(sent[before + 1 :]) <= WINDOW_BYTES + 2 * sum(map(len, frame))
+
+
+def health(node: str) -> bytes:
+    does = NodeHealth(
+        node=node, pid=77, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=1, overrun_count=0,
+        missed_deadline_count=0, rejected_count=0, unread_count=0, gc_pause_count=0, gc_pause_max_s=0.0,
+        edges=[],
+    )  # fmt: skip
+    return encode(does)
+
+
+def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
+    told: list[object] = []
+    reactor = Reactor()
+    guests = Guests(
+        reactor,
+        Begin(str(tmp_path), "tcp://127.0.0.1:0", False, {}),
+        KeyFolder(tmp_path / "keys"),
+        told.append,
+        lambda *_: None,
+    )
+    guests.open(VIEW)
+    words = [
+        Health(health=health("torque")),  # of nobody who has joined
+        Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
+        Health(health=b"no health"),
+        Health(health=bytes(1 << 20)),
+        *[Health(health=health("torque")) for _ in range(1000)],
+    ]
+    for word in words:
+        guests._on_message(Received(b"connection", "", "127.0.0.1", encode_word(word)))
+    assert isinstance(told.pop(0), GuestIn)
+    said = told[0]
+    assert isinstance(said, GuestDoes)
+    does = decode(NodeHealth, said.health)
+    assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
+    assert len(told) < 1000
+    reactor.close()
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:5", "tcp://:5", "tcp://h", "tcp://h:99999", "udp://h:5", "tcp://h:x"]
+)
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(SecurityError, match="write tcp://HOST:PORT"):
+        host_and_port(address)
+
+
+@pytest.mark.parametrize("address", ["tcp://0.0.0.0:5", "tcp://*:5", "tcp://[::]:5", "tcp://192.0.2.1:5"])
+def test_beyond_loopback_there_must_be_keys(tmp_path: Path, address: str) -> None:
+    keys = KeyFolder(tmp_path / "keys")
+    with pytest.raises(SecurityError, match="refusing to listen"):
+        plan(address, keys)
+    keys.generate("rig")
+    planned = plan(address, keys)
+    assert planned.secured
+    assert "nobody is allowed" in planned.warnings[0]
+
+
+def test_loopback_goes_without_keys_but_not_unsaid(tmp_path: Path) -> None:
+    planned = plan("tcp://localhost:5", KeyFolder(tmp_path / "keys"))
+    assert not planned.secured
+    assert "without keys" in planned.warnings[0]

@@ -1,0 +1,133 @@
+"""The bench: a node in memory, fed by hand on a clock that moves when told."""
+
+from __future__ import annotations
+
+import pytest
+
+from palp_core.errors import NodeError
+from palp_core.graph.messages.message import Message
+from palp_core.graph.node.bench import Bench
+from palp_core.graph.node.node import Node, Params, State
+from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, every, on, serve
+from palp_core.units import HertzPositive, Seconds
+
+
+class Word(Message):
+    n: int
+
+
+class EchoParams(Params):
+    hz: HertzPositive = 10.0
+    delay_s: Seconds = 0.25
+
+
+class EchoState(State):
+    last: int = 0
+
+
+class Echo(Node):
+    params: EchoParams
+    state: EchoState
+    word = Sub(Word)
+    out = Pub(Word)
+    late = Pub(Word)
+    bell = Alarm()
+    ask = Client(Word, Word)
+    add = Srv(Word, Word)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        self.state.last = word.n
+        self.out.publish(word)
+        self.ask.call(word)
+        self.bell.set(self.now_ns() + round(self.params.delay_s * 1e9))
+
+    @on(bell)
+    def ring(self) -> None:
+        self.late.publish(Word(n=self.now_ns()))
+
+    @on(ask)
+    def learn(self, reply: Word) -> None:
+        self.state.last += reply.n
+
+    @serve(add)
+    def add_up(self, request: Word) -> Word:
+        return Word(n=self.state.last + request.n)
+
+    @every("hz")
+    def tick(self) -> None:
+        self.out.publish(Word(n=-1))
+
+
+def test_what_is_fed_is_handled_at_once() -> None:
+    bench = Bench(Echo)
+    bench.feed(Echo.word, Word(n=1), Word(n=2))
+    assert bench.sent(Echo.out) == [Word(n=1), Word(n=2)]
+    assert bench.requests(Echo.ask) == [Word(n=1), Word(n=2)]
+    assert bench.node.state.last == 2
+
+
+def test_time_moves_through_every_timer_and_alarm_on_its_way() -> None:
+    bench = Bench(Echo, {"hz": 4.0, "delay_s": 0.3})
+    bench.feed(Echo.word, Word(n=1))
+    bench.advance(1.0)
+    assert bench.sent(Echo.out) == [Word(n=1), *[Word(n=-1)] * 4]
+    assert bench.sent(Echo.late) == [Word(n=300_000_000)]
+    assert bench.clock.now_ns() == 1_000_000_000
+    bench.advance_to(1_000_000_000)
+    assert len(bench.sent(Echo.out)) == 5
+
+
+def test_an_alarm_set_for_now_rings_before_the_next_message() -> None:
+    bench = Bench(Echo, {"delay_s": 0.0})
+    bench.feed(Echo.word, Word(n=1), Word(n=2))
+    assert bench.sent(Echo.late) == [Word(n=0), Word(n=0)]
+
+
+def test_services_and_replies_work_by_hand() -> None:
+    bench = Bench(Echo)
+    bench.reply(Echo.ask, Word(n=5))
+    assert bench.call(Echo.add, Word(n=2)) == Word(n=7)
+    assert bench.call(Echo.add, Word(n=3)) == Word(n=8)
+
+
+def test_time_does_not_go_back() -> None:
+    bench = Bench(Echo)
+    with pytest.raises(ValueError, match="back"):
+        bench.advance(-0.1)
+
+
+def test_the_same_feed_gives_the_same_bytes_and_the_same_order() -> None:
+    benches = [Bench(Echo, seed=3) for _ in range(2)]
+    for bench in benches:
+        bench.feed(Echo.word, *[Word(n=n) for n in range(300)])
+        bench.advance(0.5)
+    assert benches[0].frames == benches[1].frames
+    assert benches[0].orders() == benches[1].orders() != []
+    assert benches[0].hand_over() == benches[1].hand_over()
+
+
+def test_an_inactive_node_keeps_what_it_is_fed() -> None:
+    bench = Bench(Echo, active=False)
+    bench.feed(Echo.word, Word(n=1))
+    bench.advance(1.0)
+    assert bench.frames == []
+    assert len(bench.executor.inbox) == 1
+
+
+class Restless(Node):
+    bell = Alarm()
+    word = Sub(Word)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        self.bell.set(self.now_ns())
+
+    @on(bell)
+    def ring(self) -> None:
+        self.bell.set(self.now_ns())
+
+
+def test_an_alarm_that_sets_itself_to_now_is_an_error_not_a_hang() -> None:
+    with pytest.raises(NodeError, match="1000 times at one instant"):
+        Bench(Restless).feed(Restless.word, Word(n=1))

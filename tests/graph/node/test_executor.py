@@ -1,0 +1,523 @@
+"""One handler at a time: order, accounts, failures, services, parameters."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import GraphError, LifecycleError, NodeError
+from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.message import Message, decode, encode
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.lifecycle import Lifecycle, Transition
+from palp_core.graph.node.node import Node, Params, State
+from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.node_services import set_parameters
+from palp_core.units import Float64Array, Hertz, Metres
+
+
+class Word(Message):
+    n: int
+    x_m: Metres = 0.0
+
+
+class Other(Message):
+    n: int
+
+
+class Drive:
+    """An active executor with a clock, feeders and the frames it sent."""
+
+    def __init__(self, node_class: type[Node], *, active: bool = True, **spec: Any) -> None:
+        self.clock = SimClock()
+        self.frames: list[bytes] = []
+        self.executor = Executor(
+            node_class, NodeSpec(name="n", run="m:N", **spec), self.clock, self.frames.append
+        )
+        self.node: Any = self.executor.node
+        if active:
+            self.executor.transition(Transition.CONFIGURE)
+            self.executor.transition(Transition.ACTIVATE)
+
+    def consume(
+        self, topic: str, message: Message, sequence: int = 1, epoch: int = 0, kind: int = Kind.DATA
+    ) -> None:
+        type_hash = schema_of(type(message)).type_hash
+        self.executor.consume(pack(topic.encode(), kind, epoch, sequence, 0, type_hash, encode(message)))
+
+    def sent(self, topic: str, message: type[Message] = Word) -> list[Any]:
+        return [decode(message, f.payload) for f in map(parse, self.frames) if f.topic == topic]
+
+
+class LogState(State):
+    log: list[str] = []
+
+
+class Rates(Params):
+    a_hz: Hertz = 10.0
+    b_hz: Hertz = 5.0
+    name: str = "x"
+
+
+class Everything(Node):
+    params: Rates
+    state: LogState
+    word = Sub(Word)
+    second = Timer("b_hz", running=True)
+    bell = Alarm()
+    out = Pub(Word)
+
+    @every("a_hz")
+    def zz_first(self) -> None:
+        self.state.log.append("first")
+
+    @on(second)
+    def aa_second(self) -> None:
+        self.state.log.append("second")
+
+    @on(bell)
+    def ring(self) -> None:
+        self.state.log.append("bell")
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        self.state.log.append(f"word {word.n} of {self.params.name}")
+        if word.n < 0:
+            raise ValueError("below 0")
+        self.bell.set(self.now_ns())
+
+    def on_error(self, error: Exception) -> None:
+        self.state.log.append(f"error {error}")
+
+    def on_deactivate(self) -> None:
+        self.state.log.append("deactivate")
+        self.out.publish(Word(n=0))
+
+    def on_shutdown(self) -> None:
+        self.state.log.append("shutdown")
+
+
+WIRED: dict[str, Any] = {"inputs": {"word": "/p/word"}}
+
+
+def test_due_timers_run_once_each_in_the_order_of_their_handlers() -> None:
+    drive = Drive(Everything, **WIRED)
+    drive.consume("/p/word", Word(n=1))
+    drive.clock.set(200_000_000)
+    drive.executor.run_timers()
+    assert drive.node.state.log == ["word 1 of x", "first", "second", "bell"]
+    assert drive.executor.next_due_ns() == 200_000_000
+    drive.executor.run_timers()
+    assert drive.node.state.log[4:] == ["first"]
+    assert drive.executor.next_due_ns() == 300_000_000
+
+
+def test_time_stands_still_within_a_handler() -> None:
+    class Asking(Node):
+        word = Sub(Word)
+        out = Pub(Word)
+
+        @on(word)
+        def take(self, word: Word) -> None:
+            before = self.now_ns()
+            drive.clock.set(before + 5)
+            self.out.publish(Word(n=self.now_ns() - before))
+
+    drive = Drive(Asking, **WIRED)
+    drive.consume("/p/word", Word(n=1))
+    assert drive.sent("/n/out") == [Word(n=0)]
+
+
+def test_parameters_are_replaced_as_a_whole_or_not_at_all() -> None:
+    drive = Drive(Everything, **WIRED)
+    before = drive.node.params
+    set_parameters(drive.executor, {"name": "y", "a_hz": 20.0})
+    assert drive.node.params == Rates(name="y", a_hz=20.0)
+    assert before == Rates()
+    assert drive.executor.next_due_ns() == 50_000_000
+    for bad in ({"name": 3}, {"nam": "z"}, {"name": "z", "a_hz": -1.0}, {"name": "z", "a_hz": 0.0}):
+        with pytest.raises(GraphError, match="n: parameters"):
+            set_parameters(drive.executor, bad)
+        assert drive.node.params == Rates(name="y", a_hz=20.0)
+
+
+def test_changing_one_parameter_at_the_instant_of_a_tick_does_not_swallow_it() -> None:
+    drive = Drive(Everything, **WIRED)
+    drive.clock.set(100_000_000)
+    set_parameters(drive.executor, {"name": "y"})
+    drive.executor.run_timers()
+    assert drive.node.state.log == ["first"]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0, -1.0, 1e10, 5e-324])
+def test_a_rate_at_which_nothing_can_tick_is_refused_at_the_start(value: float) -> None:
+    class Loose(Params):
+        a_hz: float = 1.0
+
+    ticking = type(
+        "Ticking", (Node,), {"__annotations__": {"params": Loose}, "tick": every("a_hz")(lambda self: None)}
+    )
+    with pytest.raises(GraphError, match="'a_hz'"):
+        Drive(ticking, params={"a_hz": value})
+
+
+def test_a_nan_for_a_bounded_parameter_is_refused() -> None:
+    with pytest.raises(GraphError, match="a_hz"):
+        Drive(Everything, params={"a_hz": float("nan")})
+
+
+def test_bad_frames_are_counted_and_logged_but_harm_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    drive = Drive(Everything, **WIRED)
+    hash_ = schema_of(Word).type_hash
+    bad = [
+        b"",
+        b"garbage",
+        pack(b"/p/word", Kind.DATA, 0, 1, 0, hash_, b"\xc1"),
+        pack(b"/p/word", Kind.DATA, 0, 1, 0, hash_, b"\x81\xa1n\xa1\xff"),
+        pack(b"/p/word", Kind.DATA, 0, 0, 0, hash_, encode(Word(n=1))),
+        pack(b"/p/word", Kind.DATA, 0, 1, 0, hash_, encode(Word(n=1, x_m=float("nan")))),
+        pack(b"/p/word", Kind.DATA, 0, 1, 0, hash_ ^ 1, encode(Word(n=1))),
+        pack(b"/p/other", Kind.DATA, 0, 1, 0, hash_, encode(Word(n=1))),
+    ]
+    with caplog.at_level(logging.WARNING):
+        for frame in bad:
+            drive.executor.consume(frame)
+    assert drive.executor.events.rejected_count == len(bad)
+    assert drive.node.state.log == []
+    assert len(caplog.records) == 4
+    drive.consume("/p/word", Word(n=5))
+    assert drive.node.state.log == ["word 5 of x"]
+
+
+def test_a_refused_frame_shows_as_a_gap_once_the_next_one_comes() -> None:
+    drive = Drive(Everything, **WIRED)
+    drive.consume("/p/word", Word(n=1), 1)
+    drive.consume("/p/word", Word(n=1, x_m=float("inf")), 2)
+    drive.consume("/p/word", Word(n=3), 3)
+    counter = drive.executor.counters["/p/word"]
+    assert (counter.received, counter.lost) == (2, 1)
+
+
+def test_repeats_are_never_handed_out_and_heartbeats_reveal_losses() -> None:
+    drive = Drive(Everything, **WIRED)
+    for sequence in (1, 1, 2, 1, 2):
+        drive.consume("/p/word", Word(n=sequence), sequence)
+    drive.consume("/p/word", Word(n=0), 6, kind=Kind.HEARTBEAT)
+    assert drive.node.state.log == ["word 1 of x", "word 2 of x"]
+    counter = drive.executor.counters["/p/word"]
+    assert (counter.received, counter.repeated, counter.lost) == (2, 3, 4)
+
+
+def test_a_handler_that_raises_names_itself_and_brings_the_node_to_its_safe_state() -> None:
+    drive = Drive(Everything, **WIRED)
+    with pytest.raises(
+        NodeError, match=r"^n: take \(handler of 'word'\) failed: ValueError: below 0$"
+    ) as caught:
+        drive.consume("/p/word", Word(n=-1))
+    assert caught.value.node == "n"
+    assert isinstance(caught.value.__cause__, ValueError)
+    assert drive.node.state.log == ["word -1 of x", "error below 0", "deactivate"]
+    assert drive.sent("/n/out") == [Word(n=0)]
+    assert drive.executor.lifecycle is Lifecycle.FINALIZED
+    assert drive.executor.next_due_ns() is None
+    drive.executor.run_timers()
+    drive.executor.transition(Transition.SHUTDOWN)
+    assert drive.node.state.log[-1] == "deactivate"
+
+
+def test_a_hook_that_raises_while_the_node_fails_does_not_stop_the_others() -> None:
+    class Doomed(Node):
+        word = Sub(Word)
+        state: LogState
+
+        @on(word)
+        def take(self, word: Word) -> None:
+            raise GraphError("first")
+
+        def on_error(self, error: Exception) -> None:
+            raise RuntimeError("second")
+
+        def on_deactivate(self) -> None:
+            self.state.log.append("safe")
+
+    drive = Drive(Doomed, **WIRED)
+    with pytest.raises(NodeError, match=r"failed: first$"):
+        drive.consume("/p/word", Word(n=1))
+    assert drive.node.state.log == ["safe"]
+
+
+@pytest.mark.parametrize("hook", ["on_configure", "on_activate", "on_deactivate", "on_shutdown"])
+def test_a_hook_that_raises_is_named(hook: str) -> None:
+    def fails(self: Node) -> None:
+        raise OSError("no device")
+
+    node_class = type("Broken", (Node,), {hook: fails})
+    drive = Drive(node_class, active=False)
+
+    def live() -> None:
+        for transition in (Transition.CONFIGURE, Transition.ACTIVATE, Transition.SHUTDOWN):
+            drive.executor.transition(transition)
+
+    with pytest.raises(NodeError, match=f"n: {hook} failed: OSError: no device"):
+        live()
+    assert drive.executor.lifecycle is Lifecycle.FINALIZED
+
+
+class Server(Node):
+    state: LogState
+    total = Srv(Word, Other)
+
+    @serve(total)
+    def answer(self, request: Word) -> Other:
+        self.state.log.append(str(request.n))
+        return Other(n=2 * request.n) if request.n else None  # type: ignore[return-value]
+
+
+def test_two_clients_of_a_service_each_get_their_own_replies() -> None:
+    drive = Drive(Server, requests={"total": ["/a/ask", "/b/ask"]})
+    drive.consume("/a/ask", Word(n=1), 1)
+    drive.consume("/b/ask", Word(n=2), 1)
+    drive.consume("/a/ask", Word(n=3), 2)
+    assert drive.sent("/n/total/a/ask", Other) == [Other(n=2), Other(n=6)]
+    assert drive.sent("/n/total/b/ask", Other) == [Other(n=4)]
+    assert drive.node.state.log == ["1", "2", "3"]
+
+
+def test_a_service_that_answers_with_the_wrong_thing_fails_by_name() -> None:
+    drive = Drive(Server, requests={"total": ["/a/ask"]})
+    with pytest.raises(
+        NodeError, match=r"answer \(handler of 'total'\) failed: .* carries Other, not NoneType"
+    ):
+        drive.consume("/a/ask", Word(n=0))
+    assert drive.executor.lifecycle is Lifecycle.FINALIZED
+
+
+class Asker(Node):
+    state: LogState
+    ask = Client(Word, Other)
+    word = Sub(Word)
+
+    @on(word)
+    def forward(self, word: Word) -> None:
+        self.ask.call(word)
+        self.state.log.append("asked")
+
+    @on(ask)
+    def learn(self, reply: Other) -> None:
+        self.state.log.append(f"learnt {reply.n}")
+
+
+def test_a_call_returns_at_once_and_its_reply_arrives_later() -> None:
+    asker = Drive(Asker, inputs={"ask": "/s/total", "word": "/p/word"})
+    asker.consume("/p/word", Word(n=4))
+    assert asker.sent("/n/ask") == [Word(n=4)]
+    assert asker.node.state.log == ["asked"]
+    asker.consume("/s/total/n/ask", Other(n=8))
+    assert asker.node.state.log == ["asked", "learnt 8"]
+    assert list(asker.executor.counters) == ["/p/word", "/s/total/n/ask"]
+
+
+def test_one_topic_can_feed_two_inputs() -> None:
+    class Twice(Node):
+        state: LogState
+        one = Sub(Word)
+        two = Sub(Word)
+
+        @on(two)
+        def take_two(self, word: Word) -> None:
+            self.state.log.append("two")
+
+        @on(one)
+        def take_one(self, word: Word) -> None:
+            self.state.log.append("one")
+
+    drive = Drive(Twice, inputs={"one": "/p/word", "two": "/p/word"})
+    drive.consume("/p/word", Word(n=1))
+    assert drive.node.state.log == ["one", "two"]
+
+
+def test_an_input_that_is_not_wired_is_no_input() -> None:
+    drive = Drive(Everything)
+    assert drive.executor.counters == {}
+    drive.consume("/p/word", Word(n=1))
+    assert drive.executor.events.rejected_count == 1
+
+
+def test_only_the_declared_type_can_be_published() -> None:
+    class Wrong(Node):
+        out = Pub(Word)
+
+        def on_activate(self) -> None:
+            self.out.publish(Other(n=1))  # type: ignore[arg-type]
+
+    with pytest.raises(NodeError, match="/n/out carries Word, not Other"):
+        Drive(Wrong)
+
+
+def test_ports_work_only_while_an_executor_runs_the_node() -> None:
+    context: Any = object()
+    for name, word in (("out", "publishes"), ("second", "ticks"), ("bell", "rings")):
+        with pytest.raises(AttributeError, match=word):
+            getattr(Everything(context), name)
+    with pytest.raises(AttributeError, match="calls"):
+        _ = Asker(context).ask
+
+
+def test_a_state_that_cannot_be_written_down_fails_the_node_by_name() -> None:
+    class Bad(Node):
+        state: LogState
+
+        def on_configure(self) -> None:
+            self.state.log = [object()]  # type: ignore[list-item]
+
+    with pytest.raises(NodeError, match="n: its state cannot be written down"):
+        Drive(Bad)
+
+
+def test_randomness_is_a_function_of_seed_and_name() -> None:
+    def draws(**spec: Any) -> list[float]:
+        executor = Executor(Everything, NodeSpec(run="m:N", **spec), SimClock(), print)
+        return list(executor.rng.random(3))
+
+    assert draws(name="a", seed=1) == draws(name="a", seed=1)
+    different = [draws(name="a", seed=1), draws(name="a", seed=2), draws(name="b", seed=1)]
+    assert len(np.unique(different)) == 9
+
+
+def test_a_node_says_when_its_work_is_done() -> None:
+    class Done(Node):
+        def on_activate(self) -> None:
+            self.finish(np.int64(3))  # type: ignore[arg-type]
+
+    drive = Drive(Done)
+    assert drive.executor.exit_code == 3
+    assert type(drive.executor.exit_code) is int
+
+
+def test_messages_wait_in_the_inbox_of_a_node_that_is_not_active() -> None:
+    drive = Drive(Everything, active=False, **WIRED)
+    drive.consume("/p/word", Word(n=1), 1)
+    drive.consume("/p/word", Word(n=2), 2)
+    drive.executor.transition(Transition.CONFIGURE)
+    drive.executor.transition(Transition.ACTIVATE)
+    while drive.executor.inbox:
+        drive.executor.consume(drive.executor.inbox.popleft())
+    assert drive.node.state.log == ["word 1 of x", "word 2 of x"]
+    with pytest.raises(LifecycleError):
+        drive.executor.transition(Transition.CONFIGURE)
+
+
+def test_a_handler_for_a_port_of_another_class_is_refused() -> None:
+    with pytest.raises(GraphError, match="not declared on this class"):
+
+        class Confused(Node):
+            word = Sub(Other)
+
+            @on(Everything.word)
+            def take(self, word: Word) -> None: ...
+
+
+def test_what_a_node_class_forgets_is_said_at_its_definition() -> None:
+    with pytest.raises(GraphError, match="port 'word' has no handler"):
+        type("Deaf", (Node,), {"word": Sub(Word)})
+    with pytest.raises(GraphError, match="no parameter 'speed_hz' for its rate; declared: none"):
+        type("Typo", (Node,), {"tick": every("speed_hz")(lambda self: None)})
+    with pytest.raises(GraphError, match=r"no parameter '20\.0' for its rate"):
+        type("Rate", (Node,), {"tick": every(20.0)(lambda self: None)})  # type: ignore[arg-type]
+    with pytest.raises(GraphError, match="'params' must be annotated"):
+        type("Odd", (Node,), {"__annotations__": {"params": int}})
+    port = Sub(Word)
+    with pytest.raises(GraphError, match="two handlers"):
+        type(
+            "Double", (Node,), {"w": port, "a": on(port)(lambda s, w: None), "b": on(port)(lambda s, w: None)}
+        )
+
+    class Needy(State):
+        value: int
+
+    with pytest.raises(GraphError, match="needs a default"):
+        type("Needs", (Node,), {"__annotations__": {"state": Needy}})
+
+
+@pytest.mark.parametrize("name", ["name", "state", "params", "rng", "finish", "on_activate", "_order"])
+def test_a_port_that_would_hide_a_part_of_every_node_is_refused(name: str) -> None:
+    port = Sub(Word)
+    with pytest.raises(GraphError, match=f"a port cannot be called '{name}'"):
+        type("Hiding", (Node,), {name: port, "take": on(port)(lambda self, word: None)})
+
+
+def test_a_handler_that_would_never_run_is_refused() -> None:
+    with pytest.raises(GraphError, match="plain function"):
+
+        class Later(Node):
+            word = Sub(Word)
+
+            @on(word)  # type: ignore[arg-type]
+            async def take(self, word: Word) -> None: ...
+
+    with pytest.raises(GraphError, match="plain function"):
+
+        class Lazy(Node):
+            word = Sub(Word)
+
+            @on(word)  # type: ignore[arg-type]
+            def take(self, word: Word) -> Iterator[int]:
+                yield word.n
+
+
+def test_a_handler_that_exits_the_interpreter_fails_its_node_and_reaches_the_safe_state() -> None:
+    class Quitter(Node):
+        word = Sub(Word)
+        state: LogState
+
+        @on(word)
+        def take(self, word: Word) -> None:
+            sys.exit(3)
+
+        def on_deactivate(self) -> None:
+            self.state.log.append("safe")
+
+    drive = Drive(Quitter, **WIRED)
+    with pytest.raises(NodeError, match=r"take .* failed: SystemExit: 3"):
+        drive.consume("/p/word", Word(n=1))
+    assert drive.node.state.log == ["safe"]
+
+
+class ArrayState(State):
+    buffer: Float64Array = np.zeros(2)
+
+
+class Buffering(Node):
+    state: ArrayState
+    word = Sub(Word)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        self.state.buffer[0] += word.n
+
+
+def test_two_nodes_of_a_class_do_not_share_a_default_array() -> None:
+    one = Drive(Buffering, **WIRED)
+    one.consume("/p/word", Word(n=4))
+    assert one.node.state.buffer.tolist() == [4.0, 0.0]
+    assert Drive(Buffering, **WIRED).node.state.buffer.tolist() == [0.0, 0.0]
+
+
+class SquareState(State):
+    table: Float64Array = np.zeros((2, 2))
+
+
+def test_a_state_that_could_not_be_handed_over_is_refused_at_the_start() -> None:
+    class Square(Node):
+        state: SquareState
+
+    with pytest.raises(GraphError, match=r"n: SquareState cannot be handed over: an array of shape \(2, 2\)"):
+        Drive(Square)

@@ -1,0 +1,60 @@
+"""The latency histogram against sorted durations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.graph.latency import BATCH, RECENT, Latency
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    st.lists(st.integers(0, 10**15), min_size=1, max_size=200),
+    st.sampled_from([1.0, 50.0, 90.0, 99.0, 100.0]),
+)
+def test_a_percentile_is_at_most_six_per_cent_above_the_true_one(
+    durations: list[int], percent: float
+) -> None:
+    latency = Latency()
+    for duration_ns in durations:
+        latency.add(duration_ns)
+    rank = max(-(-len(durations) * percent // 100.0), 1.0)
+    true_ns = sorted(durations)[int(rank) - 1]
+    assert true_ns <= latency.percentile_s(percent) * 1e9 * (1 + 1e-12) + 1e-6
+    assert latency.percentile_s(percent) * 1e9 <= 1.0626 * true_ns + 1.0
+    assert latency.summary_s()["max"] == max(durations) / 1e9
+
+
+def test_nothing_added_is_zero_and_a_clock_ahead_counts_as_no_time() -> None:
+    latency = Latency()
+    assert latency.summary_s() == {"p50": 0.0, "p90": 0.0, "p99": 0.0, "max": 0.0}
+    latency.add(-5)
+    assert latency.count == 1
+    assert latency.percentile_s(50.0) == 0.0
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.integers(-5, 10**12), max_size=3 * BATCH), st.integers(1, 2 * RECENT))
+def test_the_last_ones_are_known_one_by_one(durations: list[int], window: int) -> None:
+    latency = Latency()
+    for duration_ns in durations:
+        latency.add(duration_ns)
+    last = sorted(max(duration_ns, 0) for duration_ns in durations[-window:])
+    found = latency.recent_s(window)
+    assert found["messages"] == len(last)
+    assert (found["min"], found["max"]) == ((last[0] / 1e9, last[-1] / 1e9) if last else (0.0, 0.0))
+    assert found["mean"] == pytest.approx(np.mean(last) / 1e9 if last else 0.0)
+    assert found["std"] == pytest.approx(np.std(last) / 1e9 if last else 0.0, abs=1e-9)
+    rank = np.percentile(last, 90, method="inverted_cdf") / 1e9 if last else 0.0
+    assert found["p90"] == pytest.approx(rank)
+
+
+def test_no_more_than_so_many_are_kept() -> None:
+    latency = Latency()
+    for duration_ns in range(5 * RECENT):
+        latency.add(duration_ns)
+    found = latency.recent_s(10**9)
+    assert (found["messages"], found["min"]) == (RECENT, 4 * RECENT / 1e9)

@@ -1,0 +1,94 @@
+"""A node's process knows how it does."""
+
+from __future__ import annotations
+
+import gc
+import os
+
+import pytest
+
+from palp_core import Bench, Node, Params, every
+from palp_core.graph.latency import Latency
+from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
+from palp_core.graph.messages.message import decode
+from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.process.health import PULSE_NS, HealthProbe
+
+
+class Rate(Params):
+    rate_hz: float = 10.0
+
+
+class Ticker(Node):
+    params: Rate
+
+    @every("rate_hz")
+    def tick(self) -> None: ...
+
+
+def health(probe: HealthProbe, **counts: int) -> NodeHealth:
+    return decode(NodeHealth, probe.pulse(probe.due_ns, "active", {}, **counts))
+
+
+def test_a_tick_that_starts_after_the_next_is_due_is_an_overrun() -> None:
+    bench = Bench(Ticker, {"rate_hz": 10.0})
+    for now_s in (0.1, 0.2, 0.45, 0.5):
+        bench.clock.set(round(now_s * 1e9))
+        bench.executor.run_timers()
+    assert bench.executor.ends.counts() == {"ticks": 4, "overruns": 1, "missed_deadlines": 0}
+
+
+def test_it_says_whose_process_it_is_and_what_it_uses() -> None:
+    probe = HealthProbe("a")
+    said = health(probe, missed_deadlines=1, rejected=2, unread=3)
+    probe.close()
+    assert (said.node, said.pid, said.lifecycle) == ("a", os.getpid(), "active")
+    assert said.memory_bytes > 1_000_000
+    assert said.cpu_s > 0.0
+    assert (said.missed_deadline_count, said.rejected_count, said.unread_count) == (1, 2, 3)
+
+
+def test_the_collectors_pauses_are_counted_and_the_longest_is_kept() -> None:
+    probe = HealthProbe("a")
+    before = health(probe).gc_pause_count
+    gc.collect()
+    gc.collect()
+    said = health(probe)
+    probe.close()
+    assert said.gc_pause_count - before >= 2
+    assert 0.0 < said.gc_pause_max_s < 60.0
+
+
+def test_a_closed_probe_counts_no_more() -> None:
+    callbacks = list(gc.callbacks)
+    probe = HealthProbe("a")
+    probe.close()
+    probe.close()
+    assert gc.callbacks == callbacks
+
+
+def test_an_edge_is_reported_with_its_latencies() -> None:
+    counter = EdgeCounter()
+    counter.received, counter.lost, counter.repeated, counter.late, counter.dropped = 5, 4, 3, 2, 1
+    latency = Latency()
+    for milliseconds in range(1, 101):
+        latency.add(milliseconds * 1_000_000)
+    probe = HealthProbe("a")
+    edges = {"/b/c": (counter, latency), "/b/d": (EdgeCounter(), None)}
+    said = decode(NodeHealth, probe.pulse(0, "active", edges))
+    probe.close()
+    first, second = said.edges
+    assert (first.topic, first.received_count, first.lost_count) == ("/b/c", 5, 4)
+    assert (first.repeated_count, first.late_count, first.dropped_count) == (3, 2, 1)
+    assert first.latency_p50_s == pytest.approx(0.05, rel=0.07)
+    assert first.latency_p90_s <= first.latency_p99_s <= first.latency_max_s == 0.1
+    assert isinstance(second, EdgeHealth)
+    assert second.latency_max_s == 0.0
+
+
+def test_pulses_are_half_a_second_apart() -> None:
+    probe = HealthProbe("a")
+    first_ns = probe.due_ns
+    probe.pulse(first_ns + 7, "active", {})
+    probe.close()
+    assert probe.due_ns == first_ns + 7 + PULSE_NS

@@ -1,0 +1,145 @@
+"""A recorder of a running graph knows what it misses: it asks for it, and says what nobody has any more."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.bag.reader import read
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from tests.support.fake_graph import FakeGraph, FakeNode
+from tests.support.palp import Palp
+
+
+@pytest.fixture
+def graph(palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGraph]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    fake = FakeGraph(tmp_path)
+    yield fake
+    fake.close()
+
+
+def recorded(palp: Palp, graph: FakeGraph, bag: Path, *more: str) -> subprocess.Popen[str]:
+    process = palp.start("bag", "record", *(more or ("/source/sample",)), "-o", bag)
+    graph.until_said(process, "recording ")
+    return process
+
+
+def end(graph: FakeGraph, process: subprocess.Popen[str]) -> tuple[int, str]:
+    process.send_signal(signal.SIGINT)
+    graph.until(lambda: process.poll() is not None)
+    assert process.stdout is not None
+    return process.returncode, process.stdout.read()
+
+
+def sequences(bag: Path, topic: str = "/source/sample") -> list[int]:
+    return [message.sequence for message in read(bag, [topic])]
+
+
+def heard(graph: FakeGraph, node: FakeNode) -> None:
+    """Wait until everything that was sent so far has left."""
+    ear = Subscriber({node.out.topic: node.at[0]})
+    try:
+        beats: list[bytes] = []
+
+        def beat() -> bool:
+            beats.extend(ear.receive())
+            return any(parse(raw).sequence == node.out.sequence for raw in beats)
+
+        graph.until(beat)
+    finally:
+        ear.close()
+
+
+def test_what_was_missed_is_asked_for(palp: Palp, graph: FakeGraph, tmp_path: Path) -> None:
+    source = graph.node("source", depth=100)
+    graph.announce(source)
+    recorder = recorded(palp, graph, tmp_path / "bag")
+    source.say(10)
+    source.lose(5)
+    source.say(10)
+    source.lose(3)
+    source.broadcast.beat()  # nothing but the heartbeat tells of a lost tail
+    heard(graph, source)
+    code, said = end(graph, recorder)
+    assert code == 0, said
+    assert "25 messages" not in said
+    assert sorted(sequences(tmp_path / "bag")) == list(range(1, 29))
+
+
+def test_what_nobody_has_any_more_is_listed_per_topic_and_ends_non_zero(
+    palp: Palp, graph: FakeGraph, tmp_path: Path
+) -> None:
+    source = graph.node("source", depth=1)
+    graph.announce(source)
+    recorder = recorded(palp, graph, tmp_path / "bag")
+    source.say(10)
+    source.lose(5)
+    source.say(2)
+    heard(graph, source)
+    code, said = end(graph, recorder)
+    assert code == 1
+    assert "/source/sample: 5 missing of 17: 11..15" in said
+    told = palp.run("bag", "info", tmp_path / "bag", "--json")
+    assert told.returncode == 1
+    topic = json.loads(told.stdout)["topics"]["/source/sample"]
+    assert (topic["count"], topic["lost"]) == (12, 5)
+    assert topic["gaps"] == [{"epoch": 0, "first": 11, "last": 15}]
+
+
+def test_a_publisher_that_is_replaced_is_followed_without_a_gap(
+    palp: Palp, graph: FakeGraph, tmp_path: Path
+) -> None:
+    old = graph.node("source", depth=1)
+    graph.announce(old)
+    recorder = recorded(palp, graph, tmp_path / "bag")
+    old.say(10)
+    new = graph.node("source-2", depth=1)
+    old.moved("prepare", new)
+    graph.until(lambda: new.broadcast.heard)
+    old.say(5)
+    new.out.resume(old.out.epoch, old.out.sequence, [])
+    new.say(20)
+    old.moved("gone", new)
+    heard(graph, new)
+    code, said = end(graph, recorder)
+    assert code == 0, said
+    assert sorted(sequences(tmp_path / "bag")) == list(range(1, 36))
+
+
+def test_a_restarted_publisher_counts_from_one_again(palp: Palp, graph: FakeGraph, tmp_path: Path) -> None:
+    first = graph.node("source", depth=50)
+    graph.announce(first)
+    recorder = recorded(palp, graph, tmp_path / "bag")
+    first.say(10)
+    second = graph.node("source-2", depth=50, epoch=1)
+    second.say(4)  # before anybody can hear it
+    graph.announce(second)
+    graph.until(lambda: second.broadcast.heard)
+    second.say(3)
+    heard(graph, second)
+    code, said = end(graph, recorder)
+    assert code == 0, said
+    found = [(m.epoch, m.sequence) for m in read(tmp_path / "bag", ["/source/sample"])]
+    assert sorted(found) == [(0, n) for n in range(1, 11)] + [(1, n) for n in range(1, 8)]
+
+
+def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph, tmp_path: Path) -> None:
+    source = graph.node("source", depth=10)
+    graph.announce(source)
+    recorder = recorded(palp, graph, tmp_path / "bag", "-e", "^/source/[a-z]")
+    other = graph.node("other", depth=10, port="other")
+    graph.announce(source, other)
+    graph.until_said(recorder, "also recording /source/other")
+    graph.until(lambda: other.broadcast.heard)
+    other.say(7)
+    heard(graph, other)
+    code, said = end(graph, recorder)
+    assert code == 0, said
+    assert sequences(tmp_path / "bag", "/source/other") == list(range(1, 8))

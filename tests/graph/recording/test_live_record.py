@@ -1,0 +1,197 @@
+"""``palp bag record`` on a running graph: everything from when it says so, and it says what is missing."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from palp_core.graph.bag.metadata import bag_files
+from palp_core.graph.bag.reader import Bag, read, to_numpy
+from tests.support.live import ended, recording
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import Running
+
+EVENTS = "/graph/events"
+
+
+def info(palp: Palp, bag: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+    return found
+
+
+def start_chain(palp: Palp) -> subprocess.Popen[str]:
+    """Start a chain on the wall clock that goes on until it is asked to end."""
+    process = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=200.0")
+    wait_for_line(process, "blocks: 1/")
+    return process
+
+
+@pytest.fixture(scope="module")
+def running(shared_palp: Palp) -> subprocess.Popen[str]:
+    """A chain for all tests that only record it."""
+    return start_chain(shared_palp)
+
+
+def test_a_recorder_misses_nothing_from_when_it_says_so_until_it_is_asked_to_end(
+    shared_palp: Palp, running: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = recording(shared_palp, "-a", "-o", bag)
+    changed = shared_palp.run("param", "set", "relay", "gain", "3.0")
+    assert changed.returncode == 0, changed.stderr
+    assert "nothing missing" in ended(recorder)
+    found = info(shared_palp, bag)
+    assert found["complete"]
+    assert found["healthy"]
+    indices = to_numpy(bag, "/relay/amplified", "index")
+    assert indices.tolist() == list(range(int(indices[0]), int(indices[0]) + len(indices)))
+    kept = {
+        "palp/graph.yaml",
+        "palp/nodes.json",
+        "palp/parameters.json",
+        "palp/versions.json",
+        "palp/git.txt",
+    }
+    assert kept < set(found["attachments"])
+    assert "gain = 3.0" in next(m.value.text for m in read(bag, ["/relay/_events"]))
+    assert next(m.value.kind for m in read(bag, [EVENTS])) == "started"
+    assert {"/graph/health", "/source/_order", "/source/progress"} <= set(found["topics"])
+    with Bag(bag) as opened:
+        told = opened.metadata()["palp"]
+        assert (told["clock"], told["graph"], told["run"]) == (
+            "wall",
+            "chain",
+            Running(shared_palp).folder.name,
+        )
+    assert running.poll() is None
+
+
+def test_a_recorder_ends_with_its_graph(palp: Palp, tmp_path: Path) -> None:
+    running = start_chain(palp)
+    recorder = recording(palp, "-a", "-o", tmp_path / "bag")
+    running.send_signal(signal.SIGINT)
+    assert "nothing missing" in ended(recorder, None)
+    last = list(read(tmp_path / "bag", [EVENTS]))[-1]
+    assert last.value.kind == "ending"
+
+
+def test_topics_are_chosen_by_name_and_regular_expression(
+    shared_palp: Palp, running: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    recorder = recording(
+        shared_palp,
+        "/source/sample",
+        "-e",
+        "^/relay/",
+        "-x",
+        "_order",
+        "-o",
+        tmp_path / "a",
+        "--compression",
+        "lz4",
+    )
+    source = Running(shared_palp).record["nodes"][0]
+    assert source["name"] == "source"
+    ended(recorder, signal.SIGTERM)
+    with Bag(tmp_path / "a") as opened:
+        assert set(opened.topics()) <= {"/source/sample", "/relay/amplified", "/relay/_events"}
+    assert len(to_numpy(tmp_path / "a", "/source/sample", "index")) > 0
+    wrong = shared_palp.run("bag", "record", "/source/sampel", "-o", tmp_path / "b")
+    assert wrong.returncode == 2
+    assert "did you mean '/source/sample'" in wrong.stderr
+    assert not (tmp_path / "b").exists()
+    for arguments in ((), ("-a", "/source/sample"), ("-e", "nothing", "-o", tmp_path / "b")):
+        assert shared_palp.run("bag", "record", *arguments).returncode == 2
+    assert not (tmp_path / "b").exists()
+    twice = shared_palp.run("bag", "record", "-a", "-o", tmp_path / "a")
+    assert twice.returncode == 2
+    assert "exists already" in twice.stderr
+
+
+def test_every_file_of_a_split_bag_begins_with_the_latched_values(
+    shared_palp: Palp, running: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = recording(shared_palp, "-a", "-o", bag, "--max-bag-duration", "0.2")
+    while len(list(bag.glob("*.mcap"))) < 4:
+        assert recorder.poll() is None
+        psutil.wait_procs([psutil.Process(recorder.pid)], timeout=0.05)
+    ended(recorder)
+    files = bag_files(bag)
+    for file in files:
+        with Bag(file) as opened:
+            texts = [message.stream.repeated for message in opened.recorded([EVENTS], repeated=True)]
+            assert len(texts) > 0
+    assert info(shared_palp, bag)["complete"]
+    assert len([m for m in read(bag, [EVENTS]) if m.value.kind == "started"]) == 1
+
+
+def test_the_last_seconds_are_written_when_somebody_asks(
+    shared_palp: Palp, running: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = recording(shared_palp, "-a", "-o", bag, "--snapshot", "0.3")
+    nobody = shared_palp.run("bag", "snapshot", "--graph", "chian")
+    assert nobody.returncode == 2
+    assert (
+        shared_palp.run("topic", "echo", "/source/sample", "--times", "100").returncode == 0
+    )  # half a second
+    done = shared_palp.run("bag", "snapshot")
+    assert done.returncode == 0, done.stderr
+    assert str(bag) in done.stdout
+    recorder.send_signal(signal.SIGUSR1)
+    assert recorder.stderr is not None
+    assert any(line.startswith(f"{bag}-1: ") for line in recorder.stderr)
+    ended(recorder)
+    found = info(shared_palp, bag)
+    assert found["complete"]
+    times_ns = [m.log_ns for m in read(bag, ["/source/sample"])]
+    assert times_ns[-1] - times_ns[0] <= 300_000_000
+    assert next(m.value.kind for m in read(bag, [EVENTS])) == "started"
+    asked = shared_palp.run("bag", "snapshot")
+    assert asked.returncode == 2
+    assert "no recorder keeps" in asked.stderr
+
+
+def test_a_graph_in_simulated_time_is_recorded_by_its_launcher(palp: Palp, tmp_path: Path) -> None:
+    launched = palp.start("launch", CHAIN, "clock:=sim", "count:=100000000", "--compose")
+    wait_for_line(launched, "blocks: 1/")
+    refused = palp.run("bag", "record", "-a", "-o", tmp_path / "bag")
+    assert refused.returncode == 2
+    assert "palp launch FILE --record DIR" in refused.stderr
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(palp: Palp, tmp_path: Path) -> None:
+    start_chain(palp)
+    sink = Running(palp).process("sink")
+    sink.suspend()
+    recorder = palp.start("bag", "record", "-a", "-o", tmp_path / "bag")
+    assert recorder.stderr is not None
+    assert "/sink/_events" in recorder.stderr.readline()  # it never says that it is recording
+    recorder.send_signal(signal.SIGINT)
+    out, _ = recorder.communicate(timeout=PATIENCE_S)
+    sink.resume()
+    assert recorder.returncode == 1
+    assert "never heard: " in out
+    assert len(to_numpy(tmp_path / "bag", "/source/sample", "index")) > 0
+
+
+def test_a_full_disk_ends_the_recorder_in_words_and_nothing_else(
+    shared_palp: Palp, running: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    recorder = recording(shared_palp, "-a", "-o", tmp_path / "bag", "--compression", "none")
+    psutil.Process(recorder.pid).rlimit(psutil.RLIMIT_FSIZE, (100_000, 100_000))
+    _, errors = recorder.communicate(timeout=PATIENCE_S)
+    assert recorder.returncode == 2
+    assert "cannot be written" in errors
+    assert "palp bag recover" in errors
+    assert running.poll() is None
+    saved = shared_palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
+    assert saved.returncode == 0, saved.stderr

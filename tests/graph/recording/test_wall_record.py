@@ -1,0 +1,143 @@
+"""``palp launch --record`` on the wall clock: a process of its own, from sample 0 on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from palp_core.graph.bag.reader import read, to_numpy
+from palp_core.graph.clock import monotonic_ns
+from tests.support.live import recording
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import Running
+
+MOST_LOST_S = 0.6
+"""Where nothing else is at work: a recorder that has no turn can write nothing."""
+
+
+def recorder_of(palp: Palp) -> psutil.Process:
+    """The recorder's process."""
+    (found,) = palp.running("palp_core.graph.recording.recorder_process")
+    return found
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A copy of the chain whose launch file has a recorder as one of its entries."""
+    folder = tmp_path / "chain"
+    shutil.copytree(CHAIN.parents[1], folder)
+    launch = folder / "launch" / "chain.yaml"
+    text = launch.read_text().replace(
+        "nodes:\n",
+        "  required: {default: false, help: the recorder}\n  bag: {default: bag, help: its bag}\nnodes:\n",
+    )
+    entry = (
+        "  tape:\n    run: palp_core.graph.recording.recorder_node:Recorder\n"
+        "    params: {out: $(var bag), exclude_regex: /progress$, required: $(var required)}\n"
+    )
+    launch.write_text(text + entry)
+    return launch
+
+
+def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
+    assert done.returncode == 0, done.stderr
+    assert "nothing missing" in done.stdout
+    assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(100))
+    assert to_numpy(bag, "/relay/amplified", "index").tolist() == list(range(100))
+    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+    assert info["complete"]
+    assert {"/source/_order", "/sink/_events", "/graph/events", "/graph/health"} <= set(info["topics"])
+    assert [m.value.kind for m in read(bag, ["/graph/events"])] == ["started", "ending"]
+    assert palp.all_gone()
+
+
+def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    graph = palp.start("launch", CHAIN, "count:=600", "rate_hz:=200.0", "--record", bag)
+    wait_for_line(graph, "blocks: 1/")
+    recorder_of(palp).kill()
+    Running(palp).wait_for("recorder", "recorder")
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "chain ended after" in out  # the graph went on to its end
+    assert graph.returncode == 1
+    assert "palp bag recover" in out + errors
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(50, marks=pytest.mark.slow)])
+def test_a_killed_recorder_costs_little_and_the_rest_is_recovered(
+    palp: Palp, tmp_path: Path, kills: int
+) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=500.0")
+    wait_for_line(graph, "blocks: 1/")
+    clock = Running(palp).ask("clock")
+    start_ns = clock["monotonic_ns"] - clock["now_ns"]
+    rng = np.random.default_rng(kills)
+    for number in range(kills):
+        bag, saved = tmp_path / f"bag{number}", tmp_path / f"saved{number}"
+        recorder = recording(palp, "-a", "-o", bag)
+        written, enough = 0, rng.integers(20_000, 200_000)
+        while written < enough:  # bytes in the file: a chunk or some
+            assert not psutil.wait_procs([psutil.Process(recorder.pid)], timeout=0.01)[0]
+            written = sum(file.stat().st_size for file in bag.glob("*.mcap"))
+        recorder.kill()
+        killed_s = (monotonic_ns() - start_ns) / 1e9
+        recorder.wait()
+        done = palp.run("bag", "recover", bag, "-o", saved)
+        assert done.returncode == 0, done.stderr
+        messages = list(read(saved))
+        indices = [m.value.index for m in messages if m.topic == "/source/sample"]
+        assert indices == list(range(indices[0], indices[0] + len(indices)))
+        last_s = max(m.log_ns for m in messages) / 1e9
+        assert kills == 3 or killed_s - last_s <= MOST_LOST_S
+        info = json.loads(palp.run("bag", "info", saved, "--json").stdout)
+        assert sum(topic["lost"] for topic in info["topics"].values()) == 0
+        assert info["message_count"] == len(messages)
+        assert not info["accounted"]  # and it says that what came after the last message does not show
+
+
+def test_a_launch_file_may_have_a_recorder_among_its_nodes(
+    palp: Palp, workspace: Path, tmp_path: Path
+) -> None:
+    for clock in ("wall", "sim"):
+        bag = tmp_path / f"on-{clock}"
+        done = palp.run("launch", workspace, f"clock:={clock}", "count:=50", f"bag:={bag}")
+        assert done.returncode == 0, done.stderr
+        assert f"{bag}: " in done.stdout
+        assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(50))
+        info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+        assert info["complete"]
+        assert "/source/progress" not in info["topics"]
+    again = palp.run("launch", workspace, "count:=50", f"bag:={tmp_path / 'on-wall'}")
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
+    printed = palp.run("launch", workspace, "--print")
+    assert "palp_core.graph.recording.recorder_node:Recorder" in printed.stdout
+
+
+def test_a_graph_that_requires_its_recorder_ends_with_it(palp: Palp, workspace: Path, tmp_path: Path) -> None:
+    graph = palp.start("launch", workspace, "count:=1000000", "required:=true", f"bag:={tmp_path / 'bag'}")
+    wait_for_line(graph, "blocks: 1/")
+    recorder_of(palp).kill()
+    _, errors = graph.communicate(timeout=PATIENCE_S)
+    assert graph.returncode == 1
+    assert "tape: the recorder has ended" in errors
+    assert palp.all_gone()
+
+
+def test_a_killed_launcher_leaves_a_finished_bag(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    graph = palp.start("launch", CHAIN, "count:=1000000", "--record", bag)
+    wait_for_line(graph, "blocks: 1/")
+    graph.kill()
+    graph.wait()
+    assert palp.all_gone()
+    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+    assert info["healthy"]
+    assert info["accounted"]

@@ -1,0 +1,317 @@
+"""``palp bag play`` and players in launch files: recorded nodes speak again, to tools and to live nodes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pty
+import select
+import shutil
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.discovery.run_directory import RunRecord
+from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, finished, wait_for_line
+
+COUNT = 60
+REPLAYED = """
+graph: again
+clock: $(var clock)
+args: {clock: {default: sim}, bag: {default: bag}, out: {default: ""}, rate: {default: 1.0}}
+nodes:
+  source:
+    run: palp_core.graph.replay.player:Player
+    params: {bag: $(var bag), rate: $(var rate)}
+    on_exit: shutdown
+  relay: {run: nodes.relay:Relay, inputs: {sample: source/sample}}
+  sink:
+    run: nodes.sink:Sink
+    params: {count: 60, out: $(var out)}
+    inputs: {sample: relay/amplified}
+"""
+OPEN_RELAY = """
+graph: open
+clock: wall
+args: {out: {default: ""}}
+nodes:
+  relay: {run: nodes.relay:Relay, inputs: {sample: {external: true}}}
+  sink:
+    run: nodes.sink:Sink
+    params: {count: 60, out: $(var out)}
+    inputs: {sample: relay/amplified}
+    on_exit: shutdown
+"""
+
+
+@pytest.fixture(scope="module")
+def recorded(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A copy of the chain with more launch files, and the bag of a run of it."""
+    folder = tmp_path_factory.mktemp("play")
+    workspace = folder / "chain"
+    shutil.copytree(CHAIN.parents[1], workspace)
+    for name, text in (("again", REPLAYED), ("open", OPEN_RELAY)):
+        (workspace / "launch" / f"{name}.yaml").write_text(text)
+    launch = workspace / "launch" / "chain.yaml"
+    done = shared_palp.run(
+        "launch", launch, "clock:=sim", f"count:={COUNT}", "--compose", "--record", folder / "bag"
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "bag", workspace / "launch"
+
+
+def payloads(bag: Path, topic: str) -> list[bytes]:
+    with Bag(bag) as opened:
+        return [message.payload for message in opened.recorded([topic])]
+
+
+def begun(process: subprocess.Popen[str], palp: Palp) -> RunRecord:
+    """Wait until the player says that it plays; return where."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "as graph 'play'" in line:
+            (file,) = palp.runtime_dir.glob("palp/play-*/graph.json")
+            return msgspec.json.decode(file.read_bytes(), type=RunRecord)
+    raise AssertionError(f"ended with status {process.wait()}")
+
+
+@contextlib.contextmanager
+def hearing(record: RunRecord, *topics: str) -> Iterator[Callable[[int], list[Frame]]]:
+    """Subscribe to topics; the function waits for so many messages."""
+    at = {entry.name: entry.publish for entry in record.topics}
+    subscriber = Subscriber({topic: at[topic] for topic in topics})
+
+    def heard(count: int) -> list[Frame]:
+        found: list[Frame] = []
+        while len(found) < count:
+            assert subscriber.wait(PATIENCE_S), f"{len(found)} messages"
+            found += [frame for frame in map(parse, subscriber.receive()) if frame.kind == Kind.DATA]
+        return found
+
+    try:
+        yield heard
+    finally:
+        subscriber.close()
+
+
+def test_what_is_played_comes_as_recorded_from_the_recorded_nodes(
+    palp: Palp, recorded: tuple[Path, Path]
+) -> None:
+    bag, _ = recorded
+    process = palp.start("bag", "play", bag, "-w", "2", "-r", "2", "--json")
+    record = begun(process, palp)
+    assert [node.name for node in record.nodes] == ["relay", "source"]
+    with hearing(record, "/source/sample", "/relay/amplified") as heard:
+        frames = heard(2 * COUNT)
+    assert process.wait(PATIENCE_S) == 0
+    with Bag(bag) as opened:
+        in_order = [
+            (m.stream.topic.name, m.payload) for m in opened.recorded(["/source/sample", "/relay/amplified"])
+        ]
+        hashes = {name: topic.type_hash for name, topic in opened.topics().items()}
+    assert [(frame.topic, bytes(frame.payload)) for frame in frames] == in_order
+    assert {(frame.topic, f"{frame.type_hash:016x}") for frame in frames} == {
+        (name, hashes[name]) for name in ("/source/sample", "/relay/amplified")
+    }
+    stamps = [frame.stamp_ns for frame in frames]
+    assert stamps == sorted(stamps)
+    assert process.stdout is not None
+    account = json.loads(process.stdout.read())
+    assert account["messages"] == len(in_order) + COUNT  # the source's progress too
+    assert 0.0 <= account["late_p99_s"] <= account["late_max_s"]
+
+
+def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -> None:
+    bag, _ = recorded
+    process = palp.start("bag", "play", bag, "-w", "1", "-t", "/source/sample", "--clock", "50", "-r", "3")
+    begun(process, palp)
+    assert palp.run("topic", "type", "/source/sample").stdout == "Sample\n"
+    assert "/source" in palp.run("node", "list").stdout
+    assert "/relay/amplified" not in palp.run("topic", "list").stdout
+    assert palp.run("bag", "play", bag, "-t", "/no/where").returncode == 2
+    echo = palp.run(
+        "topic", "echo", "/source/sample", "--times", "3", "--json", "--qos-reliability", "reliable"
+    )
+    assert echo.returncode == 0, echo.stderr
+    indices = [json.loads(line)["index"] for line in echo.stdout.splitlines()]
+    assert indices == [0, 1, 2]
+    assert process.wait(PATIENCE_S) == 0
+    assert not list(palp.runtime_dir.glob("palp/play-*"))
+
+
+def test_the_bags_time_is_published_where_asked_for(palp: Palp, recorded: tuple[Path, Path]) -> None:
+    bag, _ = recorded
+    process = palp.start("bag", "play", bag, "-w", "1", "--clock", "100", "--remap", "/source/sample:=/a/b")
+    record = begun(process, palp)
+    assert "/a/b" in {entry.name for entry in record.topics}
+    with hearing(record, "/player/clock") as heard:
+        told = [msgspec.msgpack.decode(frame.payload) for frame in heard(10)]
+    assert [message["stamp_ns"] for message in told] == sorted(message["stamp_ns"] for message in told)
+    assert told[-1]["rate"] == 1.0
+    assert process.wait(PATIENCE_S) == 0
+
+
+def test_keys_pause_step_change_the_speed_and_seek(palp: Palp, recorded: tuple[Path, Path]) -> None:
+    bag, _ = recorded
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        palp.command("bag", "play", bag, "-w", "1", "-p", "-r", "5", "-t", "/source/sample"),
+        env=palp.environment,
+        stdin=theirs,
+        stderr=theirs,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    os.close(theirs)
+    screen = ""
+
+    def until(text: str) -> None:
+        nonlocal screen
+        while text not in screen:
+            assert select.select([ours], [], [], PATIENCE_S)[0], screen
+            screen += os.read(ours, 4096).decode(errors="replace")  # a letter may come in two parts
+        screen = screen[screen.index(text) + len(text) :]
+
+    try:
+        until("waiting")
+        (file,) = palp.runtime_dir.glob("palp/play-*/graph.json")
+        record = msgspec.json.decode(file.read_bytes(), type=RunRecord)
+        recorded_payloads = payloads(bag, "/source/sample")
+        with hearing(record, "/source/sample") as heard:
+            until("paused")
+            os.write(ours, b"\x1b[C\x1b[C")
+            assert [bytes(frame.payload) for frame in heard(2)] == recorded_payloads[:2]
+            os.write(ours, b"\x1b[A")
+            until("5.5 times real time, paused")
+            os.write(ours, b"\x1b[B")
+            until("5 times real time, paused")
+            os.write(ours, b"5\x1b[C")
+            (half,) = heard(1)
+            assert bytes(half.payload) in recorded_payloads[25:35]
+            os.write(ours, b"\x1b[D\x1b[C")  # 5 s back is the beginning
+            assert bytes(heard(1)[0].payload) == recorded_payloads[0]
+            os.write(ours, b" ")
+            rest = [bytes(frame.payload) for frame in heard(COUNT - 1)]
+        assert rest == recorded_payloads[1:]
+        until("playing")
+        assert process.wait(PATIENCE_S) == 0
+        assert process.stdout is not None
+        assert f"played {COUNT + 3} messages of 1 topics; never more than" in process.stdout.read()
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def test_a_loop_goes_on_until_ctrl_c_and_says_what_it_has_played(
+    palp: Palp, recorded: tuple[Path, Path]
+) -> None:
+    bag, _ = recorded
+    process = palp.start("bag", "play", bag, "-l", "-w", "1", "-r", "5", "-t", "/source/sample", "--json")
+    record = begun(process, palp)
+    with hearing(record, "/source/sample") as heard:
+        frames = heard(2 * COUNT + 5)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 130
+    assert process.stdout is not None
+    account = json.loads(process.stdout.read())
+    assert account["interrupted"] is True
+    assert account["messages"] >= 2 * COUNT + 5
+    once = payloads(bag, "/source/sample")
+    assert [bytes(frame.payload) for frame in frames[: 2 * COUNT]] == once * 2
+    assert [frame.sequence for frame in frames] == list(range(1, len(frames) + 1))
+    assert not list(palp.runtime_dir.glob("palp/play-*"))
+
+
+def test_a_bag_plays_into_a_running_graph_in_place_of_a_node(
+    palp: Palp, recorded: tuple[Path, Path], tmp_path: Path
+) -> None:
+    bag, launch = recorded
+    graph = palp.start("launch", launch / "open.yaml", f"out:={tmp_path / 'out.json'}")
+    while "active" not in palp.run("lifecycle", "get", "/relay").stdout:
+        assert graph.poll() is None
+    refused = palp.run("bag", "play", bag, "--graph", "open")
+    assert refused.returncode == 2
+    assert "takes none of the bag's topics from outside; it takes: /relay/sample" in refused.stderr
+    wrong = palp.run("bag", "play", bag, "--graph", "open", "-m", "/source/progress:=/relay/sample")
+    assert wrong.returncode == 2
+    assert "/relay/sample takes another type than Progress" in wrong.stderr
+    played = palp.run("bag", "play", bag, "--graph", "open", "-m", "/source/sample:=/relay/sample", "-r", "5")
+    assert played.returncode == 0, played.stderr
+    assert "no port of graph 'open' takes /relay/amplified, /source/progress" in played.stderr
+    assert graph.wait(PATIENCE_S) == 0
+    assert json.loads((tmp_path / "out.json").read_text()) == list(range(COUNT))
+
+
+def test_a_recording_takes_the_place_of_a_live_node(palp: Palp, recorded: tuple[Path, Path]) -> None:
+    bag, launch = recorded
+    graph = palp.start("launch", launch / "chain.yaml", "count:=1000000")
+    wait_for_line(graph, "blocks: 1/")
+    echo = ("topic", "echo", "/relay/amplified", "--field", "index", "--once", "--csv")
+    live = palp.run(*echo, "--filter", f"m.index > {COUNT}")
+    assert live.returncode == 0, live.stderr
+    done = palp.run("swap", "source", "palp_core.graph.replay.player:Player", f"bag:={bag}", "rate:=0.02")
+    assert done.returncode == 0, done.stderr
+    assert int(palp.run(*echo).stdout) < COUNT < int(live.stdout)
+
+
+@pytest.mark.parametrize("how", [("--compose",), ()], ids=["composed", "processes"])
+def test_in_lockstep_a_bag_as_the_source_gives_the_recorded_outputs(
+    palp: Palp, recorded: tuple[Path, Path], tmp_path: Path, how: tuple[str, ...]
+) -> None:
+    bag, launch = recorded
+    done = palp.run("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again", *how)
+    assert done.returncode == 0, done.stderr
+    for topic in ("/source/sample", "/relay/amplified"):
+        equal = palp.run("bag", "diff", bag, tmp_path / "again", "-t", topic)
+        assert equal.returncode == 0, equal.stdout
+
+
+def test_on_the_wall_clock_a_bag_as_the_source_drives_live_nodes(
+    palp: Palp, recorded: tuple[Path, Path], tmp_path: Path
+) -> None:
+    bag, launch = recorded
+    out = tmp_path / "out.json"
+    done = palp.run("launch", launch / "again.yaml", "clock:=wall", f"bag:={bag}", f"out:={out}", "rate:=2.0")
+    assert done.returncode == 0, done.stderr
+    assert f"blocks: {COUNT}/{COUNT}" in done.stdout
+    assert json.loads(out.read_text()) == list(range(COUNT))
+
+
+def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(
+    palp: Palp, recorded: tuple[Path, Path], tmp_path: Path
+) -> None:
+    _, launch = recorded
+    done = palp.run("launch", launch / "again.yaml", f"bag:={tmp_path / 'none'}", "--check")
+    assert done.returncode == 2
+    assert "again.yaml:7:10: node 'source': " in done.stderr
+    assert "none: no such bag" in done.stderr
+
+
+def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: tuple[Path, Path]) -> None:
+    bag, _ = recorded
+    wrong = (
+        (("-m", "/source/sample"), "is no remapping; write /node/port:=/other/port"),
+        (("-m", "/no/such:=/a/b"), "/no/such is not among the topics that are played: /relay/amplified"),
+        (("-m", "/source/sample:=/relay/amplified"), "two topics would be called /relay/amplified"),
+        (("-t", "/sauce/sample"), "no topic '/sauce/sample'; did you mean '/source/sample'?"),
+        (("-p",), "--start-paused needs a keyboard"),
+        (("--start-offset", "100"), "no message of the chosen topics and time; the bag has 0.0"),
+        (("--graph", "none"), "no graph named 'none' is running"),
+    )
+    players = [palp.start("bag", "play", bag, *words) for words, _ in wrong]
+    for player, (words, text) in zip(players, wrong, strict=True):
+        status, said = finished(player)
+        assert status == 2, (words, said)
+        assert text in said
+        assert "Traceback" not in said

@@ -1,0 +1,181 @@
+"""Recorded nodes that speak again: types, rounds, times, bytes."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core import Message
+from palp_core.errors import BagError
+from palp_core.graph.bag.message_class import message_class
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.rounds import Rounds
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.replay.player import Player, playable, span_ns
+
+ROOT = Path(__file__).parents[3]
+
+
+def messages_of_the_rig() -> list[type[Message]]:
+    found = []
+    for path in sorted((ROOT / "msgs").glob("*.py")):
+        module = importlib.import_module(f"msgs.{path.stem}")
+        for _, value in inspect.getmembers(module, inspect.isclass):
+            if issubclass(value, Message) and value.__module__ == module.__name__:
+                found.append(value)
+    return found
+
+
+def described(kind: type[Message], type_hash: str | None = None) -> Topic:
+    schema = schema_of(kind)
+    told = f"{schema.type_hash:016x}" if type_hash is None else type_hash
+    return Topic(name="/a/b", type=schema.name, type_hash=told, json_schema=json_schema(schema))
+
+
+def drive(spec: NodeSpec) -> list[tuple[int, Any]]:
+    """Run a player through its time; return when it sent which frame."""
+    clock, frames, sent = SimClock(), [], []  # type: ignore[var-annotated]
+    executor = Executor(Player, spec, clock, frames.append)
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    for _ in range(100_000):
+        sent += [(clock.now_ns(), parse(raw)) for raw in frames if b"/_" not in raw[:60]]
+        frames.clear()
+        due_ns = executor.next_due_ns()
+        if due_ns is None:
+            break
+        clock.set(max(due_ns, clock.now_ns()))
+        executor.run_timers()
+    assert executor.exit_code == 0
+    executor.transition(Transition.SHUTDOWN)
+    return sent
+
+
+@pytest.mark.parametrize("kind", messages_of_the_rig(), ids=lambda kind: kind.__name__)
+def test_a_class_from_the_schema_is_the_recorded_type(kind: type[Message]) -> None:
+    made = message_class(described(kind))
+    assert made is not kind
+    assert schema_of(made).type_hash == schema_of(kind).type_hash
+    assert json_schema(schema_of(made)) == json_schema(schema_of(kind))
+
+
+def test_a_class_from_the_schema_has_every_kind_of_field(kit: Any) -> None:
+    assert schema_of(message_class(described(kit.Block))).type_hash == schema_of(kit.Block).type_hash
+
+
+def test_a_schema_that_is_not_the_recorded_types_is_refused(kit: Any) -> None:
+    with pytest.raises(BagError, match=r"type hash .* recorded was 0000000000000001"):
+        message_class(described(kit.Block, f"{1:016x}"))
+    with pytest.raises(BagError, match="no schema of palp's"):
+        message_class(Topic(name="/a/b"))
+    with pytest.raises(BagError, match="is not a palp message's"):
+        message_class(Topic(name="/a/b", json_schema={"type": "object", "properties": {"x": {}}}))
+
+
+def test_a_player_sends_the_recorded_bytes_at_the_recorded_times(bag: Path) -> None:
+    sent = drive(NodeSpec(name="torque", run="", params={"bag": str(bag)}))
+    with Bag(bag) as opened:
+        recorded = list(opened.recorded(["/torque/block"]))
+    assert [now_ns for now_ns, _ in sent] == [message.log_ns for message in recorded]
+    assert [frame.stamp_ns for _, frame in sent] == [message.publish_ns for message in recorded]
+    assert [bytes(frame.payload) for _, frame in sent] == [message.payload for message in recorded]
+    assert [frame.sequence for _, frame in sent] == list(range(1, len(recorded) + 1))
+    assert {f"{frame.type_hash:016x}" for _, frame in sent} == {recorded[0].stream.topic.type_hash}
+
+
+def test_a_player_counts_from_the_first_message_of_the_whole_bag(bag: Path) -> None:
+    sent = drive(
+        NodeSpec(name="policy", run="", params={"bag": str(bag), "rate": 0.5, "start_offset_s": 0.05})
+    )
+    assert [now_ns for now_ns, _ in sent] == [100_000_000]  # the mode at 100 ms, half as fast, 50 ms left out
+
+
+def test_a_player_offers_latched_topics_as_latched(bag: Path) -> None:
+    shaped = Player.shaped("policy", {"bag": str(bag)})
+    assert shaped.mode.qos.durability == "transient_local"  # type: ignore[attr-defined]
+    assert shaped.mode.qos.depth == 1  # type: ignore[attr-defined]
+
+
+def test_a_node_that_is_not_in_the_bag_is_refused_by_name(bag: Path) -> None:
+    with pytest.raises(BagError, match=r"no messages of a node 'stage'.*policy, torque"):
+        Player.shaped("stage", {"bag": str(bag)})
+    assert Player.shaped("stage", {}) is Player
+
+
+def test_a_player_that_takes_over_goes_on_where_the_other_was(bag: Path) -> None:
+    spec = NodeSpec(name="torque", run="", params={"bag": str(bag)})
+    clock, frames = SimClock(), []  # type: ignore[var-annotated]
+    executor = Executor(Player, spec, clock, frames.append)
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    clock.set(20_000_000)
+    for _ in range(20):
+        executor.run_timers()
+    follower = Executor(Player, spec, clock, frames.append)
+    follower.transition(Transition.CONFIGURE)
+    follower.take_over(executor.hand_over())
+    clock.set(40_000_000)
+    for _ in range(40):
+        follower.run_timers()
+    sequences = [frame.sequence for frame in map(parse, frames) if frame.topic == "/torque/block"]
+    assert sequences == list(range(1, 42))
+    follower.transition(Transition.SHUTDOWN)
+    executor.transition(Transition.SHUTDOWN)
+
+
+def test_what_can_be_played_is_what_nodes_said(kit: Any, tmp_path: Path) -> None:
+    block = kit.Block(stamp_ns=0, torque_n_m=np.zeros(1))
+    names = ("/torque/block", "/torque/_order", "/graph/events", "/torque/tare/panel/tare", "loose")
+    frames = [(0, kit.frame(name, block, 1, 0)) for name in names]
+    folder, _ = kit.record(tmp_path / "run", frames)
+    with Bag(folder) as opened:
+        assert list(playable(opened)) == ["/torque/block"]
+        assert span_ns(opened) == (0, 0)
+
+
+def test_a_file_that_was_never_closed_is_to_be_mended_first(bag: Path, tmp_path: Path) -> None:
+    (file,) = bag.glob("*.mcap")
+    with Bag(bag) as opened:
+        whole = span_ns(opened)
+        last = opened.files[0].chunks[-1]
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(file.read_bytes()[: last.offset + last.length])
+    with Bag(torn) as opened:
+        assert opened.files[0].statistics is None
+        assert span_ns(opened) == whole
+        with pytest.raises(BagError, match=r"torn\.mcap was never closed; mend it first: palp bag recover"):
+            playable(opened)
+
+
+def test_rounds_put_an_answer_after_its_cause_and_keep_company_together() -> None:
+    rounds = Rounds(
+        ["experiment", "stage", "torque", "estimator"],
+        {"estimator": ["/torque/block", "/experiment/trial"], "experiment": ["/estimator/belief"]},
+    )
+    instant = ["/stage/status", "/torque/block", "/estimator/belief", "/experiment/trial", "/stage/status"]
+    assert [rounds(5, topic) for topic in instant] == [0, 0, 1, 2, 2]
+    assert rounds(6, "/stage/status") == 0
+    assert [Rounds()(7, topic) for topic in instant[:1]] == [0]
+
+
+def test_a_bag_that_was_begun_later_counts_from_its_first_message(kit: Any, tmp_path: Path) -> None:
+    late_ns = 7_000_000_000
+    frames = [(late_ns + now_ns, raw) for now_ns, raw in kit.run_frames(3)]
+    for folder, told, first_ns in (
+        (tmp_path / "late", frames, 0),
+        (tmp_path / "soon", kit.run_frames(3)[2:], 1),
+    ):
+        kit.record(folder, told)
+        sent = drive(NodeSpec(name="torque", run="", params={"bag": str(folder)}))
+        assert sent[0][0] == first_ns * 1_000_000

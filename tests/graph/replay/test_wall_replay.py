@@ -1,0 +1,176 @@
+"""Recordings made on the wall clock replay byte for byte: what each node consumed, in order, is recorded."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.writer import BagWriter
+from tests.support.live import ended, recording
+from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
+
+RIG = ("estimator", "policy", "actuator", "stage", "phantom", "torque", "emg", "cocontraction")
+
+
+def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[dict[str, Any]]:
+    done = palp.run("bag", "replay", bag, "--nodes", nodes, "--launch", launch, "--compare", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def test_a_recording_from_the_start_replays_every_output(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
+    assert done.returncode == 0, done.stderr
+    source, relay, sink = replayed(palp, bag, "source,relay,sink")
+    assert (relay["compared"], relay["uncovered"]) == (301, 0)  # samples, and its activation
+    assert (source["compared"], source["uncovered"]) == (601, 0)
+    assert sink["consumed"] >= 301
+
+
+def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, tmp_path: Path) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0")
+    wait_for_line(graph, "blocks: 1/")
+    recorder = recording(palp, "-a", "-o", tmp_path / "bag")
+    for gain in ("3.0", "0.5"):
+        assert palp.run("param", "set", "relay", "gain", gain).returncode == 0
+    assert palp.run("lifecycle", "set", "relay", "deactivate").returncode == 0
+    assert palp.run("lifecycle", "set", "relay", "activate").returncode == 0
+    ended(recorder)
+    for node in replayed(palp, tmp_path / "bag", "source,relay"):
+        assert node["compared"] > 10
+        assert node["divergence"] is None
+
+
+def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
+    with Bag(bag) as opened:
+        epochs = {m.stream.epoch for m in opened.recorded(["/relay/_order"])}
+    assert len(epochs) > 1
+    if done.returncode:  # the restarted publisher spoke before the recorder was back, and no longer keeps it
+        assert "/relay/amplified: " in done.stdout, done.stdout + done.stderr
+        assert " of epoch 1" in done.stdout
+        return
+    (sink,) = replayed(palp, bag, "sink")
+    assert sink["divergence"] is None
+
+
+def tampered(bag: Path, out: Path, topic: str, sequence: int) -> None:
+    """Copy a bag with one number of one message changed."""
+    with Bag(bag) as source, BagWriter(out) as writer:
+        for name, data in source.attachments().items():
+            writer.attach(name, data)
+        for m in source.recorded():
+            payload = m.payload
+            if (m.stream.topic.name, m.sequence) == (topic, sequence):
+                value = msgspec.msgpack.decode(payload)
+                value["torque_n_m"] = bytes(len(value["torque_n_m"]))
+                payload = msgspec.msgpack.encode(value)
+            writer.write(writer.stream(m.stream), m.sequence, m.log_ns, m.publish_ns, payload)
+
+
+def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
+    assert done.returncode == 0, done.stderr
+    tampered(bag, tmp_path / "input", "/source/sample", 42)
+    tampered(bag, tmp_path / "output", "/relay/amplified", 42)
+    for name in ("input", "output"):
+        told = palp.run("bag", "replay", tmp_path / name, "--nodes", "relay", "--launch", CHAIN, "--json")
+        assert told.returncode == 1
+        (relay,) = json.loads(told.stdout)
+        first = relay["divergence"]
+        assert (first["topic"], first["sequence"]) == ("/relay/amplified", 42)
+        assert first["what"].startswith("torque_n_m: recorded")
+        assert first["after"].startswith("input:sample 42 at ")
+        assert [entry.split(" at ")[0] for entry in first["inputs"]] == [
+            f"input:sample {n}" for n in range(38, 43)
+        ]
+        said = palp.run("bag", "replay", tmp_path / name, "--nodes", "relay", "--launch", CHAIN)
+        assert "differs first on /relay/amplified 42" in said.stdout
+
+
+def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp, tmp_path: Path) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", tmp_path / "bag")
+    wait_for_line(graph, "blocks: 1/")
+    while sum(file.stat().st_size for file in (tmp_path / "bag").glob("*.mcap")) < 400_000:
+        with pytest.raises(subprocess.TimeoutExpired):
+            graph.wait(0.02)
+    for process in palp.running("palp_core.graph.recording.recorder_process"):
+        process.kill()
+    saved = palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
+    assert saved.returncode == 0, saved.stderr
+    for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):
+        assert node["consumed"] > 100
+        assert node["divergence"] is None
+
+
+def test_a_recording_without_what_the_node_consumed_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(graph, "blocks: 1/")
+    ended(recording(palp, "/source/sample", "/relay/amplified", "-o", tmp_path / "bag"))
+    told = palp.run("bag", "replay", tmp_path / "bag", "--nodes", "relay", "--launch", CHAIN)
+    assert told.returncode == 2
+    assert "/relay/_order" in told.stderr
+    assert "palp bag record -a" in told.stderr
+
+
+@pytest.mark.slow
+def test_the_rig_on_the_wall_clock_replays_byte_for_byte(palp: Palp, tmp_path: Path) -> None:
+    rig, bag = tmp_path / "rig", tmp_path / "bag"
+    for name in ("launch", "nodes", "msgs"):
+        shutil.copytree(SIM.parents[1] / name, rig / name)
+    launch = rig / "launch" / "sim.yaml"
+    text = launch.read_text()
+    assert "\nclock: sim\n" in text
+    launch.write_text(text.replace("\nclock: sim\n", "\nclock: wall\n"))
+    graph = palp.start(
+        "launch", launch, "trials:=1", "training:=1", f"out:={tmp_path / 'out'}", "--record", bag
+    )
+    wait_for_line(graph, "training: 2/")
+    graph.send_signal(signal.SIGINT)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "nothing missing" in out, errors
+    for node in replayed(palp, bag, ",".join(RIG), launch):
+        assert node["divergence"] is None
+        assert node["compared"] > 0
+        assert node["uncovered"] == 0
+
+
+def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
+    palp: Palp, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", bag)
+    wait_for_line(graph, "blocks: 1/")
+    for name, run in (("relay", "nodes.relay:Relay"), ("source", "nodes.source:Source")):
+        done = palp.run("swap", name, run)
+        assert done.returncode == 0, done.stderr
+    graph.send_signal(signal.SIGINT)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "nothing missing" in out, errors
+    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+    assert info["complete"]
+    assert all(topic["repeated"] == 0 for topic in info["topics"].values())
+    for node in replayed(palp, bag, "source,relay,sink"):
+        assert node["divergence"] is None
+        assert node["uncovered"] == 0
+
+
+def test_a_bag_of_another_workspace_asks_for_its_launch_file(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    assert palp.run("launch", CHAIN, "count:=5", "rate_hz:=500.0", "--record", bag).returncode == 0
+    refused = palp.run("bag", "replay", bag, "--nodes", "sink", "--launch", SIM)
+    assert refused.returncode not in (0, 1)
+    assert "No module named 'nodes.sink'" in refused.stderr
+    assert "--launch FILE" in refused.stderr

@@ -1,0 +1,116 @@
+"""However a graph ends, it ends: no orphan, no hang, a status that tells, a message that names the node."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import subprocess
+from pathlib import Path
+
+import psutil
+import pytest
+
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
+from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
+
+RIG_NODES = (
+    "experiment", "policy", "actuator", "stage", "phantom", "torque", "estimator", "emg", "cocontraction",
+)  # fmt: skip
+
+
+def node_pid(palp: Palp, name: str) -> int:
+    found = json.loads(palp.run("node", "list", "--json").stdout)
+    return next(int(node["pid"]) for node in found if node["name"] == f"/{name}")
+
+
+def start_rig(palp: Palp, out: Path) -> subprocess.Popen[str]:
+    process = palp.start("launch", SIM, f"out:={out}", "trials:=50", "training:=25")
+    wait_for_line(process, "training: ")
+    return process
+
+
+def assert_readable(out: Path) -> None:
+    rows = read_rows(out)
+    for row in rows:
+        torque_n_m, rate_hz = read_sweep(out, row.row)
+        assert len(torque_n_m) > 3000
+        assert rate_hz == 1000.0
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*RIG_NODES[:4], *(pytest.param(name, marks=pytest.mark.slow) for name in RIG_NODES[4:])],
+)
+def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
+    process = start_rig(palp, tmp_path / "out")
+    psutil.Process(node_pid(palp, name)).kill()
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert f"{name}: its process was killed by SIGKILL" in errors
+    assert palp.all_gone()
+    assert_readable(tmp_path / "out")
+
+
+@pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(1.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_when_the_supervisor_is_killed_all_is_gone(palp: Palp, clock: str, within_s: float) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000", f"clock:={clock}")
+    wait_for_line(process, "blocks: 1/")
+    assert len(palp.processes()) >= 5
+    process.kill()
+    process.wait()
+    assert palp.all_gone(within_s)
+
+
+def test_when_the_fork_server_is_killed_the_run_ends_and_says_so(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    server = psutil.Process(node_pid(palp, "relay")).parent()
+    assert server is not None
+    server.kill()
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode != 0
+    assert "fork server" in errors
+    assert palp.all_gone()
+
+
+def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "clock:=sim", "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    psutil.Process(node_pid(palp, "relay")).suspend()
+    assert process.stderr is not None
+    assert "still waiting for relay" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 130
+    assert palp.all_gone()
+
+
+@pytest.mark.parametrize("compose", [(), ("--compose",)], ids=["processes", "composed"])
+@pytest.mark.parametrize("moment", ["palp/*", "palp/*/graph.json", "out/trials.csv"])
+def test_ctrl_c_leaves_nothing_behind(palp: Palp, moment: str, compose: tuple[str, ...]) -> None:
+    process = palp.start("launch", SIM, f"out:={palp.runtime_dir / 'out'}", "trials:=100", *compose)
+    while not list(palp.runtime_dir.glob(moment)):
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.01)
+    assert_interruptible(palp, process, palp.runtime_dir / "out")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", range(26))
+def test_ctrl_c_at_any_moment_leaves_nothing_behind(palp: Palp, tmp_path: Path, moment: int) -> None:
+    compose = ("--compose",) if moment % 2 == 1 else ()
+    process = palp.start("launch", SIM, f"out:={tmp_path / 'out'}", "trials:=100", *compose)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(random.Random(moment).uniform(0.05, 6.0))
+    assert_interruptible(palp, process, tmp_path / "out")
+
+
+def assert_interruptible(palp: Palp, process: subprocess.Popen[str], out: Path) -> None:
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode in (130, -signal.SIGINT), errors
+    assert "Traceback" not in errors or process.returncode == -signal.SIGINT
+    assert palp.all_gone()
+    if (out / "trials.csv").exists():
+        assert_readable(out)

@@ -1,0 +1,253 @@
+"""Nodes that do what no node should, users in a hurry, odd surroundings: a run ends, safely, and says why."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.process.channel import Hello, Round, Shutdown, node_end
+from palp_core.graph.supervision import fork_client
+from palp_core.graph.supervision.channel_server import Switchboard
+from tests.support.palp import CHAIN, PATIENCE_S, Palp
+from tests.support.toys import LAUNCH, Hostile, Pipe
+
+
+@pytest.fixture
+def hostile(palp: Palp, tmp_path: Path) -> Hostile:
+    return Hostile(palp, tmp_path)
+
+
+@pytest.mark.parametrize("deed", ["fork", "daemon"])
+def test_what_a_node_has_started_goes_with_it(hostile: Hostile, deed: str) -> None:
+    done = hostile.run(f"deed:={deed}")
+    assert done.returncode == 0, done.stderr
+    assert hostile.palp.all_gone()
+
+
+def test_a_child_that_holds_a_dead_nodes_line_does_not_hold_the_supervisor(hostile: Hostile) -> None:
+    done = hostile.run("deed:=fork_and_die")
+    assert done.returncode == 1
+    assert "bad: its process was killed by SIGKILL" in done.stderr
+    assert hostile.palp.all_gone()
+
+
+def test_a_keyboard_interrupt_out_of_a_handler_still_reaches_the_safe_state(hostile: Hostile) -> None:
+    done = hostile.run("deed:=interrupt")
+    assert done.returncode == 1
+    assert "bad: " in done.stderr
+    assert "KeyboardInterrupt" in done.stderr
+    assert hostile.notes.read_text().splitlines() == ["configure", "deed", "deactivate"]
+
+
+def test_an_import_that_never_ends_can_be_interrupted(hostile: Hostile) -> None:
+    ready = Pipe(hostile.folder / "ready")
+    hostile.write(
+        "nodes/endless.py", f"print('!', file=open({str(ready.path)!r}, 'w'), flush=True)\nwhile 1: 0"
+    )
+    file = hostile.write("launch/e.yaml", "graph: e\nclock: sim\nnodes: {a: {run: 'nodes.endless:A'}}\n")
+    process = hostile.palp.start("launch", file)
+    ready.wait()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 130
+    assert hostile.palp.all_gone()
+
+
+def test_a_second_ctrl_c_breaks_into_a_composed_handler_that_never_ends(hostile: Hostile) -> None:
+    ready = Pipe(hostile.folder / "ready")
+    process = hostile.start("deed:=loop", "--compose", f"ready:={ready.path}")
+    ready.wait()
+    while "deactivate" not in hostile.notes.read_text():
+        process.send_signal(signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(2.0)
+    assert process.wait(PATIENCE_S) == 130
+    assert hostile.notes.read_text().splitlines() == ["configure", "deed", "deactivate"]
+
+
+def test_a_node_that_neither_reads_nor_finishes_its_sentence_does_not_stop_the_supervisor(
+    tmp_path: Path,
+) -> None:
+    lines = Switchboard(tmp_path / "s", ["a"], ())
+    node = node_end(str(tmp_path / "s"))
+    node.send(Hello("a", 1))
+    while not lines.connected(0):
+        lines.wait(1.0)
+    large = Round(0, [bytes(5_000_000)])
+    lines.send(0, large)
+    lines.send(0, Shutdown(7))
+    node.socket.sendall((1000).to_bytes(4, "little") + b"half")
+    assert lines.wait(0.1) == ([], set())
+    with concurrent.futures.ThreadPoolExecutor(1) as other:
+        received = other.submit(lambda: [node.receive(), node.receive()])
+        while not received.done():
+            lines.wait(0.01)
+    assert received.result() == [large, Shutdown(7)]
+    node.close()
+    lines.wait(1.0)
+    assert not lines.connected(0)
+    lines.close()
+
+
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_ten_megabytes_a_message_arrive(hostile: Hostile, clock: str) -> None:
+    done = hostile.run(f"clock:={clock}", "size:=10000000", "count:=3")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(8.0, marks=pytest.mark.slow)])
+def test_two_nodes_killed_at_once_are_both_accounted_for(hostile: Hostile, within_s: float) -> None:
+    process = hostile.start("count:=1000000")
+    listed = json.loads(hostile.palp.run("node", "list", "--json").stdout)
+    for node in listed[:2]:
+        psutil.Process(node["pid"]).kill()
+    assert process.wait(within_s) == 1  # a death missed would be waited for through the whole ladder
+    assert hostile.palp.all_gone()
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+def test_a_slow_reader_reaches_its_safe_state_whatever_ends_the_run(
+    hostile: Hostile, number: signal.Signals
+) -> None:
+    process = hostile.start("clock:=wall", "deed:=slow", "rate_hz:=1000.0",
+        "count:=1000000",
+    )  # fmt: skip
+    hostile.palp.run("topic", "echo", "/bad/passed", "--times", "20")
+    process.send_signal(number)
+    assert process.wait(PATIENCE_S) == 128 + number
+    assert hostile.notes.read_text().splitlines()[-1] == "deactivate"
+
+
+def test_a_restart_that_fails_is_tried_again_and_the_new_process_is_listed(hostile: Hostile) -> None:
+    process = hostile.start("clock:=wall", "deed:=flaky", "max_restarts:=3",
+        "count:=1000000",
+    )  # fmt: skip
+    assert hostile.palp.run("topic", "echo", "/bad/passed", "--times", "30").returncode == 0
+    assert hostile.notes.read_text().splitlines().count("configure") == 4
+    listed = json.loads(hostile.palp.run("node", "list", "--json").stdout)
+    assert all(psutil.pid_exists(node["pid"]) for node in listed)
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143
+
+
+def test_restarts_have_their_limit(hostile: Hostile) -> None:
+    done = hostile.run("clock:=wall", "deed:=flaky", "max_restarts:=2")
+    assert done.returncode == 1
+    assert "the device is not back yet" in done.stderr
+
+
+def test_sets_have_the_same_order_composed_as_in_processes(hostile: Hostile) -> None:
+    found = []
+    for extra in ((), ("--compose",), ("--compose",)):
+        digest = hostile.folder / "digest"
+        assert hostile.run("--digest", str(digest), *extra).returncode == 0
+        found.append(json.loads(digest.read_text())["/sink/order"])
+    assert found[0] == found[1] == found[2]
+
+
+def test_an_exit_code_that_a_shell_cannot_tell_from_success_is_a_failure(hostile: Hostile) -> None:
+    file = hostile.write(
+        "launch/odd.yaml", "graph: odd\nclock: sim\nnodes: {a: {run: 'nodes.toys:Odd', on_exit: shutdown}}\n"
+    )
+    assert hostile.palp.run("launch", file).returncode == 1
+
+
+def test_a_digest_that_cannot_be_written_is_told_before_the_run(hostile: Hostile) -> None:
+    done = hostile.run("--digest", "/nowhere/digest.json")
+    assert done.returncode == 2
+    assert done.stderr.startswith("--digest /nowhere/digest.json: cannot be written")
+
+
+def test_a_silent_topic_is_given_up_although_heartbeats_come(hostile: Hostile) -> None:
+    ends_never = "params: {count: 2}, inputs: {blob: bad/passed}"  # the one message is not the last
+    before = "params: {count: $(var count)}, inputs: {blob: bad/passed}"
+    assert before in LAUNCH
+    hostile.write("launch/hostile.yaml", LAUNCH.replace(before, ends_never))
+    hostile.start("clock:=wall", "count:=1")
+    done = hostile.palp.run("topic", "echo", "/source/blob", "--timeout", "0.5")
+    assert "no message for 0.5 s" in done.stderr
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_do_no_harm(palp: Palp, tmp_path: Path, closed: str) -> None:
+    command = palp.command("launch", CHAIN, "clock:=sim", "count:=5", f"out:={tmp_path}/out")
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh", *command]
+    assert subprocess.run(shell, env=palp.environment, check=False, timeout=PATIENCE_S).returncode == 0
+    assert json.loads((tmp_path / "out").read_text()) == list(range(5))
+
+
+def test_paths_count_from_the_users_folder_and_its_files_hide_no_module(palp: Palp, tmp_path: Path) -> None:
+    for name in ("numpy.py", "random.py", "yaml.py"):
+        (tmp_path / name).write_text("raise SystemError('not me')")
+    command = [sys.executable, "-P", "-m", "palp_core", "launch", str(CHAIN), "clock:=sim", "count:=5"]
+    done = subprocess.run(
+        [*command, "out:=here.json"], env=palp.environment, cwd=tmp_path, check=False, timeout=60
+    )
+    assert done.returncode == 0
+    assert json.loads((tmp_path / "here.json").read_text()) == list(range(5))
+
+
+def test_a_fork_server_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fork_client, "CLOSE_TIMEOUT_S", 0.1)
+    server = fork_client.ForkServer()
+    os.kill(server.pid, signal.SIGSTOP)
+    server.close()
+    assert not psutil.pid_exists(server.pid)
+
+
+def test_a_folder_of_somebody_else_is_never_taken_for_the_run_directorys(
+    monkeypatch: pytest.MonkeyPatch, palp: Palp, tmp_path: Path
+) -> None:
+    precious = tmp_path / "precious"
+    for number in range(20):
+        (precious / str(number)).mkdir(parents=True)
+    (palp.runtime_dir / "palp").symlink_to(precious)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    with pytest.raises(GraphError, match="is not a folder of this user"):
+        RunDirectory("a")
+    assert len(list(precious.iterdir())) == 20
+    (palp.runtime_dir / "palp").unlink()
+    (palp.runtime_dir / "palp").touch()
+    with pytest.raises(GraphError, match=r"no run directory in .* set XDG_RUNTIME_DIR"):
+        RunDirectory("a")
+
+
+def test_pruning_takes_old_runs_but_none_that_is_just_starting(
+    monkeypatch: pytest.MonkeyPatch, palp: Palp
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    starting = RunDirectory("starting")
+    os.utime(starting.path, (0, 0))
+    old = RunDirectory("old graph/ü")
+    os.utime(old.path, (0, 0))
+    old.release()
+    later = [RunDirectory("later") for _ in range(12)]
+    for folder in later:
+        folder.release()
+    RunDirectory("last").remove()
+    assert starting.path.exists()
+    assert not old.path.exists()
+    assert sum(folder.path.exists() for folder in later) == 10
+    starting.remove()
+
+
+def test_a_runtime_folder_too_long_for_a_socket_is_not_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    long = tmp_path / ("x" * 80)
+    long.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
+    monkeypatch.setenv("TMPDIR", str(long))
+    folder = RunDirectory("a")
+    assert len(str(folder.path / f"{'n' * 32}.pub")) <= 107
+    folder.remove()

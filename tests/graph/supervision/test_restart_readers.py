@@ -1,0 +1,132 @@
+"""A restarted node speaks when its readers listen again, and no later than it has said it would wait."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import msgpack
+import pytest
+
+from palp_core.graph.messages.frame import Kind, parse
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from tests.support.palp import PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import Running
+from tests.support.toys import Hostile
+
+BURST = 200  # far more than the publisher keeps
+
+NODES = f"""
+import os
+from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
+
+
+class Word(Message):
+    life: int
+    number: int
+
+
+class Counts(State):
+    by_life: dict[int, int] = {{}}
+
+
+class SourceParams(Params):
+    rate_hz: float = 20.0
+
+
+class Source(Node):
+    params: SourceParams
+    word = Pub(Word)
+
+    def on_activate(self):
+        for number in range({BURST}):
+            self.word.publish(Word(life=os.getpid(), number=number))
+
+    @every("rate_hz")
+    def end(self):
+        self.word.publish(Word(life=os.getpid(), number=-1))
+
+
+class Sink(Node):
+    state: Counts
+    word = Sub(Word)
+    count = Pub(Word)
+    progress = Pub(Progress)
+
+    @on(word)
+    def take(self, word):
+        by_life = self.state.by_life
+        if word.number >= 0:
+            by_life[word.life] = by_life.get(word.life, 0) + 1
+            return
+        self.count.publish(Word(life=word.life, number=by_life.get(word.life, 0)))
+        self.progress.publish(Progress(stamp_ns=0, phase="words", done_count=1, total_count=10**9))
+"""
+
+LAUNCH = """
+graph: burst
+clock: wall
+nodes:
+  source: {run: "nodes.burst:Source", restart: {when: on_failure, backoff_s: 0.05}}
+  sink: {run: "nodes.burst:Sink", inputs: {word: source/word}}
+"""
+
+
+def heard_after(graph: Running, epoch: int, beats: int) -> None:
+    """Wait until the source's new process has gone on turning for a while: so many heartbeats."""
+    reader = Subscriber({"/source/word": f"ipc://{graph.folder}/source.pub"})
+    try:
+        while beats:
+            assert reader.wait(PATIENCE_S)
+            frames = [parse(raw) for raw in reader.receive()]
+            beats = max(beats - sum(f.epoch == epoch and f.kind != Kind.DATA for f in frames), 0)
+    finally:
+        reader.close()
+
+
+def counted(graph: Running, life: int) -> int:
+    """How many words of a process of the source have reached the sink, when it has said its last."""
+    reader = Subscriber({"/sink/count": f"ipc://{graph.folder}/sink.pub"})
+    try:
+        while True:
+            assert reader.wait(PATIENCE_S)
+            for frame in map(parse, reader.receive()):
+                said = msgpack.unpackb(frame.payload) if frame.kind == Kind.DATA else {}
+                if said.get("life") == life:
+                    return int(said["number"])
+    finally:
+        reader.close()
+
+
+@pytest.mark.parametrize(
+    "in_time",
+    [pytest.param(True, id="in time"), pytest.param(False, id="too late", marks=pytest.mark.slow)],
+)
+def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
+    palp: Palp, tmp_path: Path, in_time: bool
+) -> None:
+    hostile = Hostile(palp, tmp_path)
+    hostile.write("nodes/burst.py", NODES)
+    process = palp.start("launch", hostile.write("launch/burst.yaml", LAUNCH))
+    wait_for_line(process, "words: 1/")
+    graph = Running(palp)
+    assert counted(graph, graph.process("source").pid) == BURST
+    sink = graph.process("sink")
+    sink.suspend()
+    os.kill(graph.process("source").pid, signal.SIGKILL)
+    if in_time:
+        heard_after(graph, epoch=1, beats=3)
+        sink.resume()
+        restarted = graph.wait_for("restarted", "source")
+    else:
+        restarted = graph.wait_for("restarted", "source")
+        sink.resume()
+    assert (counted(graph, graph.process("source").pid) == BURST) is in_time
+    assert json.loads(restarted.data)["missing"] == ([] if in_time else ["sink"])
+    process.terminate()
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    said = "source is at work again and has waited 1 s for its readers; not back"
+    assert (said in errors) is not in_time
+    assert palp.all_gone()

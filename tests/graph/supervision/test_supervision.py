@@ -1,0 +1,221 @@
+"""What the supervisor promises: it notices, says, restarts by rule, and ends what it has started."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+
+import psutil
+import pytest
+
+from palp_core.graph.description.node_class import DescribeRequest
+from palp_core.graph.discovery.run_directory import RunDirectory, locked
+from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import LAUNCH, TALK, Running
+from tests.support.toys import Hostile, Pipe
+
+ENDLESS = ("count:=1000000", "rate_hz:=200.0")
+
+
+def start_chain(palp: Palp, *arguments: str) -> subprocess.Popen[str]:
+    process = palp.start("launch", CHAIN, *ENDLESS, *arguments)
+    wait_for_line(process, "blocks: 1/")
+    return process
+
+
+@pytest.fixture
+def talkers(palp: Palp, tmp_path: Path) -> Hostile:
+    made = Hostile(palp, tmp_path)
+    made.write("nodes/talk.py", TALK)
+    made.file = made.write("launch/talk.yaml", LAUNCH)
+    return made
+
+
+def test_a_stopped_node_is_called_unresponsive_and_then_responsive_again(palp: Palp) -> None:
+    process = start_chain(palp)
+    graph = Running(palp)
+    graph.process("sink").suspend()
+    assert "has not been heard" in graph.wait_for("unresponsive", "sink").text
+    graph.process("sink").resume()
+    graph.wait_for("responsive", "sink")
+    assert not any(event.node in ("source", "relay") for event in graph.events())
+    process.terminate()
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 143
+    assert re.search(r"sink has not been heard for \d+ s", errors)
+    assert palp.all_gone()
+
+
+@pytest.mark.slow
+def test_a_node_that_stays_stopped_is_restarted_by_its_rule(palp: Palp) -> None:
+    process = start_chain(palp)
+    graph = Running(palp)
+    graph.process("relay").suspend()
+    assert re.search(r"was unresponsive for \d+ s", graph.wait_for("restarting", "relay").text)
+    graph.wait_for_epoch("relay", "/relay/amplified", 1)
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143
+
+
+def test_a_killed_node_is_back_and_its_messages_arrive_at_the_end_of_the_chain(palp: Palp) -> None:
+    process = start_chain(palp)
+    graph = Running(palp)
+    before = graph.process("relay").pid
+    os.kill(before, signal.SIGKILL)
+    graph.wait_for_epoch("relay", "/relay/amplified", 1)
+    assert "killed by SIGKILL; restart 1 of 2 in 0.1 s" in graph.wait_for("restarting", "relay").text
+    graph.wait_for("restarted", "relay")
+    assert graph.process("relay").pid not in (0, before)
+    assert "relay: [WARNING] [supervisor]: relay its process was killed" in graph.log("merged")
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143
+    assert palp.all_gone()
+
+
+@pytest.mark.parametrize("how", [("clock:=wall",), ("clock:=sim",), ("clock:=sim", "--compose")])
+def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str, ...]) -> None:
+    process = start_chain(palp, *how)
+    graph = Running(palp)
+    told = graph.ask("graph")
+    assert told == graph.record
+    assert [node["name"] for node in told["nodes"]] == ["source", "relay", "sink"]
+    own = {topic["name"]: topic for topic in told["topics"] if topic["node"] == "graph"}
+    assert {name: own[name]["type"] for name in own} == {EVENTS: "GraphEvent", HEALTH: "GraphHealth"}
+    assert graph.events()[0].kind == "started"
+    assert "no operation 'dance'" in graph.ask("dance")["error"]
+    assert graph.ask("stop") == {"ending": "chain"}
+    assert process.wait(PATIENCE_S) == 130
+    assert palp.all_gone()
+
+
+@pytest.mark.parametrize(
+    ("deed", "cause", "words"),
+    [
+        ("mutter", "its process was killed by SIGKILL", "its last words, without an end of line"),
+        ("crash", "its process was killed by SIGSEGV", "in crash"),
+    ],
+)
+def test_the_reason_and_the_last_words_of_a_crash_are_in_the_message(
+    talkers: Hostile, deed: str, cause: str, words: str
+) -> None:
+    done = talkers.palp.run("launch", talkers.file, f"deed:={deed}")
+    assert done.returncode == 1
+    assert f"talker: {cause}" in done.stderr
+    assert words in done.stderr
+    assert talkers.palp.all_gone()
+
+
+def test_not_one_of_fifty_thousand_lines_is_missing_or_out_of_place(talkers: Hostile) -> None:
+    assert talkers.palp.run("launch", talkers.file, "deed:=flood").returncode == 1
+    graph = Running(talkers.palp)
+    expected = [f"line {number}" for number in range(50_000)]
+    assert [line for line in graph.log("talker").splitlines() if line.startswith("line ")] == expected
+    merged = [line.partition(" talker: ")[2] for line in graph.log("merged").splitlines()]
+    assert [line for line in merged if line.startswith("line ")] == expected
+
+
+def test_output_from_below_python_is_kept_and_shown_after_the_end(talkers: Hostile) -> None:
+    palp = talkers.palp
+    assert palp.run("launch", talkers.file, "deed:=write_below_python").returncode == 1
+    shown = palp.run("logs", "talker", "-n", "100").stdout
+    assert shown.splitlines()[:2] == ["from below", "an error from below"]
+    assert " talker: an error from below\n" in palp.run("logs", "--lines", "100").stdout
+    wrong = palp.run("logs", "talkre")
+    assert wrong.returncode == 2
+    assert "did you mean 'talker'?" in wrong.stderr
+
+
+@pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_when_the_supervisor_is_killed_a_stopped_node_goes_too(palp: Palp, within_s: float) -> None:
+    process = start_chain(palp)
+    Running(palp).process("relay").suspend()
+    process.kill()
+    process.wait()
+    assert palp.all_gone(within_s)
+
+
+def test_a_stopped_node_still_reaches_its_safe_state(palp: Palp, tmp_path: Path) -> None:
+    hostile = Hostile(palp, tmp_path)
+    process = hostile.start("clock:=wall", "count:=1000000")
+    graph = Running(palp)
+    graph.process("bad").suspend()
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143
+    assert hostile.notes.read_text().splitlines() == ["configure", "deactivate"]
+    assert palp.all_gone()
+
+
+@pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(8.0, marks=pytest.mark.slow)])
+def test_a_second_ctrl_c_does_not_wait_for_a_node_that_never_answers(
+    palp: Palp, tmp_path: Path, within_s: float
+) -> None:
+    hostile = Hostile(palp, tmp_path)
+    ready = Pipe(tmp_path / "ready")
+    process = hostile.start("clock:=wall", "deed:=loop", f"ready:={ready.path}")
+    ready.wait()
+    process.send_signal(signal.SIGINT)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.6)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(within_s) == 130  # the ladder of a patient user takes more than ten seconds
+    assert palp.all_gone()
+
+
+def test_a_node_runs_where_and_how_its_launch_entry_says_or_says_why_not(talkers: Hostile) -> None:
+    core = min(os.sched_getaffinity(0))
+    entry = f"talker: {{run: 'nodes.talk:Talk', cpus: [{core}, 1000], realtime_priority: 7}}"
+    file = talkers.write("launch/placed.yaml", f"graph: placed\nclock: wall\nnodes:\n  {entry}\n")
+    process = talkers.palp.start("launch", file)
+    wait_for_line(process, "ticks: 1/")
+    graph = Running(talkers.palp)
+    pid = graph.process("talker").pid
+    log = graph.log("talker")
+    assert {frozenset(os.sched_getaffinity(thread.id)) for thread in psutil.Process(pid).threads()} == {
+        frozenset({core})
+    }
+    assert "may not run on 1000" in log
+    if os.sched_getscheduler(pid) == os.SCHED_FIFO:
+        assert os.sched_getparam(pid).sched_priority == 7
+    else:
+        assert "RLIMIT_RTPRIO" in log
+        assert "/etc/security/limits.conf" in log
+    process.terminate()
+    assert process.wait(PATIENCE_S) == 143
+
+
+def loaded(server: ForkServer, library: str) -> bool:
+    return library in Path(f"/proc/{server.pid}/maps").read_text()
+
+
+def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_never_zmq(
+    talkers: Hostile, tmp_path: Path
+) -> None:
+    talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
+    server = ForkServer()
+    try:
+        (light,) = server.describe([DescribeRequest("nodes.talk:Talk")], tmp_path, tmp_path)
+        assert light.error is None
+        assert not loaded(server, "/scipy/")
+        (heavy,) = server.describe([DescribeRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
+        assert heavy.error is None
+        assert loaded(server, "/scipy/special/")
+        assert not loaded(server, "/scipy/signal/")
+        assert not loaded(server, "zmq")
+    finally:
+        server.close()
+
+
+def test_a_run_lives_as_long_as_it_holds_its_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    run = RunDirectory("a")
+    assert locked(run.path)
+    assert locked(run.path)  # asking leaves no trace
+    run.release()
+    assert not locked(run.path)
+    run.remove()
+    assert not locked(run.path)

@@ -1,0 +1,313 @@
+"""Hot swap on the wall clock: real processes, a thousand numbers a second, and nothing lost or repeated."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+
+from palp_core.errors import GraphError
+from palp_core.graph.bag.reader import read
+from palp_core.graph.swap.swap import STEPS
+from tests.support.palp import PATIENCE_S, Palp
+from tests.support.swapping import Stage, workspace
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Path:
+    return workspace(tmp_path) / "wall.yaml"
+
+
+@pytest.fixture
+def stage(palp: Palp, launch: Path) -> Stage:
+    return Stage(palp, launch)
+
+
+def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(stage: Stage) -> None:
+    for turn in range(8):
+        answer = stage.swap(("Other", "Relay")[turn % 2])
+        assert answer["report"]["switched"], answer
+        stage.passes(20)
+    _, bad, makers = stage.judgement()
+    assert bad == ""
+    assert makers == ["Relay", "Other"] * 4 + ["Relay"]
+    account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
+    assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
+    account = stage.graph.ask("relay", "info")["inputs"]["/source/out"]
+    assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
+
+
+def test_calls_are_answered_across_swaps_each_once(stage: Stage) -> None:
+    for turn in range(4):
+        assert "report" in stage.swap(("Other", "Relay")[turn % 2], gain=1)
+    stage.passes(100)
+    info = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
+    assert info["received"] > 0
+    assert info["repeated"] == 0
+    assert stage.graph.ask("relay", "info")["inputs"]["/asker/ask"]["lost"] == 0
+    assert not [event for event in stage.events() if event.kind == "qos"]
+
+
+def test_a_swap_is_seen_in_event_and_info(stage: Stage) -> None:
+    report = stage.swap("Other", gain=7)["report"]
+    (event,) = [event for event in stage.events() if event.kind == "swapped"]
+    assert event.node == "relay"
+    assert json.loads(event.data)["after"] == "swap_toys:Other"
+    info = stage.graph.ask("relay", "info")
+    assert info["run"] == "swap_toys:Other"
+    assert info["params"] == {"gain": 7}
+    (swap,) = info["swaps"]
+    assert swap["before"] == "swap_toys:Relay"
+    assert swap["gap_s"] == report["gap_s"] > 0.0
+    assert next(n["run"] for n in stage.record["nodes"] if n["name"] == "relay") == "swap_toys:Other"
+
+
+def test_the_same_class_keeps_live_parameters_and_takes_what_is_given(stage: Stage) -> None:
+    stage.graph.ask("relay", "set_parameters", parameters={"gain": 3})
+    stage.swap("Relay")
+    assert stage.graph.ask("relay", "info")["params"] == {"gain": 3}
+    stage.swap("Relay", gain=4)
+    assert stage.graph.ask("relay", "info")["params"] == {"gain": 4}
+
+
+REFUSED = [
+    ("NoOut", "it has no output 'out', which /sink reads"),
+    ("WrongType", "output 'out' carries Word, not Num"),
+    ("Wants", "input 'more' is not wired"),
+    ("Nope", "no class 'Nope'"),
+    ("nodes.nope:Relay", "no module 'nodes.nope'"),
+    ("/nowhere/policy.py:Relay", "no file /nowhere/policy.py"),
+]
+
+
+def test_what_does_not_fit_the_graph_is_refused_before_anything_starts(stage: Stage) -> None:
+    for run, reason in REFUSED:
+        failed = stage.swap(run)["failed"]
+        assert failed["step"] == "check"
+        assert reason in failed["text"]
+    assert "gain" in stage.swap("Other", gian=2)["failed"]["text"]
+    assert stage.judgement()[1:] == ("", ["Relay"])
+
+
+FAULTS = [(step, deed) for step in ("configure", "state", "take over") for deed in ("raise", "exit", "kill")]
+
+
+def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:
+    for step, deed in [*FAULTS, ("state", "misfit")]:
+        failed = stage.swap("Faulty", step=step, deed=deed)["failed"]
+        assert failed["step"] == step, (step, deed, failed)
+        stage.passes(20)
+    assert stage.swap("Plain")["failed"]["step"] == "state"
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    events = [event for event in stage.events() if event.kind == "swap_failed"]
+    assert len(events) == len(FAULTS) + 2
+    assert "report" in stage.swap("Other")
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
+
+
+@pytest.mark.parametrize("step", ["configure", "state", "take over"])
+def test_a_step_that_takes_too_long_is_taken_back(stage: Stage, step: str) -> None:
+    timeout_s = stage.patience_s()
+    failed = stage.swap("Faulty", step=step, deed="hang", timeout_s=timeout_s)["failed"]
+    assert failed["step"] == step
+    assert f"within {timeout_s:g} s" in failed["text"]
+    stage.passes(50)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+
+
+@pytest.mark.parametrize("step", ["configure", "state", "take over"])
+def test_the_old_nodes_death_ends_the_swap_and_the_graph_by_its_rule(
+    palp: Palp, stage: Stage, step: str
+) -> None:
+    old = stage.process_of("relay")
+    if step == "take over":  # it had handed everything over already: the new one goes on
+        assert "report" in stage.swap("Faulty", step=step, deed="kill_other", pid=old)
+        stage.passes(20)
+        assert stage.judgement()[1:] == ("", ["Relay", "Faulty"])
+        stage.launcher.send_signal(signal.SIGINT)
+    else:
+        with pytest.raises(GraphError, match="relay"):
+            stage.swap("Faulty", step=step, deed="kill_other", pid=old)
+    assert stage.launcher.wait() != 0
+    assert palp.all_gone()
+
+
+@pytest.mark.parametrize("step", ["configure", "state", "take over"])
+def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, stage: Stage, step: str) -> None:
+    with pytest.raises(GraphError, match="did not answer"):
+        stage.swap("Faulty", step=step, deed="kill_other", pid=stage.launcher.pid)
+    assert stage.launcher.wait() == -signal.SIGKILL
+    assert palp.all_gone()
+
+
+def test_a_node_that_moves_something_is_swapped_in_its_safe_state_only(palp: Palp, launch: Path) -> None:
+    stage = Stage(palp, launch, "run:=swap_toys:Mover")
+    failed = stage.swap("Mover")["failed"]
+    assert "palp lifecycle set /relay deactivate" in failed["text"]
+    stage.graph.ask("relay", "transition", transition="deactivate")
+    assert stage.swap("Mover")["report"]["switched"]
+    assert stage.graph.ask("relay", "info")["lifecycle"] == "inactive"
+    stage.graph.ask("relay", "transition", transition="activate")
+    stage.passes(20)
+    assert stage.judgement()[1] == ""
+
+
+def test_a_swapped_node_restarts_where_its_readers_are(palp: Palp, launch: Path) -> None:
+    launch.write_text(launch.read_text().replace("run: $(var run),", "run: $(var run), restart: on_failure,"))
+    stage = Stage(palp, launch)
+    stage.swap("Other")
+    os.kill(stage.process_of("relay"), signal.SIGKILL)
+    stage.wait_for("restarted", "relay")
+    assert stage.graph.ask("relay", "info", timeout_s=PATIENCE_S)["run"] == "swap_toys:Other"
+
+
+def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(
+    palp: Palp, stage: Stage, tmp_path: Path
+) -> None:
+    mine = tmp_path / "elsewhere" / "mine.py"
+    mine.parent.mkdir()
+    mine.write_text("from swap_toys import Relay\n\n\nclass Mine(Relay):\n    word = 'one'\n")
+    done = palp.run("swap", "relay", f"{mine}:Mine", "gain:=2")
+    assert done.returncode == 0, done.stderr
+    assert "gap" in done.stdout
+    stage.passes(20)
+    mine.write_text("from swap_toys import Other\n\n\nclass Mine(Other):\n    word = 'two'\n")
+    done = palp.run("swap", "relay", "--reload", "--json")
+    assert json.loads(done.stdout)["report"]["after"].endswith("mine.py:Mine")
+    info = palp.run("node", "info", "/relay")
+    assert "Changed hands" in info.stdout
+    failed = palp.run("swap", "relay", "swap_toys:NoOut")
+    assert failed.returncode == 10 + STEPS.index("check")
+    assert "goes on as it was" in failed.stderr
+    assert palp.run("swap", "nobody", "--reload").returncode == 2
+    assert palp.run("swap", "relay").returncode == 2
+    assert stage.judgement()[1:] == ("", ["Relay", "Mine"])
+
+
+def test_a_listening_tool_follows_the_node(palp: Palp, launch: Path) -> None:
+    stage = Stage(palp, launch, "rate_hz:=200.0")
+    listener = palp.start("topic", "echo", "/relay/out", "--json", "--qos-reliability", "reliable")
+    assert listener.stdout is not None
+    first = json.loads(listener.stdout.readline())["index"]
+    for turn in range(4):
+        stage.swap(("Other", "Relay")[turn % 2])
+    last = stage.passes(20)
+    heard = [json.loads(listener.stdout.readline())]
+    while heard[-1]["index"] < last:
+        heard.append(json.loads(listener.stdout.readline()))
+    assert [message["index"] for message in heard] == list(range(first + 1, first + 1 + len(heard)))
+
+
+def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -> None:
+    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
+    before = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]["received"]
+    stage.passes(50)
+    account = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
+    assert account["received"] > before
+    assert account["repeated"] == 0
+
+
+def test_a_reader_that_is_stopped_keeps_its_publisher_from_a_swap_and_misses_nothing(stage: Stage) -> None:
+    sink, timeout_s = stage.process_of("sink"), stage.patience_s()
+    os.kill(sink, signal.SIGSTOP)
+    failed = stage.swap("Other", timeout_s=timeout_s)["failed"]
+    assert failed["step"] == "connect"
+    assert "/sink" in failed["text"]
+    os.kill(sink, signal.SIGCONT)
+    stage.passes(100)
+    assert "report" in stage.swap("Other")
+    stage.passes(100)
+    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
+    account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
+    assert (account["lost"], account["repeated"]) == (0, 0)
+
+
+def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:
+    processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
+    stage.swap("Other")
+    before = {name: process.num_fds() for name, process in processes.items()}
+    for turn in range(4):
+        stage.swap(("Relay", "Other")[turn % 2])
+        stage.swap("Faulty", step="state", deed="raise")
+        stage.passes(20)
+    for name, process in processes.items():
+        while process.num_fds() > before[name] + 2:  # a connection may be closing
+            stage.passes(20)
+    while len(list(stage.folder.glob("+*"))) > 2:
+        stage.passes(20)
+    assert not list(stage.folder.glob("description[0-9]*"))
+
+
+def test_a_class_that_takes_too_long_to_import_is_not_taken_for_the_next_one(
+    stage: Stage, tmp_path: Path
+) -> None:
+    endless = tmp_path / "endless.py"
+    endless.write_text("while True:\n    pass\n")
+    failed = stage.swap(f"{endless}:X", timeout_s=1.0)["failed"]
+    assert failed["step"] == "check"
+    assert "within 1 s" in failed["text"]
+    assert "it has no output 'out'" in stage.swap("NoOut")["failed"]["text"]
+    assert "report" in stage.swap("Other")
+
+
+def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_path: Path) -> None:
+    stage = Stage(palp, launch, "--record", tmp_path / "bag")
+    for turn in range(4):
+        assert "report" in stage.swap(("Other", "Relay")[turn % 2])
+        assert "failed" in stage.swap("Faulty", step="take over", deed="kill")
+        stage.passes(20)
+    with contextlib.suppress(GraphError):
+        stage.swap("Faulty", step="take over", deed="kill_other", pid=stage.launcher.pid)
+    assert stage.launcher.wait() == -signal.SIGKILL
+    assert palp.all_gone()
+    recovered = tmp_path / "recovered"
+    assert palp.run("bag", "recover", tmp_path / "bag", "-o", recovered).returncode in (0, 1)
+    owners: dict[int, set[str]] = {}
+    for entry in read(recovered, ["/relay/out"]):
+        owners.setdefault(entry.sequence, set()).add(entry.value.by)
+    assert len(owners) > 80
+    assert all(len(makers) == 1 for makers in owners.values())
+    changes = [next(iter(owners[sequence])) for sequence in sorted(owners)]
+    assert [maker for maker, _ in itertools.groupby(changes)] == ["Relay", "Other", "Relay", "Other", "Relay"]
+    events = [entry.value.kind for entry in read(recovered, ["/graph/events"])]
+    assert events.count("swapped") == 4
+
+
+def test_a_shadow_is_compared_and_not_heard(stage: Stage) -> None:
+    report = stage.graph.swap("relay", "swap_toys:Other", shadow_s=0.5, dry_run=True)["report"]
+    assert not report["switched"]
+    shadow = report["shadow"]
+    assert shadow["compared"] > 0
+    assert shadow["differing"] == shadow["compared"]  # each says who it is
+    assert "/relay/out.by" in shadow["largest"]
+    assert "/relay/out.index" not in shadow["largest"]
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    report = stage.graph.swap("relay", "swap_toys:Relay", shadow_s=0.5)["report"]
+    assert report["switched"]
+    assert (report["shadow"]["differing"], report["shadow"]["equal"]) == (0, report["shadow"]["compared"])
+    stage.passes(100)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    answer = stage.graph.swap("relay", "swap_toys:Other", dry_run=True)
+    assert not answer["report"]["switched"]
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+
+
+@pytest.mark.slow
+def test_a_hundred_faults_at_random_steps(stage: Stage) -> None:
+    import random
+
+    chance = random.Random(7)
+    for _ in range(100):
+        step, deed = chance.choice(FAULTS)
+        assert stage.swap("Faulty", step=step, deed=deed)["failed"]["step"] == step
+    stage.passes(100)
+    assert stage.judgement()[1:] == ("", ["Relay"])

@@ -1,0 +1,100 @@
+"""Whom a restarted publisher waits for, and how long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.transport import matched_readers as audiences
+from palp_core.graph.transport.matched_readers import WAIT_NS, Audience
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from tests.graph.transport.test_publisher_socket import Publisher
+
+
+class Clock:
+    now_ns = 0
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(audiences, "monotonic_ns", made)
+    return made
+
+
+def noted(file: Path, *names: str) -> None:
+    """Let a process be read by some."""
+    process = Audience(lambda: set(names), file)
+    assert process.gathered()
+    process.note()
+
+
+def test_a_first_process_waits_for_nobody(tmp_path: Path) -> None:
+    assert Audience(set, tmp_path / "a.readers").gathered()
+    assert Audience(set, None).gathered()
+
+
+def test_a_successor_waits_for_its_predecessors_readers_and_for_nobody_else(tmp_path: Path) -> None:
+    file, present = tmp_path / "a.readers", {"stranger"}
+    noted(file, "sink", "policy")
+    successor = Audience(lambda: present, file)
+    assert not successor.gathered()
+    assert successor.missing == ["policy", "sink"]
+    present.add("sink")
+    assert not successor.gathered()
+    present.add("policy")
+    assert successor.gathered()
+    assert successor.missing == []
+
+
+def test_the_wait_ends_and_says_who_is_missing(tmp_path: Path, clock: Clock) -> None:
+    noted(tmp_path / "a.readers", "sink")
+    successor = Audience(set, tmp_path / "a.readers")
+    clock.now_ns = 5 * WAIT_NS  # the time before it is ready to speak does not count
+    assert not successor.gathered()
+    clock.now_ns += WAIT_NS - 1
+    assert not successor.gathered()
+    clock.now_ns += 1
+    assert successor.gathered()
+    assert successor.missing == ["sink"]
+
+
+def test_a_process_that_dies_while_it_waits_leaves_the_list_to_the_next(tmp_path: Path, clock: Clock) -> None:
+    file = tmp_path / "a.readers"
+    noted(file, "sink")
+    second = Audience(set, file)
+    second.note()
+    assert not second.gathered()
+    second.note()
+    assert Audience(set, file).missing == ["sink"]
+    clock.now_ns = WAIT_NS
+    second.note()  # it has given up: nobody waits for that reader again
+    assert Audience(set, file).missing == []
+
+
+def test_a_list_that_cannot_be_read_counts_as_none(tmp_path: Path) -> None:
+    (tmp_path / "a.readers").write_bytes(b"[tr")
+    assert Audience(set, tmp_path / "a.readers").gathered()
+
+
+def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path) -> None:
+    publisher = Publisher(tmp_path)
+    publisher.outlet("/a/x")
+    place = {"/a/x": publisher.endpoint}
+    named = [Subscriber(place, name=name) for name in ("sink", "sink", "policy")]
+    passing = Subscriber(place)
+    for reader in (*named, passing):
+        publisher.match(reader)
+    publisher.receive(passing, lambda _: len(publisher.broadcast.present) == 2)  # names follow the topics
+    assert sorted(publisher.broadcast.present) == ["policy", "sink"]
+    assert publisher.broadcast.readers == {"/a/x": 4}
+    named.pop().close()
+    publisher.receive(passing, lambda _: "policy" not in publisher.broadcast.present)
+    assert sorted(publisher.broadcast.present) == ["sink"]
+    for reader in (*named, passing):
+        reader.close()
+    publisher.broadcast.close()

@@ -1,0 +1,296 @@
+"""Topics on real sockets: whole, greeted, unmixed, and unharmed by strangers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+
+from palp_core.graph.messages.fragments import CUT_FROM
+from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
+from palp_core.graph.messages.message import Message, decode
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.transport.publisher_socket import Broadcast, ask
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.units import RatioArray
+
+PATIENCE_S = 60.0
+
+
+class Block(Message):
+    values: RatioArray
+
+
+class Owner:
+    publishing = True
+
+    def __init__(self, broadcast: Broadcast) -> None:
+        self.send_pieces = broadcast.send_pieces
+
+    def now_ns(self) -> int:
+        return 7
+
+    def resend(self, frame: bytes) -> None:
+        raise AssertionError("nothing is sent again here")
+
+
+class Publisher:
+    """A sending process in this one."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint, self.serve = f"ipc://{folder}/p", f"ipc://{folder}/s"
+        self.broadcast = Broadcast(self.endpoint, self.serve)
+        self.subscribers: list[Subscriber] = []
+
+    def outlet(self, topic: str, epoch: int = 0) -> Outlet[Block]:
+        outlet = Outlet(topic, Block, Qos(), epoch, Owner(self.broadcast), self.broadcast.send)
+        self.broadcast.offer([outlet])
+        return outlet
+
+    def reader(self, *topics: str) -> Subscriber:
+        subscriber = Subscriber(dict.fromkeys(topics, self.endpoint))
+        self.subscribers.append(subscriber)
+        return subscriber
+
+    def receive(self, subscriber: Subscriber, enough: Callable[[list[bytes]], bool]) -> list[bytes]:
+        """Serve the broadcast and wait on socket events until the reader has enough."""
+        frames: list[bytes] = []
+        poller = zmq.Poller()
+        for descriptor in (*self.broadcast.file_descriptors, subscriber.file_descriptor):
+            poller.register(descriptor, zmq.POLLIN)
+        while not enough(frames):
+            self.broadcast.poll()
+            frames += subscriber.receive()
+            if enough(frames):
+                break
+            if not (self.broadcast.pending() or subscriber.pending()):
+                assert poller.poll(round(PATIENCE_S * 1e3)), f"nothing more came after {frames}"
+        return frames
+
+    def match(self, subscriber: Subscriber, topics: int = 1) -> list[bytes]:
+        return self.receive(subscriber, lambda frames: len(frames) >= topics)
+
+    def serve_until(self, descriptor: Any) -> None:
+        """Serve the broadcast until another socket has something to read."""
+        poller = zmq.Poller()
+        poller.register(descriptor, zmq.POLLIN)
+        for own in self.broadcast.file_descriptors:
+            poller.register(own, zmq.POLLIN)
+        while True:
+            self.broadcast.poll()
+            if self.broadcast.pending():
+                continue
+            ready = dict(poller.poll(round(PATIENCE_S * 1e3)))
+            assert ready, "nobody answered"
+            if descriptor in ready:
+                return
+
+
+@pytest.fixture
+def publisher(tmp_path: Path) -> Iterator[Publisher]:
+    made = Publisher(tmp_path)
+    yield made
+    for subscriber in made.subscribers:
+        subscriber.close()
+    made.broadcast.close()
+
+
+def block(size: int = 1, value: float = 1.0) -> Block:
+    return Block(values=np.full(size, value))
+
+
+def test_a_reader_is_greeted_by_a_heartbeat_with_the_last_sequence(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b", epoch=3)
+    for _ in range(5):
+        outlet.publish(block())
+    (greeting,) = publisher.match(publisher.reader("/a/b"))
+    frame = parse(greeting)
+    assert (frame.topic, frame.kind, frame.epoch, frame.sequence) == ("/a/b", Kind.HEARTBEAT, 3, 5)
+
+
+def test_a_second_reader_of_a_topic_is_greeted_too(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    publisher.match(publisher.reader("/a/b"))
+    outlet.publish(block())
+    (greeting,) = publisher.match(publisher.reader("/a/b"))
+    assert (parse(greeting).kind, parse(greeting).sequence) == (Kind.HEARTBEAT, 1)
+
+
+def test_nothing_is_lost_or_repeated_after_the_greeting(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    for _ in range(2000):
+        outlet.publish(block())
+    frames = publisher.receive(reader, lambda frames: len(frames) >= 2000)
+    assert [parse(frame).sequence for frame in frames] == list(range(1, 2001))
+
+
+def test_a_topic_whose_name_begins_another_is_not_mixed_with_it(publisher: Publisher) -> None:
+    short, long = publisher.outlet("/a/b"), publisher.outlet("/a/bc")
+    of_short, of_long = publisher.reader("/a/b"), publisher.reader("/a/bc")
+    publisher.match(of_short)
+    publisher.match(of_long)
+    for _ in range(3):
+        long.publish(block())
+        short.publish(block())
+    for reader, topic in ((of_short, "/a/b"), (of_long, "/a/bc")):
+        frames = publisher.receive(
+            reader, lambda frames: parse(frames[-1]).sequence == 3 if frames else False
+        )
+        assert {parse(frame).topic for frame in frames} == {topic}
+
+
+@pytest.mark.parametrize("size", [1, CUT_FROM // 8 - 20, CUT_FROM // 8, 200_000])
+def test_messages_of_any_size_arrive_whole_and_equal(publisher: Publisher, size: int) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    rng = np.random.default_rng(size)
+    sent = [Block(values=rng.normal(size=size)) for _ in range(3)]
+    for message in sent:
+        outlet.publish(message)
+    frames = publisher.receive(reader, lambda frames: len(frames) >= 3)
+    assert frames == outlet.remembered()
+    assert [decode(Block, parse(frame).payload) for frame in frames] == sent
+
+
+def test_large_messages_travel_in_pieces_that_are_the_message_when_joined(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    with zmq.Context() as context, context.socket(zmq.SUB) as stranger:
+        stranger.connect(publisher.endpoint)
+        stranger.setsockopt(zmq.SUBSCRIBE, b"/a/b\0")
+        publisher.serve_until(stranger)
+        assert len(stranger.recv_multipart()) == 1
+        outlet.publish(block(4))
+        outlet.publish(block(CUT_FROM // 8))
+        assert len(stranger.recv_multipart()) == 1
+        pieces = stranger.recv_multipart()
+        assert len(pieces) == 3
+        payload = b"".join(pieces)[len("/a/b") + 1 + HEADER_BYTES :]
+        assert msgpack.unpackb(payload) == {"values": block(CUT_FROM // 8).values.tobytes()}
+
+
+def test_a_topic_that_nobody_reads_costs_no_send_but_keeps_counting(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    assert not publisher.broadcast.heard
+    outlet.publish(block())
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    assert publisher.broadcast.heard
+    outlet.publish(block())
+    (frame,) = publisher.receive(reader, bool)
+    assert parse(frame).sequence == 2
+
+
+def test_a_beat_states_the_last_sequence_of_what_is_read(publisher: Publisher) -> None:
+    outlet, _unread = publisher.outlet("/a/b"), publisher.outlet("/a/c")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    outlet.publish(block())
+    publisher.broadcast.beat()
+    data, beat = publisher.receive(reader, lambda frames: len(frames) >= 2)
+    assert (parse(data).kind, parse(beat).kind, parse(beat).sequence) == (Kind.DATA, Kind.HEARTBEAT, 1)
+
+
+@pytest.mark.parametrize(
+    "events",
+    [
+        [b"\x02/a/b\0"],
+        [b"hello"],
+        [b""],
+        [b"\x01/a/b", b"\0/a/b"],
+        [b"\x01/a/b\0\0", b"\0/a/b\0\0"],
+        [b"\x01", b"\0"],
+    ],
+)
+def test_a_stranger_upstream_cannot_silence_a_topic(publisher: Publisher, events: list[bytes]) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
+        stranger.setsockopt(zmq.LINGER, 1000)
+        stranger.connect(publisher.endpoint)
+        for event in events:
+            stranger.send(event)
+        stranger.send(b"\x01/a/b\0")
+        publisher.serve_until(stranger)
+        outlet.publish(block())
+        frames = publisher.receive(reader, lambda frames: any(parse(f).kind == Kind.DATA for f in frames))
+        assert parse(frames[-1]).sequence == 1
+
+
+def _answers(publisher: Publisher, question: Callable[[], Any]) -> Any:
+    """Serve the broadcast here while a thread asks."""
+    with zmq.Context() as context, context.socket(zmq.PAIR) as end:
+        end.bind("inproc://done")
+        answers = []
+
+        def run() -> None:
+            with context.socket(zmq.PAIR) as signal:
+                signal.connect("inproc://done")
+                answers.append(question())
+                signal.send(b"")
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        publisher.serve_until(end)
+        end.recv()
+        thread.join()
+    return answers[0]
+
+
+def test_a_request_is_answered_by_its_operation(publisher: Publisher) -> None:
+    publisher.broadcast.answer("n", {"double": lambda request: {"value": 2 * request["value"]}})
+    answer = _answers(publisher, lambda: ask(publisher.serve, {"op": "double", "value": 21}, PATIENCE_S))
+    assert answer == {"value": 42}
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        b"",
+        b"\xc1",
+        b"\x91" * 3000,
+        msgpack.packb(5),
+        msgpack.packb({}),
+        msgpack.packb({"op": ["a", "list"]}),
+        msgpack.packb({"op": "nothing"}),
+        msgpack.packb({"op": "fails"}),
+        msgpack.packb({"op": "huge"}),
+        msgpack.packb({"op": "strange"}),
+    ],
+)
+def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
+    publisher: Publisher, request_bytes: bytes
+) -> None:
+    def fails(request: dict[str, Any]) -> dict[str, Any]:
+        raise RuntimeError("\udcff")
+
+    operations = {"fails": fails, "huge": lambda _: {"lost": 2**70}, "strange": lambda _: {"it": object()}}
+    publisher.broadcast.answer("n", operations)
+    with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
+        stranger.connect(publisher.serve)
+        stranger.send(request_bytes)
+        publisher.serve_until(stranger)
+        assert msgpack.unpackb(stranger.recv())["error"]
+
+
+def test_a_plain_request_socket_gets_its_answer_too(publisher: Publisher) -> None:
+    publisher.broadcast.answer("n", {"ping": lambda _: {"pong": True}})
+    with zmq.Context() as context, context.socket(zmq.REQ) as stranger:
+        stranger.connect(publisher.serve)
+        stranger.send(msgpack.packb({"op": "ping"}))
+        publisher.serve_until(stranger)
+        assert msgpack.unpackb(stranger.recv()) == {"pong": True}
+
+
+def test_asking_nobody_returns_none(tmp_path: Path) -> None:
+    assert ask(f"ipc://{tmp_path}/nobody", {"op": "info"}, 0.01) is None

@@ -1,0 +1,74 @@
+"""A reader that waits inside its subscription is woken by messages and by anything else."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.wakeup import ENDPOINT, Doorbell
+
+PATIENCE_MS = 60_000
+
+
+class House:
+    """A subscription with a doorbell at a pipe, and a publisher down the road."""
+
+    def __init__(self, folder: Path) -> None:
+        self.context: zmq.Context[Any] = zmq.Context()
+        self.read, self.write = os.pipe()
+        self.publisher = self.context.socket(zmq.XPUB)
+        self.publisher.bind(f"ipc://{folder}/p")
+        self.bell = Doorbell(self.context, [self.read])
+        self.subscriber = Subscriber({"/p/x": f"ipc://{folder}/p"}, self.context)
+        self.subscriber.hear(ENDPOINT)
+        self.publisher.recv()
+        self.frames: list[bytes] = []
+
+    def take(self, wait_ms: int = PATIENCE_MS) -> tuple[bool, bool]:
+        return self.subscriber.take(lambda raw, _: self.frames.append(raw), 0, wait_ms)
+
+    def close(self) -> None:
+        self.bell.close()
+        self.subscriber.close()
+        self.context.destroy(linger=0)
+        os.close(self.read)
+        os.close(self.write)
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Iterator[House]:
+    made = House(tmp_path)
+    yield made
+    made.close()
+
+
+def test_a_message_ends_the_waiting(house: House) -> None:
+    frame = pack(b"/p/x", Kind.DATA, 0, 1, 0, 0, b"payload")
+    house.publisher.send(frame)
+    assert house.take() == (True, False)
+    assert house.frames == [frame]
+
+
+def test_the_bell_ends_the_waiting_and_rings_again_only_when_answered(house: House) -> None:
+    os.write(house.write, b"!")
+    assert house.take()[1]
+    assert not house.take(1)[1]
+    house.bell.answer()
+    assert house.take()[1]  # nobody has read the pipe: there is still something
+    os.read(house.read, 1)
+    house.bell.answer()
+    os.write(house.write, b"!")
+    assert house.take()[1]
+    assert house.frames == []
+
+
+def test_nothing_ends_it_but_time(house: House) -> None:
+    assert house.take(1) == (False, False)
+    assert house.take(0) == (False, False)

@@ -1,0 +1,121 @@
+"""One rig behind all wires: force follows stage and ring, wires take their time, commands are obeyed."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices import open_device
+from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
+from palp_core.palpation.devices.emulator.__main__ import serve
+from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.ring.maestro import MaestroState
+from palp_core.palpation.devices.stage.aerotech import AerotechState
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.mechanics import Probe, contact_model, solve
+from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
+
+RNG = np.random.default_rng(0)
+S = 1_000_000_000
+
+
+def now() -> int:
+    return time.monotonic_ns()
+
+
+@pytest.mark.parametrize(("code", "ring_m", "y_m"), [("A", 0.016, 0.002), ("C", 0.004, -0.02)])
+def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: float) -> None:
+    world = World(WorldSettings(code=code, repeatability_m=0.0))
+    world.extend(ring_m + 0.001, 6.5e-3, 0)
+    world.axes["y"].move(y_m, 0.05, 0)
+    probe = Probe()
+    model, _ = contact_model(PAPER_PHANTOMS[code], probe.tip_radius_m, indentation_m=0.004)
+    table = solve(model, probe, ring_m, 0.004, -0.032, 0.052)
+    assert world.true_wrench(60 * S)[3] == pytest.approx(float(table.torque_n_m(y_m)), abs=1e-8)
+    world.axes["z"].move(0.02, 0.05, 60 * S)
+    assert world.true_wrench(120 * S).tolist() == [0.0] * 6
+    world.close()
+
+
+def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(
+    quick_rig: Callable[..., EmulatedRig], wait: Any, patient: dict[str, dict[str, Any]]
+) -> None:
+    rig = quick_rig("aerotech", "maestro", "ati")
+    options = {name: rig.options[name] | patient[name] for name in patient if name in rig.options}
+    stage: Any = open_device("stage", "aerotech", **options["aerotech"], lift_m=0.005)
+    ring: Any = open_device("ring", "maestro", **options["maestro"])
+    sensor: Any = open_device("torque", "ati", **options["ati"])
+    at_stage, at_ring, at_sensor = AerotechState(), MaestroState(), WrenchState()
+
+    def block_of(duration_ns: int) -> Any:
+        begin_ns, blocks = now(), []
+
+        def whole() -> bool:
+            blocks.append(sensor.drain(now(), at_sensor, RNG))
+            return bool(np.any(blocks[-1].times_ns >= begin_ns + duration_ns))
+
+        wait.until(whole)  # a busy receiver hands over late what was measured before
+        fresh = [block.times_ns >= begin_ns for block in blocks]
+        torque_n_m = np.concatenate([b.torque_n_m[of] for b, of in zip(blocks, fresh, strict=True)])
+        wrench = np.concatenate([b.wrench[of] for b, of in zip(blocks, fresh, strict=True)])
+        return replace(blocks[-1], torque_n_m=torque_n_m, wrench=wrench)
+
+    stage.open(now(), at_stage, RNG)
+    ring.open(now(), at_ring, RNG)
+    sensor.open(now(), at_sensor, RNG)
+    sensor.tare(block_of(S // 4), at_sensor)  # raised: nothing touches the probe
+    seen = []
+    for ring_m in (0.001, 0.004):
+        ring.command(ring_m, now(), at_ring, RNG)
+        wait.until(lambda: ring.read(now(), at_ring).settled)
+        stage.return_to(0.0, now(), at_stage)
+        wait.until(lambda: not stage.moving)
+        truth = rig.on_world(lambda world, t: world.truth(t))
+        assert block_of(S // 4).torque_n_m.mean() == pytest.approx(truth["torque_n_m"], abs=15e-6)
+        seen.append(truth["torque_n_m"])
+    assert seen[1] > 1.5 * seen[0] > 0.0
+    for device in (stage, ring, sensor):
+        device.close()
+
+
+def test_a_terminal_takes_its_time_for_every_byte(quick_rig: Callable[..., EmulatedRig]) -> None:
+    rig = quick_rig("aerotech", settings=RigSettings(stage_serial=True, stage_baud=9600))
+    link = SerialLink("aerotech", rig.addresses["aerotech"], 9600)
+    link.write(b"NONE\n")
+    assert link.read_exactly(2, 60.0) == b"!\n"
+    begin_ns = now()
+    link.write(b"PFBKPROG(X)\n")
+    assert link.read_exactly(7, 60.0) == b"%0.000\n"
+    assert now() - begin_ns >= (12 + 7) * 10 * S // 9600
+    link.close()
+
+
+def test_the_rigs_process_obeys_and_answers_every_line(quick_rig: Callable[..., EmulatedRig]) -> None:
+    rig, out = quick_rig("ati"), io.StringIO()
+    lines = ["fault ati saturated", "clear ati", "mount B 0.1", "truth", "", "fault ati fire", "dance"]
+    serve(rig, [*lines, "quit", "truth"], out)
+    answers = out.getvalue().splitlines()
+    assert answers[:3] == ["ok"] * 3
+    assert json.loads(answers[3])["torque_n_m"] != 0.0
+    assert "no fault 'fire'" in answers[4]
+    assert answers[5].startswith("error: 'dance' is no command")
+    assert len(answers) == 6
+
+
+def test_an_unknown_device_or_phantom_is_refused_by_name(quick_rig: Callable[..., EmulatedRig]) -> None:
+    with pytest.raises(DeviceError, match="no device gripper"):
+        EmulatedRig(devices=["gripper"])
+    rig = quick_rig("netft")
+    with pytest.raises(DeviceError, match="no phantom 'Z'"):
+        rig.on_world(lambda world, _: world.mount("Z", 0.0))
+    with pytest.raises(DeviceError, match="there are netft"):
+        rig.fault("ati", "silence")

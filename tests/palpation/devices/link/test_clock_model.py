@@ -1,0 +1,124 @@
+"""Offset, drift and residual of a device's clock, from arrivals that are late but never early."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.link.clock_model import ClockModel
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.sample_line import SampleLine
+
+RATE_HZ = 1000.0
+
+
+def arrivals(
+    drift: float, offset_ns: int, seconds: float, late_s: float, seed: int
+) -> list[tuple[float, int]]:
+    """Return device and host times of blocks of ten samples, each late by an exponential delay."""
+    device_s = np.arange(10, round(seconds * RATE_HZ), 10) / RATE_HZ
+    late = np.random.default_rng(seed).exponential(late_s, len(device_s))
+    host_ns = offset_ns + np.rint((device_s * (1.0 + drift) + late) * 1e9).astype(np.int64)
+    return list(zip(device_s.tolist(), host_ns.tolist(), strict=True))
+
+
+@settings(deadline=None, max_examples=15)
+@given(drift=st.floats(-2e-4, 2e-4), offset_ns=st.integers(0, 10**15), seed=st.integers(0, 2**31))
+def test_drift_and_offset_are_found_under_one_sided_delays(drift: float, offset_ns: int, seed: int) -> None:
+    model = ClockModel()
+    for device_s, host_ns in arrivals(drift, offset_ns, 30.0, 1e-3, seed):
+        model.observe(device_s, host_ns)
+    fit = model.fit
+    assert fit.drift == pytest.approx(drift, abs=5e-6)
+    assert fit.offset_ns - offset_ns == pytest.approx(20e3, abs=150e3)  # the least delay of 50 stays
+    assert 0.0 <= fit.residual_s < 2e-4
+    assert fit.span_s > 29.0
+
+
+def test_the_drift_is_not_guessed_from_a_short_span() -> None:
+    model = ClockModel()
+    for device_s, host_ns in arrivals(1e-4, 0, 3.0, 1e-3, 0):
+        model.observe(device_s, host_ns)
+    assert model.fit.drift == 0.0
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**31), shift_ns=st.integers(-(10**12), 10**12))
+def test_a_shift_of_the_host_clock_shifts_the_stamps(seed: int, shift_ns: int) -> None:
+    one, two = ClockModel(), ClockModel()
+    for device_s, host_ns in arrivals(5e-5, 10**13, 10.0, 1e-3, seed):
+        one.observe(device_s, host_ns)
+        two.observe(device_s, host_ns + shift_ns)
+    at_s = np.array([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(two.host_ns(at_s) - one.host_ns(at_s), shift_ns, atol=1)
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**31))
+def test_stamps_never_go_back(seed: int) -> None:
+    model, stamps = ClockModel(bucket_s=0.05), []
+    for device_s, host_ns in arrivals(1e-4, 10**9, 8.0, 5e-3, seed):
+        model.observe(device_s, host_ns)
+        stamps.append(model.host_ns(np.arange(device_s - 0.01, device_s, 1e-3)))
+    assert np.all(np.diff(np.concatenate(stamps)) > 0)
+
+
+def test_a_clock_model_refuses_nonsense() -> None:
+    with pytest.raises(DeviceError, match="bucket_s"):
+        ClockModel(bucket_s=float("nan"))
+
+
+def test_host_time_is_the_callers_time_with_the_least_delay() -> None:
+    clock = iter([1000, 2005, 3001, 9000])
+    host = HostTime(lambda: next(clock))
+    for now_ns in (990, 2000, 3000):
+        host.hear(now_ns)
+    assert host.now_ns() == 8999
+
+
+def push(line: SampleLine, count: int, host_ns: int) -> None:
+    line.push(np.zeros((count, 1)), host_ns)
+
+
+def test_a_late_chunk_is_no_loss_and_a_lasting_deficit_is() -> None:
+    line, period_ns = SampleLine(RATE_HZ, 1, gap_s=0.05, patience_s=0.3), 20_000_000
+    times = [k * period_ns for k in range(1, 61)]
+    for k, host_ns in enumerate(times):
+        if k == 20:
+            host_ns += 200_000_000  # one late chunk, the following on time
+        push(line, 20, host_ns)
+    assert line.lost_count == 0
+    for k in range(61, 121):
+        push(line, 20, k * period_ns + 100_000_000)  # from here on 100 samples are missing for good
+    stretch = line.take()
+    assert line.lost_count == pytest.approx(100, abs=20)
+    assert stretch.gap.sum() == 1
+    assert np.all((np.diff(stretch.index) == 1) | stretch.gap[1:])
+
+
+def test_a_sequence_number_that_jumps_is_a_gap_of_that_size() -> None:
+    line = SampleLine(RATE_HZ, 1)
+    line.push(np.zeros((5, 1)), 5_000_000, 0)
+    line.push(np.zeros((5, 1)), 15_000_000, 8)
+    stretch = line.take()
+    assert stretch.index.tolist() == [0, 1, 2, 3, 4, 8, 9, 10, 11, 12]
+    assert np.flatnonzero(stretch.gap).tolist() == [5]
+    assert (line.received_count, line.lost_count) == (10, 3)
+
+
+@settings(deadline=None, max_examples=25)
+@given(sizes=st.lists(st.integers(1, 40), min_size=1, max_size=20), drains=st.sets(st.integers(0, 19)))
+def test_nothing_received_is_lost_however_it_is_drained(sizes: list[int], drains: set[int]) -> None:
+    line, got, sent = SampleLine(RATE_HZ, 2), [], 0
+    for k, size in enumerate(sizes):
+        values = np.column_stack([np.arange(sent, sent + size, dtype=np.float64), np.zeros(size)])
+        sent += size
+        line.push(values, sent * 1_000_000)
+        if k in drains:
+            got.append(line.take())
+    got.append(line.take())
+    np.testing.assert_array_equal(np.concatenate([g.values[:, 0] for g in got]), np.arange(sent))
+    np.testing.assert_array_equal(np.concatenate([g.index for g in got]), np.arange(sent))

@@ -1,0 +1,162 @@
+"""Wires take their time, byte by byte in a time of the test; serve two clients; come back when plugged in."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices import open_device
+from palp_core.palpation.devices.emulator import EmulatedRig
+from palp_core.palpation.devices.emulator.emg import SpikerShield
+from palp_core.palpation.devices.emulator.faults import Faults
+from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
+from palp_core.palpation.devices.emulator.ports import PtyPort
+from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.wire import aerotech, rdt
+from tests.support.manual_reactor import ManualReactor
+
+S = 1_000_000_000
+ANSWER = b"y" * 50
+Start = Callable[..., EmulatedRig]
+
+
+class Answering:
+    """A device that answers every byte string with the same fifty bytes."""
+
+    ready_ns = 0
+
+    def __init__(self) -> None:
+        self.heard_ns: list[int] = []
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        self.heard_ns.append(now_ns)
+        return ANSWER
+
+    def stream(self, now_ns: int) -> bytes:
+        return b""
+
+
+def readable(descriptor: int, timeout_s: float) -> bool:
+    return bool(select.select([descriptor], [], [], timeout_s)[0])
+
+
+@pytest.mark.parametrize("baud", [9600, 115200, 230400])
+def test_a_terminal_takes_ten_bits_for_every_byte_both_ways(tmp_path: Path, baud: int) -> None:
+    reactor, device = ManualReactor(), Answering()
+    port = PtyPort(reactor, tmp_path / "tty", lambda: device, Faults(), baud)
+    port.plug()
+    (far_end,) = (key for key in reactor.readers() if isinstance(key, int))
+    near_end = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
+    sent_ns, answered_ns = 20 * 10 * S // baud, 50 * 10 * S // baud
+    try:
+        os.write(near_end, b"x" * 20)
+        assert readable(far_end, 120.0)
+        reactor.run_until(sent_ns - 1000)
+        assert device.heard_ns == []  # the last byte is still on its way
+        reactor.run_until(sent_ns + 1000)
+        (heard_ns,) = device.heard_ns
+        assert heard_ns == pytest.approx(sent_ns, abs=100)
+        reactor.run_until(sent_ns + answered_ns - 1000)
+        assert not readable(near_end, 0.0)
+        reactor.run_until(sent_ns + answered_ns + 1000)
+        assert readable(near_end, 120.0)
+        assert os.read(near_end, 100) == ANSWER
+    finally:
+        os.close(near_end)
+        port.unplug()
+
+
+def test_a_stream_is_no_faster_than_its_terminal(tmp_path: Path) -> None:
+    world, reactor = World(WorldSettings()), ManualReactor(S)
+    port = PtyPort(reactor, tmp_path / "tty", lambda: SpikerShield(world), Faults(), 230400, streams=True)
+    written: list[tuple[int, int]] = []
+    port._write = lambda data: written.append((reactor.now_ns(), len(data)))  # type: ignore[method-assign]
+    port.plug()
+    reactor.run_until(3 * S)
+    port.unplug()
+    world.close()
+    sent = 0
+    for stamp_ns, count in written:
+        sent += count
+        assert sent <= (stamp_ns - S) * 230400 / 10 / S + 1
+    assert sent == pytest.approx(2 * 5000 * 4, rel=0.01)  # 5 kHz of four bytes: 87 % of the line
+
+
+@pytest.mark.parametrize(("bitrate", "low", "high"), [(250_000, 800, 1000), (500_000, 1600, 2000)])
+def test_a_bus_carries_no_more_samples_than_its_bits(bitrate: int, low: float, high: float) -> None:
+    world = World(WorldSettings())
+    server, now_ns = SocketCand(Netcanoem(world), bitrate), 0
+    for _ in range(500):
+        server.receive(b"< send 200 0  >", now_ns)
+        now_ns = server.ready_ns
+    world.close()
+    assert low < 500 * S / now_ns < high
+
+
+def test_two_clients_of_the_stage_command_the_same_axes_and_both_come_back(quick_rig: Start) -> None:
+    rig = quick_rig("aerotech")
+    for _ in range(2):
+        one, two = (AerotechLink(rig.addresses["aerotech"], 115200, 30.0) for _ in range(2))
+        one.do(aerotech.command("ENABLE X"))
+        assert two.bits("AXISSTATUS(X)") & aerotech.Status.ENABLED
+        two.do(aerotech.command("DISABLE X"))
+        assert not one.bits("AXISSTATUS(X)") & aerotech.Status.ENABLED
+        rig.disconnect("aerotech")
+        for link in (one, two):
+            with pytest.raises(DeviceError, match="lost"):
+                link.bits("AXISSTATUS(X)")
+            link.close()
+        rig.connect("aerotech")
+
+
+def test_two_clients_of_the_bus_are_both_served_and_both_come_back(quick_rig: Start, wait: Any) -> None:
+    rig = quick_rig("ati")
+    sensors = [
+        open_device("torque", "ati", **rig.options["ati"], rate_hz=100.0, stale_s=10.0) for _ in range(2)
+    ]
+    states = [WrenchState() for _ in sensors]
+    counts = [0, 0]
+
+    def received(least: int) -> bool:
+        for i, (sensor, state) in enumerate(zip(sensors, states, strict=True)):
+            counts[i] += len(sensor.drain(time.monotonic_ns(), state, None).times_ns)  # type: ignore[arg-type]
+        return min(counts) >= least
+
+    for sensor, state in zip(sensors, states, strict=True):
+        sensor.open(time.monotonic_ns(), state, None)  # type: ignore[arg-type]
+    wait.until(lambda: received(20))
+    rig.disconnect("ati")
+    wait.until(lambda: all(str(s.health(time.monotonic_ns()).condition) == "link lost" for s in sensors))
+    rig.connect("ati")
+    before = max(counts)
+    wait.until(lambda: received(before + 20))
+    for sensor in sensors:
+        sensor.close()
+
+
+def test_records_over_udp_go_to_whom_asked_last(quick_rig: Start) -> None:
+    rig = quick_rig("netft")
+    address = (rig.options["netft"]["host"], rig.options["netft"]["port"])
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+    ):
+        for client in (one, two):
+            client.settimeout(120.0)
+            client.sendto(rdt.request(rdt.START), address)
+            assert rdt.records(client.recv(100))["rdt"][0] == 1
+        rig.disconnect("netft")
+        rig.connect("netft")
+        two.sendto(rdt.request(rdt.START), address)
+        while rdt.records(two.recv(100))["rdt"][0] != 1:  # what was sent before is still there
+            pass

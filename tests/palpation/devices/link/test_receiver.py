@@ -1,0 +1,52 @@
+"""A driver's thread outlives whatever its session raises, says what it was, and connects again."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.receiver import Receiver
+
+
+class Odd:
+    """A session that fails as no driver foresaw, both in its step and in being closed."""
+
+    def step(self, stop: threading.Event) -> None:
+        raise ZeroDivisionError("odd")
+
+    def close(self) -> None:
+        raise ZeroDivisionError("odd again")
+
+
+class Good:
+    """A session in which nothing happens."""
+
+    def __init__(self, watch: Watch) -> None:
+        self.watch = watch
+
+    def step(self, stop: threading.Event) -> None:
+        self.watch.fresh(1)
+        stop.wait(0.01)
+
+    def close(self) -> None:
+        pass
+
+
+def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wait: Any) -> None:
+    watch, said = Watch(0.0), list[str]()
+    report = watch.report
+
+    def note(condition: Condition, now_ns: int, cause: str = "") -> None:
+        said.append(f"{condition}: {cause}")
+        report(condition, now_ns, cause)
+
+    watch.report = note  # type: ignore[method-assign]
+    sessions: list[Any] = [Good(watch), Odd()]
+    receiver = Receiver("odd", lambda: sessions.pop(), watch, HostTime(), retry_s=0.0)
+    receiver.start()
+    wait.until(lambda: not sessions and watch.read(2).ok)
+    receiver.stop()
+    assert "link lost: odd: ZeroDivisionError('odd')" in said
+    assert receiver.lost_count == 1

@@ -1,0 +1,65 @@
+"""A process that was stopped by a signal is noticed among the children of one parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import psutil
+import pytest
+
+from palp_core.palpation.devices.safety.process_watch import Siblings
+
+
+@pytest.fixture
+def sleeper() -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_a_stopped_child_is_noticed_until_it_continues(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    assert sleeper.pid not in siblings.stopped()
+    sleeper.send_signal(signal.SIGSTOP)
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_STOPPED)
+    assert sleeper.pid in siblings.stopped()
+    sleeper.send_signal(signal.SIGCONT)
+    wait.until(lambda: sleeper.pid not in siblings.stopped())
+
+
+def test_a_child_that_has_ended_is_not_stopped(sleeper: subprocess.Popen[bytes]) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    sleeper.kill()
+    sleeper.wait()
+    assert sleeper.pid not in siblings.stopped()
+
+
+def test_a_child_that_ends_is_missed(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    assert siblings.ended() == []
+    sleeper.kill()
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
+    assert siblings.ended() == [sleeper.pid]
+    assert siblings.ended() == []
+
+
+def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Popen[bytes]) -> None:
+    siblings = Siblings(parent=os.getpid(), own=0)
+    siblings.find()
+    following = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    siblings.find()
+    sleeper.kill()
+    sleeper.wait()
+    assert siblings.ended() == []
+    following.kill()
+    following.communicate()
+    assert siblings.ended() == [following.pid]

@@ -1,0 +1,229 @@
+"""The watch: each limit names its cause, what is within them passes, and what is not heard is noticed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.safety.motion_permit import Leash
+from palp_core.palpation.devices.safety.state_machine import Cause
+from palp_core.palpation.devices.safety.watchdog import Load, Stage, Watchdog, WatchLimits
+from palp_core.palpation.devices.stage.crossing import crossing_ns
+
+MS = 1_000_000
+WINDOW = TravelLimits.around(-0.03, 0.05, 0.004, 0.020)
+FINE = Load(1 * MS, 0.010, 0.5)
+PLACE = Stage(1 * MS, 0.0, 0.0, 0.020, moving=True)
+
+
+def watchdog() -> Watchdog:
+    return Watchdog(WatchLimits(travel=WINDOW))
+
+
+@pytest.mark.parametrize(
+    ("load", "cause"),
+    [
+        (replace(FINE, torque_n_m=0.100), Cause.TORQUE),
+        (replace(FINE, force_n=10.0), Cause.FORCE),
+        (replace(FINE, saturated=True), Cause.SATURATED),
+        (replace(FINE, faulty=True), Cause.SENSOR_FAULT),
+        (replace(FINE, condition="device fault"), Cause.SENSOR_FAULT),
+        (replace(FINE, torque_n_m=float("nan")), Cause.SENSOR_FAULT),
+        (replace(FINE, force_n=float("inf")), Cause.SENSOR_FAULT),
+    ],
+)
+def test_a_load_that_must_not_be_names_its_cause(load: Load, cause: Cause) -> None:
+    assert [finding.cause for finding in watchdog().load(load)] == [cause]
+
+
+@pytest.mark.parametrize(
+    ("place", "cause"),
+    [
+        (replace(PLACE, y_m=0.0546), Cause.TRAVEL),
+        (replace(PLACE, y_m=-0.0346), Cause.TRAVEL),
+        (replace(PLACE, z_m=-0.0006), Cause.TRAVEL),
+        (replace(PLACE, z_m=0.0246), Cause.TRAVEL),
+        (replace(PLACE, speed_m_per_s=0.063), Cause.SPEED),
+        (replace(PLACE, speed_m_per_s=float("nan")), Cause.SPEED),
+        (replace(PLACE, condition="limit"), Cause.AXIS_FAULT),
+        (replace(PLACE, condition="link lost"), Cause.LINK_LOST),
+        (replace(PLACE, condition="unheard"), Cause.HEARTBEAT),
+    ],
+)
+def test_a_stage_that_is_not_as_it_should_be_names_its_cause(place: Stage, cause: Cause) -> None:
+    assert [finding.cause for finding in watchdog().stage(place)] == [cause]
+
+
+def test_the_driver_stops_before_the_watch_does() -> None:
+    for y_m in WINDOW.y_m:
+        assert watchdog().stage(replace(PLACE, y_m=y_m)) == []
+
+
+def test_a_stalled_ring_and_one_that_is_gone_differ() -> None:
+    assert [f.cause for f in watchdog().ring(MS, "stalled")] == [Cause.RING_FAULT]
+    assert [f.cause for f in watchdog().ring(MS, "link lost")] == [Cause.LINK_LOST]
+    assert watchdog().ring(MS, "ok") == []
+
+
+def test_an_axis_is_judged_by_its_fault_and_by_how_it_follows() -> None:
+    assert [f.cause for f in watchdog().axis("X", "e stop", 0.0)] == [Cause.AXIS_FAULT]
+    assert [f.cause for f in watchdog().axis("X", "", 0.6e-3)] == [Cause.FOLLOWING]
+    assert watchdog().axis("X", "", 0.4e-3) == []
+
+
+def heard(dog: Watchdog, ms: int) -> None:
+    dog.load(replace(FINE, sample_ns=ms * MS))
+    dog.stage(replace(PLACE, stamp_ns=ms * MS))
+    dog.ring(ms * MS, "ok")
+
+
+def test_nothing_is_late_while_all_speak_in_time() -> None:
+    dog = watchdog()
+    assert {finding.cause for finding in dog.late(1)} == {Cause.STALE, Cause.HEARTBEAT}
+    heard(dog, 100)
+    assert dog.late(125 * MS) == []
+
+
+def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.load(replace(FINE, sample_ns=100 * MS, stamp_ns=126 * MS))
+    assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
+    assert [f.cause for f in dog.late(151 * MS)] == [Cause.STALE, Cause.HEARTBEAT, Cause.HEARTBEAT]
+
+
+def test_a_sensor_whose_node_is_silent_is_not_called_stale() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    assert dog.late(126 * MS)[0].cause is Cause.HEARTBEAT
+    assert "report of the sensor" in dog.late(126 * MS)[0].text
+
+
+def test_a_report_without_a_sample_does_not_make_the_sensor_fresh() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.load(replace(FINE, sample_ns=0, stamp_ns=125 * MS))
+    dog.load(replace(FINE, sample_ns=90 * MS, stamp_ns=126 * MS))
+    assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
+
+
+def test_a_watch_on_time_judges() -> None:
+    dog = watchdog()
+    assert [dog.run(k * 10 * MS, 0.010) for k in range(1, 20)] == [[]] * 19
+
+
+def test_a_late_watch_hears_first_and_then_judges_however_late_it_goes_on_to_be() -> None:
+    dog = watchdog()
+    dog.run(10 * MS, 0.010)
+    judged = [dog.run(ms * MS, 0.010) for ms in range(45, 400, 35)]
+    assert judged[0] is None
+    assert None not in judged[1::2]
+    assert all(late in (None, []) for late in judged)
+
+
+def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() -> None:
+    dog = watchdog()
+    dog.run(10 * MS, 0.010)
+    found = dog.run(75 * MS, 0.010)
+    assert found is not None
+    assert [finding.cause for finding in found] == [Cause.LATE]
+    assert "55 ms" in found[0].text
+
+
+def test_a_stage_that_homes_may_be_silent_but_nothing_else_may() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.stage(replace(PLACE, stamp_ns=101 * MS, bring_up=True))
+    dog.load(replace(FINE, sample_ns=5000 * MS))
+    assert [f.text.split(":")[0] for f in dog.late(5001 * MS)] == ["last report of the ring"]
+
+
+def test_a_stage_that_has_not_taken_note_of_the_release_is_not_heard() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.arm()
+    heard(dog, 110)
+    dog.arm()
+    dog.load(replace(FINE, sample_ns=120 * MS))
+    dog.ring(120 * MS, "ok")
+    assert dog.stage(replace(PLACE, stamp_ns=120 * MS, released=False, condition="disabled")) == []
+    assert [f.text.split(":")[0] for f in dog.late(121 * MS)] == ["last report of the stage"]
+
+
+def test_a_warning_comes_before_the_stop() -> None:
+    dog = watchdog()
+    assert dog.load(replace(FINE, torque_n_m=0.085)) == []
+    assert "85 N mm" in dog.warning
+    dog.load(replace(FINE, torque_n_m=0.0))  # no sample since: silence does not take a load away
+    assert "85 N mm" in dog.warning
+    dog.load(replace(FINE, sample_ns=2 * MS))
+    assert dog.warning == ""
+
+
+@settings(max_examples=50, deadline=None)
+@given(torque=st.floats(allow_nan=True, allow_infinity=True), force=st.floats())
+def test_no_load_at_or_over_a_stop_limit_passes(torque: float, force: float) -> None:
+    safe = 0.0 <= abs(torque) < 0.100 and 0.0 <= abs(force) < 10.0
+    assert bool(watchdog().load(Load(MS, torque, force))) != safe
+
+
+def test_a_leash_ends_by_itself() -> None:
+    leash = Leash(0.050)
+    assert not leash.permits(0)
+    leash.renew(100 * MS, permits=True)
+    assert leash.permits(150 * MS)
+    assert not leash.permits(151 * MS)
+    leash.renew(152 * MS, permits=False)
+    assert leash.alive(153 * MS)
+    assert not leash.permits(153 * MS)
+
+
+def test_a_beat_that_waited_in_a_queue_renews_nothing() -> None:
+    leash = Leash(0.050)
+    leash.renew(100 * MS, permits=True)
+    assert not leash.permits(400 * MS)
+
+
+def test_a_place_is_passed_between_two_polls() -> None:
+    times_ns = np.arange(0, 1_000_000_000, 20_000_000)
+    place_m = np.asarray(-0.01 + 0.02 * times_ns * 1e-9, dtype=np.float64)
+    assert crossing_ns(times_ns, place_m, 0.0) == pytest.approx(500_000_000, abs=1)
+    assert crossing_ns(times_ns, np.negative(place_m), 0.0) == pytest.approx(500_000_000, abs=1)
+    with pytest.raises(DeviceError, match="never passed 20 mm"):
+        crossing_ns(times_ns, place_m, 0.02)
+
+
+def test_the_window_is_the_path_and_a_margin() -> None:
+    assert WINDOW.y_m == pytest.approx((-0.034, 0.054))
+    assert WINDOW.z_m == pytest.approx((0.0, 0.024))
+    assert TravelLimits.around(0.02, 0.01, 0.004, 0.005).y_m == pytest.approx((-0.004, 0.024))
+
+
+def test_a_permission_that_was_overtaken_by_a_trip_is_none() -> None:
+    leash = Leash(0.050)
+    leash.renew(100 * MS, permits=False)
+    leash.renew(95 * MS, permits=True)
+    assert not leash.permits(110 * MS)
+
+
+def test_a_beat_from_the_future_renews_nothing() -> None:
+    leash = Leash(0.050)
+    leash.renew(10_000 * MS, permits=True)
+    assert not leash.permits(100 * MS)
+
+
+def test_stamps_from_the_future_do_not_hide_silence() -> None:
+    dog = watchdog()
+    heard(dog, 100)
+    dog.load(replace(FINE, sample_ns=10_000 * MS, stamp_ns=100 * MS))
+    dog.ring(10_000 * MS, "ok")
+    assert [f.text.split(":")[0] for f in dog.late(110 * MS)] == [
+        "last torque sample",
+        "last report of the ring",
+    ]

@@ -1,0 +1,122 @@
+"""A stage that is stopped half-way, or not heard any more, goes nowhere else: nor is it lowered there."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
+from palp_core.palpation.devices.emulator.axis import AxisSettings
+from palp_core.palpation.devices.emulator.world import WorldSettings
+from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
+from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
+
+RNG = np.random.default_rng(0)
+Start = Callable[..., EmulatedRig]
+
+
+def moves(rig: EmulatedRig) -> list[str]:
+    """Return the moves that the controller was told since the start."""
+    return [line for _, _, line in rig.on_world(lambda world, _: list(world.log)) if "MOVEABS" in line]
+
+
+def test_an_abort_on_the_other_link_ends_the_path_and_not_only_the_leg(
+    quick_rig: Start, wait: Any, patient: dict[str, dict[str, Any]]
+) -> None:
+    rig = quick_rig("aerotech")
+    stage = AerotechStage(
+        **rig.options["aerotech"],
+        **patient["aerotech"],
+        limits=TravelLimits(),
+        return_speed_m_per_s=0.001,
+        lift_speed_m_per_s=0.050,
+    )
+    state = AerotechState()
+    stage.open(time.monotonic_ns(), state, RNG)
+    stop = AerotechStop(rig.stop_url, timeout_s=30.0)
+    try:
+        stage.return_to(0.010, time.monotonic_ns(), state)
+        before = moves(rig)
+        assert before[-1].startswith(
+            "MOVEABS X"
+        )  # it is raised, and goes sideways for 10 s before it is lowered
+        stop.abort()
+        wait.until(lambda: not stage.moving)
+        assert stage.health(time.monotonic_ns()).condition is Condition.DISABLED
+        assert "stopped, and not by this driver" in stage.health(time.monotonic_ns()).cause
+        with pytest.raises(DeviceError, match="acknowledge before a move"):
+            stage.return_to(0.010, time.monotonic_ns(), state)
+        assert moves(rig) == before
+        stage.acknowledge(time.monotonic_ns(), state)
+        stage.return_to(0.0, time.monotonic_ns(), state)
+        assert len(moves(rig)) > len(before)
+    finally:
+        stop.close()
+        stage.stop(time.monotonic_ns(), state)
+        stage.close()
+
+
+def test_a_homing_whose_answers_stop_is_aborted_before_the_line_is_given_up(
+    quick_rig: Start, wait: Any
+) -> None:
+    long = AxisSettings(home_s=600.0, soft_low_m=-0.001)
+    rig = quick_rig("aerotech", settings=RigSettings(world=WorldSettings(y_axis=long, z_axis=long)))
+    stage = AerotechStage(**{**rig.options["aerotech"], "timeout_s": 1.0})
+    failed: list[DeviceError] = []
+
+    def bring_up() -> None:
+        try:
+            stage.open(time.monotonic_ns(), AerotechState(), RNG)
+        except DeviceError as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=bring_up)
+    thread.start()
+    wait.until(lambda: rig.on_world(lambda world, now_ns: world.axes["z"].homing(now_ns)))
+    rig.fault("aerotech", "silence")
+    thread.join()
+    assert "no answer" in str(failed[0])
+    wait.until(lambda: not rig.on_world(lambda world, now_ns: world.axes["z"].homing(now_ns)))
+
+
+def test_a_stage_that_is_not_heard_any_more_is_aborted_in_its_move(quick_rig: Start, wait: Any) -> None:
+    rig = quick_rig("aerotech")
+    options = {**rig.options["aerotech"], "timeout_s": 0.5, "stale_s": 30.0, "lift_m": 0.002}
+    stage, state = AerotechStage(**options, return_speed_m_per_s=0.001), AerotechState()
+    stage.open(time.monotonic_ns(), state, RNG)
+
+    def moving() -> bool:
+        return bool(rig.on_world(lambda world, now_ns: world.axes["y"].moving(now_ns)))
+
+    try:
+        stage.return_to(0.030, time.monotonic_ns(), state)
+        assert moving()  # for half a minute
+        rig.fault("aerotech", "silence")
+        wait.until(lambda: not moving())
+        assert rig.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns)) < 0.029
+        assert stage.health(time.monotonic_ns()).condition is Condition.STALE
+    finally:
+        stage.close()
+
+
+def test_a_stage_that_was_never_brought_up_goes_nowhere(
+    quick_rig: Start, patient: dict[str, dict[str, Any]]
+) -> None:
+    rig = quick_rig("aerotech")
+    stage = AerotechStage(**rig.options["aerotech"], **patient["aerotech"])
+    stage.open(time.monotonic_ns(), AerotechState(), RNG)
+    before = moves(rig)
+    try:
+        with pytest.raises(DeviceError, match="not homed"):
+            stage.return_to(0.010, time.monotonic_ns(), AerotechState())
+        assert moves(rig) == before
+    finally:
+        stage.close()

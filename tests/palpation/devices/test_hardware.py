@@ -1,0 +1,129 @@
+"""``--hardware``: the contract on devices at their addresses, and no motion without leave to move."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices import open_device
+from palp_core.palpation.devices.emulator import EmulatedRig
+from tests.support.hardware import read_hardware
+
+ROOT = Path(__file__).parents[3]
+SAMPLE = ROOT / "docs" / "hardware.yaml"
+TRAVEL: dict[str, dict[str, Any]] = {
+    "stage": {"y_m": [-0.025, 0.025], "z_m": [0.0, 0.010], "speed_m_per_s": 0.05},
+    "ring": {"ring_m": [0.0, 0.012]},
+}
+SLOW_STAGE = {"lift_m": 0.002, "sweep_speed_m_per_s": 0.001, "return_speed_m_per_s": 0.005}
+SLOW_RING = {"speed_m_per_s": 1.25e-3}
+KINDS = {"stage": "aerotech", "ring": "maestro", "torque": "ati", "emg": "noraxon"}
+
+
+def write(path: Path, tree: dict[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    return path
+
+
+def contract(config: Path) -> subprocess.CompletedProcess[str]:
+    """Run the contract on the devices of a file."""
+    return subprocess.run(
+        [
+            sys.executable, "-m", "pytest", str(ROOT / "tests/palpation/devices/test_contract.py"), "-q",
+            "-p", "no:cacheprovider", "-k", "hardware", "--hardware", str(config),
+        ],
+        cwd=ROOT, capture_output=True, text=True, timeout=450.0, check=False,
+    )  # fmt: skip
+
+
+def test_the_contract_holds_for_the_devices_of_a_file(
+    quick_rig: Callable[..., EmulatedRig], tmp_path: Path, patient: dict[str, dict[str, Any]]
+) -> None:
+    """The emulator's addresses stand in for the devices'."""
+    rig = quick_rig(*KINDS.values())
+    tree: dict[str, Any] = {
+        kind: {"device": name, "options": json.loads(json.dumps(rig.options[name] | patient[name]))}
+        | ({"travel": TRAVEL[kind]} if kind in TRAVEL else {})
+        for kind, name in KINDS.items()
+    }
+    tree["stage"]["options"] |= SLOW_STAGE
+    tree["ring"]["options"] |= SLOW_RING
+    done = contract(write(tmp_path / "hardware.yaml", tree))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "skipped" not in done.stdout
+    y_m = rig.on_world(lambda world, _: [line for _, _, line in world.log if line.startswith("MOVEABS X")])
+    assert y_m  # the stage has moved, and nowhere beyond what the file allows
+    assert all(-25.0 <= float(line.split()[2]) <= 25.0 for line in y_m)
+
+
+@pytest.mark.parametrize(
+    ("travel", "said"),
+    [
+        ({}, "'travel' does not say how far"),
+        ({"y_m": [-0.025, 0.025]}, "'travel' does not give z_m"),
+        ({**TRAVEL["stage"], "y_m": [-0.001, 0.001]}, "so nothing is moved"),
+        ({**TRAVEL["stage"], "y_m": [0.02, -0.02]}, "must lie in"),
+        ({**TRAVEL["stage"], "y_m": "far"}, "travel"),
+    ],
+)
+def test_a_stage_that_was_not_given_its_travel_is_not_even_opened(
+    tmp_path: Path, travel: dict[str, Any], said: str
+) -> None:
+    entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}, "travel": travel}
+    with pytest.raises(DeviceError, match=said):
+        read_hardware(write(tmp_path / "h.yaml", {"stage": entry}))
+
+
+@pytest.mark.parametrize("travel", [{}, {"ring_m": [0.0, 0.005]}, {"ring_m": 3}, {"rings_m": [0.0, 0.02]}])
+def test_a_ring_that_was_not_given_its_travel_is_not_even_opened(
+    tmp_path: Path, travel: dict[str, Any]
+) -> None:
+    entry = {"device": "maestro", "options": {"url": "/dev/null"}, "travel": travel}
+    with pytest.raises(DeviceError, match="travel"):
+        read_hardware(write(tmp_path / "h.yaml", {"ring": entry}))
+
+
+def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(tmp_path: Path) -> None:
+    entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}}
+    done = contract(write(tmp_path / "h.yaml", {"stage": entry}))
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "'travel' does not say how far it may" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("stage: [", "no list of devices"),
+        ("gripper: {device: hand}", "no kind of device 'gripper'"),
+        ("torque: {device: nano}", "no device 'nano'; known: ati, netft"),
+        ("torque: {device: sim}", "no device 'sim'"),
+        ("torque: {device: ati, option: {}}", "unknown field"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused_by_name(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "h.yaml"
+    path.write_text(text)
+    with pytest.raises(DeviceError, match=said):
+        read_hardware(path)
+
+
+def test_a_file_may_be_toml(tmp_path: Path) -> None:
+    path = tmp_path / "h.toml"
+    path.write_text('[torque]\ndevice = "ati"\n[torque.options]\nchannel = "can1"\n')
+    assert read_hardware(path)["torque"].options == {"channel": "can1"}
+
+
+def test_the_sample_of_the_documentation_names_every_kind_and_fits_the_drivers() -> None:
+    found = read_hardware(SAMPLE)
+    assert {kind: entry.device for kind, entry in found.items()} == KINDS
+    for kind, entry in found.items():
+        device: Any = open_device(kind, entry.device, **entry.options)  # type: ignore[call-overload]
+        assert set(device.verified) == set(device.UNVERIFIED)

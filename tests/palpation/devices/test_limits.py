@@ -1,0 +1,175 @@
+"""Limits that hold before anything is sent."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.limits import (
+    CLEARANCE_M,
+    DutyCycle,
+    Level,
+    TravelLimits,
+    WrenchLimits,
+    check_lift,
+)
+from palp_core.palpation.devices.registry import open_device
+from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
+from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
+from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
+from palp_core.palpation.devices.unverified import UnverifiedWarning
+
+RNG = np.random.default_rng(0)
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
+
+
+@settings(deadline=None)
+@given(from_m=numbers, to_m=numbers, speed=numbers)
+def test_no_move_that_is_let_through_leaves_the_window(from_m: float, to_m: float, speed: float) -> None:
+    limits = TravelLimits(y_m=(-0.03, 0.05))
+    try:
+        limits.check("y", from_m, to_m, speed)
+    except DeviceError:
+        return
+    assert -0.0301 < from_m < 0.0501
+    assert -0.03 <= to_m <= 0.05
+    assert 0.0 < speed <= 0.050
+
+
+@settings(deadline=None)
+@given(torque=st.lists(numbers, max_size=6), force=st.lists(numbers, max_size=6))
+def test_a_load_over_a_limit_or_no_number_stops(torque: list[float], force: list[float]) -> None:
+    level = WrenchLimits().level(np.array(torque), np.array(force))
+    worst = [abs(t) >= 0.100 or t != t for t in torque] + [abs(f) >= 10.0 or f != f for f in force]
+    assert (level is Level.STOP) == any(worst)
+
+
+def test_a_load_between_the_limits_warns() -> None:
+    assert WrenchLimits().level(np.array([0.09]), np.zeros(0)) is Level.WARN
+    assert WrenchLimits().level(np.array([-0.02]), np.array([1.0])) is Level.FINE
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [{"stop_torque_n_m": 0.121}, {"stop_force_n": 12.1}, {"stop_torque_n_m": 0.09, "range_torque_n_m": 0.08}],
+)
+def test_a_stop_that_the_sensor_cannot_reach_is_refused(limits: dict[str, float]) -> None:
+    with pytest.raises(DeviceError, match=r"above the sensor.s range of .* and can never trip"):
+        WrenchLimits(**limits)
+    assert WrenchLimits(stop_torque_n_m=0.120, stop_force_n=12.0)  # its very end can be told
+
+
+@settings(deadline=None)
+@given(lift_m=st.floats(0.0, 0.05), indentation_m=st.floats(-0.01, 0.02))
+def test_a_raised_probe_clears_the_gel(lift_m: float, indentation_m: float) -> None:
+    try:
+        check_lift(lift_m, indentation_m)
+    except DeviceError:
+        assert lift_m - max(indentation_m, 0.0) < CLEARANCE_M
+    else:
+        assert lift_m - max(indentation_m, 0.0) > CLEARANCE_M - 2e-9
+
+
+def test_a_lift_that_is_no_number_is_refused() -> None:
+    with pytest.raises(DeviceError, match="lift_m = nan"):
+        check_lift(float("nan"), 0.004)
+
+
+@pytest.mark.parametrize("name", ["stale_s", "timeout_s", "home_timeout_s"])
+def test_a_wait_of_no_time_is_refused(name: str) -> None:
+    with pytest.raises(DeviceError, match=f"{name} = 0 must lie in"):
+        open_device("stage", "aerotech", url="socket://127.0.0.1:1", **{name: 0.0})
+
+
+@settings(deadline=None, max_examples=60)
+@given(runs=st.lists(st.tuples(st.floats(0.0, 40.0), st.floats(0.0, 5.0)), max_size=12))
+def test_no_window_holds_more_running_than_the_share(runs: list[tuple[float, float]]) -> None:
+    share, window_s = 0.2, 60.0
+    duty, done, now_ns = DutyCycle(share, window_s), [], 0
+    for pause_s, run_s in runs:
+        now_ns += round(pause_s * 1e9)
+        run_ns = round(run_s * 1e9)
+        start_ns = duty.start_ns(now_ns, run_ns)
+        assert start_ns >= now_ns
+        duty.ran(start_ns, start_ns + run_ns)
+        done.append((start_ns, start_ns + run_ns))
+        now_ns = start_ns + run_ns
+    for _, end_ns in done:
+        begin_ns = end_ns - round(window_s * 1e9)
+        used_ns = sum(max(0, min(end, end_ns) - max(start, begin_ns)) for start, end in done)
+        assert used_ns <= share * window_s * 1e9 + 1
+
+
+def test_a_run_longer_than_the_whole_budget_is_refused() -> None:
+    with pytest.raises(DeviceError, match="run_ns"):
+        DutyCycle(0.2, 10.0).start_ns(0, 3_000_000_000)
+
+
+def test_many_short_runs_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ring that is stopped again and again asks with the heartbeat of the safety node waiting."""
+    duty, looked, used_ns = DutyCycle(0.2, 300.0), [], DutyCycle._used_ns
+
+    def look(cycle: DutyCycle, at_ns: int) -> int:
+        looked.append(at_ns)
+        return used_ns(cycle, at_ns)
+
+    for i in range(1000):
+        duty.ran(i * 100_000_000, i * 100_000_000 + 50_000_000)
+    monkeypatch.setattr(DutyCycle, "_used_ns", look)
+    now_ns = 100_000_000_000
+    assert duty.start_ns(now_ns, 5_000_000_000) == now_ns
+    assert len(looked) == 1
+    start_ns = duty.start_ns(now_ns, 15_000_000_000)  # 5 s are too many: 100 runs, which are over after 10 s
+    assert start_ns + 15_000_000_000 - 300_000_000_000 == pytest.approx(10_000_000_000, abs=101_000_000)
+    assert len(looked) < 50
+
+
+def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict[str, Any]) -> None:
+    rig = quick_rig("maestro")
+    ring = MaestroRing(**rig.options["maestro"], **patient["maestro"], duty=0.02, duty_window_s=50.0)
+    state = MaestroState()
+    ring.open(time.monotonic_ns(), state, RNG)
+    now_ns = time.monotonic_ns()
+    settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
+    assert settled_ns > now_ns + 30_000_000_000
+    assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 20_000_000_000  # takes its place
+    ring.close()
+
+
+def test_what_nobody_verified_is_said_aloud_once_each() -> None:
+    stage = AerotechStage("socket://127.0.0.1:1", verified=("baud", "axes", "origin_m", "sign"))
+    with pytest.warns(UnverifiedWarning, match="limits is not verified"), pytest.raises(DeviceError):
+        stage.open(0, AerotechState(), RNG)
+    with pytest.raises(DeviceError, match="what can be verified: axes, baud"):
+        AerotechStage("socket://127.0.0.1:1", verified=("bauds",)).open(0, AerotechState(), RNG)
+
+
+def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
+    quick_rig: Any, wait: Any, patient: dict[str, Any]
+) -> None:
+    rig = quick_rig("aerotech")
+    options = rig.options["aerotech"] | patient["aerotech"]
+    stage, state = AerotechStage(**options, lift_m=0.002), AerotechState()
+    stage.open(time.monotonic_ns(), state, RNG)
+    stop = AerotechStop(rig.addresses["aerotech"], timeout_s=30.0, rest_s=30.0)
+    stage.return_to(-0.05, time.monotonic_ns(), state)
+    wait.until(lambda: rig.on_world(lambda world, t: world.truth(t))["y_m"] < -0.002)
+    times = stop.trip()
+    assert times.written_ns <= times.resting_ns <= times.disabled_ns
+    assert not any(report.enabled or report.moving for report in stop.poll())
+    at_m = rig.on_world(lambda world, t: world.truth(t))["y_m"]
+    wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
+    with pytest.raises(DeviceError, match=r"disabled|could not be executed"):  # whichever it sees first
+        stage.return_to(0.0, time.monotonic_ns(), state)
+    assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == at_m
+    stage.acknowledge(time.monotonic_ns(), state)
+    wait.until(lambda: stage.health(time.monotonic_ns()).ok and not stage.moving)
+    stage.return_to(0.0, time.monotonic_ns(), state)
+    stop.close()
+    stage.close()

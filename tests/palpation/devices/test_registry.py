@@ -1,0 +1,141 @@
+"""Names of devices, and what the simulated ones promise."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices import (
+    EmgSource,
+    RingDevice,
+    StageDevice,
+    TorqueSensor,
+    known_devices,
+    open_device,
+)
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.emg.lsl import LslEmg
+from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
+from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
+from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.registry import device_mistakes
+from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
+from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.devices.sim.ring import RingState, SimRing
+from palp_core.palpation.devices.sim.stage import SimStage, StageState
+from palp_core.palpation.devices.sim.torque import SimTorque, TorqueState
+from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
+from palp_core.palpation.devices.torque.ati import AtiTorque
+from palp_core.palpation.devices.torque.netft import NetFtTorque
+from palp_core.palpation.devices.torque.wrench_state import WrenchState
+
+CHAIN = [[0.2] * 5] * 5
+
+
+def test_the_simulated_devices_satisfy_the_protocols() -> None:
+    stage: StageDevice[StageState] = SimStage()
+    ring: RingDevice[RingState] = SimRing()
+    torque: TorqueSensor[TorqueState] = SimTorque()
+    emg: EmgSource[EmgState] = SimEmg(matrix=CHAIN)
+    for device in (stage, ring, torque, emg):
+        device.close()
+    assert emg.rate_hz == 1500.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "expected"),
+    [
+        ("stage", {"sweep_speed_m_per_s": 0.01}, SimStage(sweep_speed_m_per_s=0.01)),
+        ("ring", {"distribution": "normal"}, SimRing(distribution="normal")),
+        ("torque", {}, SimTorque()),
+        ("emg", {"matrix": np.array(CHAIN)}, SimEmg(matrix=CHAIN)),
+    ],
+)
+def test_a_name_stands_for_a_class_and_passes_the_options_on(
+    kind: Any, options: dict[str, Any], expected: object
+) -> None:
+    assert "sim" in known_devices(kind)
+    assert open_device(kind, "sim", **options) == expected
+
+
+def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
+    assert open_device("torque", "palp_core.palpation.devices.sim.torque:SimTorque") == SimTorque()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "options", "says"),
+    [
+        ("torque", "nano71", {}, "known: ati, netft, sim"),
+        ("gripper", "sim", {}, "known: emg, ring, stage, torque"),
+        ("ring", "sim", {"sped_m_per_s": 1.0}, "its options are speed_m_per_s"),
+        ("emg", "sim", {}, "missing a required argument: 'matrix'"),
+        ("torque", "ati", {"rate_hz": "fast"}, "rate_hz = 'fast': Expected `float`, got `str`"),
+        ("stage", "aerotech", {"url": "x", "limits": {"y_m": [0.02, -0.02]}}, "y_m high = -0.02 must lie in"),
+        ("ring", "palp_core.nowhere:Ring", {}, "cannot import"),
+        ("ring", "palp_core.palpation.devices.sim.ring:Rong", {}, "cannot import"),
+    ],
+)
+def test_an_unknown_name_or_option_lists_what_there_is(
+    kind: Any, name: str, options: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(DeviceError, match=says):
+        open_device(kind, name, **options)
+
+
+def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
+    assert device_mistakes("torque", "nano71", {}) == {
+        "device": "no torque device 'nano71'; known: ati, netft, sim, or give package.module:Class"
+    }
+    assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
+    assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}
+    assert device_mistakes("emg", "lsl", {"stream": "arm", "rate_hz": 1500.0}) == {}
+
+
+def test_options_are_what_a_yaml_file_can_say() -> None:
+    options = {"url": "x", "axes": ["A", "B"], "limits": {"y_m": [-0.01, 0.02]}, "sweep_speed_m_per_s": 0.01}
+    stage = open_device("stage", "aerotech", **options)
+    limits = TravelLimits(y_m=(-0.01, 0.02))
+    assert stage == AerotechStage("x", axes=("A", "B"), limits=limits, sweep_speed_m_per_s=0.01)
+
+
+@pytest.mark.parametrize("device", [SimStage(), SimRing(), SimTorque(), SimEmg(matrix=CHAIN)])
+def test_every_parameter_refuses_nan(device: Any) -> None:
+    for field in dataclasses.fields(device):
+        if isinstance(getattr(device, field.name), float):
+            with pytest.raises(DeviceError, match=field.name):
+                dataclasses.replace(device, **{field.name: float("nan")})
+
+
+def test_the_drivers_satisfy_the_protocols_and_are_known_by_name() -> None:
+    stage: StageDevice[AerotechState] = AerotechStage("socket://127.0.0.1:1")
+    ring: RingDevice[MaestroState] = MaestroRing("/nowhere")
+    torque: list[TorqueSensor[WrenchState]] = [AtiTorque(), NetFtTorque("127.0.0.1")]
+    emg: list[EmgSource[EmgSourceState]] = [
+        NoraxonEmg("127.0.0.1"),
+        LslEmg("nothing"),
+        SpikerShieldEmg("/nowhere"),
+    ]
+    devices: list[Any] = [stage, ring, *torque, *emg]
+    for device in devices:
+        device.close()
+        assert device.health(0).condition is Condition.CLOSED
+    names = [name for kind in ("stage", "ring", "torque", "emg") for name in known_devices(kind)]
+    drivers = ["aerotech", "maestro", "ati", "netft", "lsl", "noraxon", "spikershield"]
+    assert [name for name in names if name != "sim"] == drivers
+
+
+def test_importing_the_registry_imports_no_driver() -> None:
+    code = "import sys, palp_core.palpation.devices; assert not {'serial', 'can', 'pylsl'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_parameters_cannot_change() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SimRing().speed_m_per_s = 0.001  # type: ignore[misc]

@@ -1,0 +1,192 @@
+"""An answer that comes late is never taken for the answer to what was asked after it."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import can
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import DeviceTimeout
+from palp_core.palpation.devices.emulator.netcanoem import Netcanoem
+from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.health import Watch
+from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.torque import ati_session
+from palp_core.palpation.devices.torque.ati_session import AtiSession, RawSample
+
+BASE = 0x200
+PROMPT_NS = 300_000
+LONGEST_MS = 200
+
+
+class LateBus:
+    """A bus with a sensor whose every sample says how many were asked for, on a clock of its own.
+
+    Args:
+        world: For the set-up.
+        late_ns: How long the reply to each request is held back; None loses it.
+    """
+
+    def __init__(self, world: World, late_ns: Callable[[int], int | None]) -> None:
+        self._sensor, self._late_ns = Netcanoem(world), late_ns
+        self._due: deque[tuple[int, can.Message]] = deque()
+        self.now_ns, self.asked, self._last_due_ns = 1_000_000_000, 0, 0
+        self.asked_ns: dict[int, int] = {}
+
+    def send(self, message: can.Message) -> None:
+        late_ns: int | None = 0
+        if message.arbitration_id == BASE:
+            self.asked += 1
+            self.asked_ns[self.asked] = self.now_ns
+            frames = [
+                (BASE, struct.pack(">H3h", 0, self.asked, 0, 0)),
+                (BASE + 1, struct.pack(">3h", 0, 0, 0)),
+            ]
+            late_ns = self._late_ns(self.asked)
+        else:
+            frames = self._sensor.answer(message.arbitration_id, bytes(message.data), 0)
+        if late_ns is None:
+            return
+        self._last_due_ns = max(self._last_due_ns, self.now_ns + PROMPT_NS + late_ns)  # a bus keeps order
+        for i, data in frames:
+            answer = can.Message(arbitration_id=i, data=data, is_extended_id=False)
+            self._due.append((self._last_due_ns, answer))
+
+    def recv(self, timeout_s: float) -> can.Message | None:
+        until_ns = self.now_ns + round(timeout_s * 1e9)
+        if self._due and self._due[0][0] <= until_ns:
+            due_ns, message = self._due.popleft()
+            self.now_ns = max(self.now_ns, due_ns)
+            return message
+        self.now_ns = until_ns
+        return None
+
+    def shutdown(self) -> None:
+        return
+
+
+class BusHost(HostTime):
+    """The host on the clock of the bus."""
+
+    def __init__(self, bus: LateBus) -> None:
+        super().__init__()
+        self._bus = bus
+
+    def now_ns(self) -> int:
+        return self._bus.now_ns
+
+
+class BusTime(threading.Event):
+    """Waiting is the passing of the bus's time."""
+
+    def __init__(self, bus: LateBus) -> None:
+        super().__init__()
+        self._bus = bus
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self._bus.now_ns += round((timeout or 0.0) * 1e9)
+        return False
+
+
+class Polled:
+    """A session on a late bus: how old each sample was when it was kept, and the driver's health."""
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        world: World,
+        late_ns: Callable[[int], int | None],
+        rate_hz: float = 1000.0,
+    ) -> None:
+        self.bus = bus = LateBus(world, late_ns)
+        monkeypatch.setattr(ati_session, "_open_bus", lambda _: bus)
+        monkeypatch.setattr(ati_session, "_SILENT_S", 0.25)  # on the bus's time no host is busy
+        monkeypatch.setattr(ati_session, "Patience", partial(Patience, clock=lambda: bus.now_ns * 1e-9))
+        self.samples: deque[RawSample] = deque()
+        self.watch = Watch(0.025)
+        self.session = AtiSession(
+            {}, BASE >> 4, 0, rate_hz, 0.003, self.samples, self.watch, BusHost(bus), 0, False
+        )
+        self.watch.fresh(bus.now_ns)
+        self.ages_ns: dict[int, int] = {}
+        self._time = BusTime(bus)
+
+    def run(self, seconds: float) -> None:
+        end_ns = self.bus.now_ns + round(seconds * 1e9)
+        while self.bus.now_ns < end_ns:
+            self.session.step(self._time)
+            while self.samples:
+                number = struct.unpack(">H3h", self.samples.popleft()[3])[1]
+                self.ages_ns[number] = self.bus.now_ns - self.bus.asked_ns[number]
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    made = World(WorldSettings())
+    yield made
+    made.close()
+
+
+def test_samples_that_were_late_make_no_later_one_older(
+    monkeypatch: pytest.MonkeyPatch, world: World
+) -> None:
+    polled = Polled(monkeypatch, world, lambda count: 5_000_000 if count in (4, 5) else 0)
+    polled.run(0.03)
+    assert polled.bus.asked > 15
+    assert set(range(1, polled.bus.asked + 1)) - set(polled.ages_ns) == {4, 5}
+    assert max(polled.ages_ns.values()) == PROMPT_NS
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, 100.0, 1000.0])
+@pytest.mark.parametrize("late_ms", [3, 9, 11, 13, 20, 40, 100, 240])
+def test_a_steady_delay_never_passes_for_fresh(
+    monkeypatch: pytest.MonkeyPatch, world: World, late_ms: int, rate_hz: float
+) -> None:
+    polled = Polled(
+        monkeypatch, world, lambda count: late_ms * 1_000_000 if 20 < count < 60 else 0, rate_hz=rate_hz
+    )
+    polled.run(0.3)
+    polled.run(40 * (late_ms + 20) * 1e-3 + 0.3)
+    assert polled.bus.asked > 60
+    assert polled.watch.read(polled.bus.now_ns).ok, "the delay is over"
+    longest_ms = 1e3 * (2.0 * (max(1.0 / rate_hz, 0.002) if rate_hz else 0.005) + 0.008)
+    assert max(polled.ages_ns.values()) <= longest_ms * 1e6 + PROMPT_NS
+    if late_ms > longest_ms:
+        assert not set(range(21, 60)) & set(polled.ages_ns)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(late_ms=st.lists(st.one_of(st.just(0), st.integers(0, LONGEST_MS), st.none()), max_size=60))
+def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(
+    monkeypatch: pytest.MonkeyPatch, world: World, late_ms: list[int | None]
+) -> None:
+    def late_ns(count: int) -> int | None:
+        late = late_ms[count - 1] if count <= len(late_ms) else 0
+        return None if late is None else late * 1_000_000
+
+    polled = Polled(monkeypatch, world, late_ns)
+    try:
+        polled.run(2.0)
+    except DeviceTimeout:  # two in a row were lost, and nothing else was on its way
+        assert None in late_ms
+    assert max(polled.ages_ns.values(), default=0) <= 12_000_000 + PROMPT_NS
+
+
+def test_time_in_which_the_reader_did_not_run_is_not_waited() -> None:
+    now = [0.0]
+    patience = Patience(0.1, 0.04, lambda: now[0])
+    now[0] += 5.0  # stopped for 5 s, and the answer in the buffer since
+    assert not patience.over()
+    looks = 0
+    while not patience.over():
+        now[0] += 0.02
+        looks += 1
+    assert looks == 4

@@ -1,0 +1,339 @@
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from msgs.emg import EmgBlock
+from palp_core.cli.rig.emg import app
+from palp_core.errors import PalpError
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.identification.emg.files import read_emg
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
+from palp_core.palpation.perception.strategy import figure5
+
+RATE_HZ = 1500.0
+TRIAL_S = 12.0
+
+
+def subject(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a simulated subject's MVC with the rests around it, and a trial; volts, shape (2, n) each."""
+    source = SimEmg(figure5.matrices().mean(axis=0))
+    state, rng = EmgState(), np.random.default_rng(seed)
+    source.open(0, state, rng)
+    begin_ns = source.palpation_ns(state)
+    block = source.drain(begin_ns + round(TRIAL_S * 1e9), state, rng)
+    both = np.array([block.fds_v, block.edc_v])
+    split = int(np.searchsorted(block.times_ns, begin_ns))
+    return both[:, :split], both[:, split:]
+
+
+def write(path: Path, both: np.ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, 1e6 * both.T, fmt="%.6f", delimiter=",", header="fds (uV),edc (uV)", comments="")
+    return path
+
+
+def run(*arguments: object) -> Any:
+    return CliRunner().invoke(app, [str(one) for one in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    mvc, trial = subject(0)
+    folder = tmp_path_factory.mktemp("recording")
+    return write(folder / "trial.csv", trial), write(folder / "mvc.csv", mvc)
+
+
+def test_a_trial_is_analysed_as_the_library_does(recording: tuple[Path, Path], tmp_path: Path) -> None:
+    trial, mvc = recording
+    result = run(
+        "analyse",
+        trial,
+        "--fs",
+        1500,
+        "--fds",
+        "fds",
+        "--edc",
+        "edc",
+        "--mvc",
+        mvc,
+        "--out",
+        tmp_path / "o",
+        "--json",
+    )
+    found = json.loads(result.stdout)
+    effort, samples = subject(0)
+    expected = analyse(samples, effort, EmgSettings())
+    assert found["flags"] == list(expected.flags)
+    assert found["burst_count"] == len(expected.bursts) > 5
+    assert found["reference"] == pytest.approx(expected.reference, rel=1e-6)
+    assert found["cocontraction_mean"] == pytest.approx(expected.cocontraction.mean(), rel=1e-6)
+    names = {one.name for one in (tmp_path / "o").iterdir()}
+    assert names == {
+        "cocontraction.csv",
+        "cocontraction.png",
+        "quality.csv",
+        "quality.html",
+        "quality.json",
+        "series.csv",
+    }
+    series = np.loadtxt(tmp_path / "o" / "series.csv", delimiter=",", skiprows=1)
+    assert series.shape == (samples.shape[1], 4)
+
+
+def test_the_simulated_subject_is_seen_as_it_is() -> None:
+    mvc, trial = subject(1)
+    found = analyse(trial, mvc, EmgSettings(window_s=0.15, distance_s=0.4))
+    assert "mvc_too_small" not in found.flags
+    assert 0.15 < found.cocontraction.mean() < 0.45
+    assert TRIAL_S / 2.5 < len(found.bursts) < TRIAL_S / 0.5  # a level lasts a second in the mean
+
+
+def test_without_an_mvc_it_is_asked_for(recording: tuple[Path, Path]) -> None:
+    with pytest.raises(PalpError, match="--mvc"):
+        run("analyse", recording[0], "--fs", 1500)
+    with pytest.raises(PalpError, match="--fs"):
+        run("analyse", recording[0], "--mvc", recording[1])
+
+
+def test_import_says_what_it_would_take_the_file_for(recording: tuple[Path, Path], tmp_path: Path) -> None:
+    result = run("import", recording[0], "--dry-run", "--fs", 1500, "--json")
+    guess = json.loads(result.stdout)["guess"]
+    assert (guess["fds"], guess["edc"], guess["unit"], guess["rate_hz"]) == ("fds", "edc", "uV", 1500.0)
+    assert "FDS by name" in run("import", recording[0], "--dry-run", "--fs", 1500).stdout
+    with pytest.raises(PalpError, match="sampling rate"):
+        run("import", recording[0], "--dry-run")
+    run("import", recording[0], "--fs", 1500, "--out", tmp_path / "plain.csv")
+    again = json.loads(run("import", tmp_path / "plain.csv", "--dry-run", "--json").stdout)
+    assert again["guess"]["rate_hz"] == pytest.approx(1500.0)
+    assert again["guess"]["unit"] == "V"
+
+
+def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
+    root, out = tmp_path / "study", tmp_path / "out"
+    for number, name in enumerate(("s1", "s2")):
+        mvc, trial = subject(number)
+        write(root / name / "mvc.csv", mvc)
+        write(root / name / "training" / "01.csv", trial[:, :9000])
+        write(root / name / "estimation" / "01.csv", trial[:, 9000:])
+    holed = subject(0)[1]
+    holed[:, 3000:3300] = np.nan
+    write(root / "s1" / "training" / "02.csv", holed)
+    (root / "s2" / "training" / "02.csv").write_text("no numbers\n")
+    result = run("analyse", root, "--fs", 1500, "--out", out, "--json")
+    assert result.exit_code == 1
+    found = json.loads(result.stdout)
+    assert [(one["subject"], one["phase"], one["trial"]) for one in found["trials"]] == [
+        ("s1", "estimation", "01"),
+        ("s1", "training", "01"),
+        ("s1", "training", "02"),
+        ("s2", "estimation", "01"),
+        ("s2", "training", "01"),
+        ("s2", "training", "02"),
+    ]
+    assert "lost_samples" in found["trials"][2]["flags"]
+    assert "no table" in found["trials"][5]["error"]
+    assert json.loads((out / "quality.json").read_text()) == found
+    assert len(list(csv.DictReader((out / "quality.csv").read_text().splitlines()))) == 6
+    page = (out / "quality.html").read_text()
+    assert "lost_samples" in page
+    assert "s2" in page
+    for phase in ("estimation", "training"):
+        counted = sum(sum(map(sum, one["counts"])) for key, one in found["by_phase"].items() if key == phase)
+        runs = [run for one in found["trials"] if one["phase"] == phase for run in one.get("runs", [])]
+        assert counted == sum(max(0, len(run) - 1) for run in runs)
+
+
+def test_a_folder_without_trials_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PalpError, match="subject/phase/trial"):
+        run("analyse", tmp_path, "--fs", 1500)
+
+
+def bag_of(folder: Path, blocks: list[EmgBlock]) -> Path:
+    schema = schema_of(EmgBlock)
+    topic = Topic(
+        name="/emg/block",
+        type=schema.name,
+        type_hash=f"{schema.type_hash:016x}",
+        json_schema=json_schema(schema),
+        latched_depth=0,
+    )
+    recorder = BagRecorder(BagWriter(folder))
+    recorder.describe(topic)
+    for number, block in enumerate(blocks):
+        recorder(
+            block.stamp_ns,
+            pack(b"/emg/block", Kind.DATA, 0, number, block.stamp_ns, schema.type_hash, encode(block)),
+        )
+    recorder.close()
+    return folder
+
+
+def test_a_bag_brings_its_own_mvc_and_a_lost_block_is_a_gap(tmp_path: Path) -> None:
+    mvc, trial = subject(2)
+    both, blocks = np.concatenate([mvc, trial], axis=1), []
+    for at in range(0, both.shape[1], 75):
+        phase = "palpation" if at >= 9 * 1500 else "mvc" if 3000 <= at < 7 * 1500 else "rest"
+        part = both[:, at : at + 75]
+        stamp = round((at + part.shape[1]) / RATE_HZ * 1e9)
+        start = round(at / RATE_HZ * 1e9)
+        blocks.append(
+            EmgBlock(
+                stamp_ns=stamp, start_ns=start, rate_hz=RATE_HZ, phase=phase, fds_v=part[0], edc_v=part[1]
+            )
+        )
+    whole = json.loads(run("analyse", bag_of(tmp_path / "whole", blocks), "--json").stdout)
+    assert "lost_samples" not in whole["flags"]
+    assert whole["duration_s"] == pytest.approx(TRIAL_S, abs=0.06)
+    del blocks[250]
+    holed = json.loads(run("analyse", bag_of(tmp_path / "holed", blocks), "--json").stdout)
+    assert "lost_samples" in holed["flags"]
+    assert holed["lost"] == 150  # 75 of each muscle
+    assert read_emg(tmp_path / "holed").format == "bag"
+    shutil.rmtree(tmp_path / "holed")
+
+
+def test_units_and_rates_that_do_not_fit_are_refused(recording: tuple[Path, Path], tmp_path: Path) -> None:
+    mvc, _ = subject(0)
+    other = tmp_path / "mvc.csv"
+    np.savetxt(other, mvc.T, delimiter=",", header="fds (counts),edc (counts)", comments="")
+    with pytest.raises(PalpError, match="convert one"):
+        run("analyse", recording[0], "--fs", 1500, "--mvc", other)
+    np.savez(tmp_path / "mvc.npz", fds=mvc[0], edc=mvc[1], fs=1000.0)
+    np.savez(tmp_path / "trial.npz", fds=mvc[0], edc=mvc[1], fs=1500.0)
+    with pytest.raises(PalpError, match="resample"):
+        run("analyse", tmp_path / "trial.npz", "--mvc", tmp_path / "mvc.npz")
+
+
+def test_the_sweep_shows_what_the_unpublished_settings_decide(
+    recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    trial, mvc = recording
+    arguments = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--sweep"]
+    rows = json.loads(run(*arguments, "--out", tmp_path, "--json").stdout)["sweep"]
+    assert len(rows) == 45
+    assert len((tmp_path / "sweep.csv").read_text().splitlines()) == 46
+    assert "lambda_2" in run(*arguments).stdout
+    with pytest.raises(PalpError, match="one recording"):
+        run("analyse", tmp_path, "--sweep")
+
+
+def test_rails_and_band_are_the_users(recording: tuple[Path, Path]) -> None:
+    trial, mvc = recording
+    ordinary = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--json"]
+    railed = json.loads(run(*ordinary, "--rails", -1e-4, 1e-4).stdout)
+    assert "clipping" in railed["flags"]
+    narrow = json.loads(run(*ordinary, "--band-hz", 30, 300).stdout)
+    assert (narrow["settings"]["low_hz"], narrow["settings"]["high_hz"]) == (30.0, 300.0)
+
+
+def test_a_signal_that_cannot_be_used_is_named_with_its_file(
+    recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    silent = write(tmp_path / "silent.csv", np.zeros((2, 3000)))
+    with pytest.raises(PalpError, match=r"silent\.csv: the MVC recording is silent"):
+        run("analyse", recording[0], "--fs", 1500, "--mvc", silent)
+
+
+def test_a_column_number_that_is_the_time_in_the_mvc_is_refused(
+    recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    timed = tmp_path / "mvc.csv"
+    both = np.loadtxt(recording[1], delimiter=",", skiprows=1)
+    times_s = np.arange(len(both)) / RATE_HZ
+    np.savetxt(timed, np.column_stack([times_s, both]), delimiter=",", header="time,a,b", comments="")
+    with pytest.raises(PalpError, match="--fds names time, which is the time"):
+        run("analyse", recording[0], "--fs", RATE_HZ, "--fds", 0, "--edc", 1, "--mvc", timed)
+
+
+def test_rails_that_are_not_in_order_are_refused(recording: tuple[Path, Path]) -> None:
+    with pytest.raises(PalpError, match="the lower one comes first"):
+        run("analyse", recording[0], "--fs", RATE_HZ, "--mvc", recording[1], "--rails", 1, 1)
+
+
+def in_unit(path: Path, both: np.ndarray, factor: float, unit: str) -> Path:
+    heading = ",".join(f"{name} ({unit})" if unit else name for name in ("fds", "edc"))
+    np.savetxt(path, factor * both.T, fmt="%.9g", delimiter=",", header=heading, comments="")
+    return path
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e6, "mV"), (1e9, "uV"), (1.0, "uV"), (1e6, "V")])
+def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
+    tmp_path: Path, factor: float, unit: str
+) -> None:
+    mvc, trial = subject(0)
+    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    true = {1.0: "V", 1e3: "mV", 1e6: "uV", 1e9: "nV"}[factor]
+    asked = ("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json")
+    with pytest.raises(PalpError, match=rf"t\.csv: says {unit}, but .* --unit"):
+        run(*asked)
+    with pytest.raises(PalpError, match=r"t\.csv: says .* --unit"):
+        run("import", files[0], "--fs", 1500, "--dry-run")
+    found = json.loads(run(*asked, "--unit", true).stdout)
+    expected = analyse(trial, mvc, EmgSettings(rate_hz=1500.0))
+    assert found["maxima"]["fds"] == pytest.approx(expected.maxima[0], rel=1e-6)
+    assert found["notes"][-1] == f"--unit says {true}, the file {unit}"
+    assert found["basis"]["unit"] == "--unit"
+    assert "uV" in run("import", files[0], "--fs", 1500, "--dry-run", "--unit", "uV").stdout
+    with pytest.raises(PalpError, match="no unit of EMG"):
+        run(*asked, "--unit", "kg")
+
+
+@pytest.mark.parametrize("unit", ["V", "mV", "uV", ""])
+def test_an_amplifiers_output_in_volts_and_true_units_pass(tmp_path: Path, unit: str) -> None:
+    mvc, trial = subject(0)
+    factor = {"V": 1000.0, "mV": 1e3, "uV": 1e6, "": 1e6}[unit]
+    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    found = json.loads(run("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json").stdout)
+    assert found["flags"] == []
+
+
+@pytest.mark.parametrize(("of_trial", "of_mvc"), [(1e3, 1e6), (1e6, 1e3)])
+def test_an_mvc_in_another_unit_than_the_trial_is_refused(
+    tmp_path: Path, of_trial: float, of_mvc: float
+) -> None:
+    mvc, trial = subject(0)
+    trial_file = in_unit(tmp_path / "t.csv", trial, of_trial, "")
+    mvc_file = in_unit(tmp_path / "m.csv", mvc, of_mvc, "")
+    asked = ("analyse", trial_file, "--fs", 1500, "--mvc", mvc_file, "--json")
+    with pytest.raises(PalpError, match=r"m\.csv: this MVC is .* times as strong as .*t\.csv.* --unit"):
+        run(*asked)
+    flags = json.loads(run(*asked, "--unit", "uV").stdout)["flags"]
+    assert ("above_mvc" in flags) == (of_trial > of_mvc)
+
+
+def test_a_weak_trial_and_one_bad_electrode_are_flagged_and_not_refused(tmp_path: Path) -> None:
+    mvc, trial = subject(0)
+    mvc_file = in_unit(tmp_path / "m.csv", mvc, 1e3, "mV")
+    weak = in_unit(tmp_path / "weak.csv", 5.0 * trial, 1e3, "mV")
+    found = json.loads(run("analyse", weak, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
+    assert "above_mvc" in found["flags"]
+    hum = trial + np.array([[0.0], [0.1]]) * np.sin(2 * np.pi * 500.0 * np.arange(trial.shape[1]) / 1500.0)
+    loose = in_unit(tmp_path / "loose.csv", hum, 1e3, "mV")
+    found = json.loads(run("analyse", loose, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
+    assert "above_mvc" in found["flags"]
+
+
+def test_rates_that_rounded_times_tell_need_not_be_the_same(tmp_path: Path) -> None:
+    mvc, trial = subject(0)
+    files = []
+    for name, both in (("t.csv", trial), ("m.csv", mvc)):
+        times_s = np.arange(both.shape[1]) / RATE_HZ
+        table = np.column_stack([times_s.round(4), 1e6 * both.T])
+        np.savetxt(
+            tmp_path / name, table, fmt="%.6g", delimiter=",", header="t,fds (uV),edc (uV)", comments=""
+        )
+        files.append(tmp_path / name)
+    found = json.loads(run("analyse", files[0], "--mvc", files[1], "--json").stdout)
+    assert found["rate_hz"] == pytest.approx(RATE_HZ, rel=1e-3)

@@ -1,0 +1,286 @@
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from palp_core.errors import PalpError
+from palp_core.palpation.identification.emg.files import read_emg
+from palp_core.palpation.identification.emg.guess import Guess, guess, muscles
+
+N = 400
+EMG = 1e-4 * np.random.default_rng(0).normal(size=(2, N))
+
+
+def edf_bytes(
+    signals: np.ndarray,
+    rate: int,
+    *,
+    wide: bool = False,
+    labels: dict[str, str] | None = None,
+    starts_s: list[float] | None = None,
+) -> bytes:
+    """Return an EDF or BDF file of signals in the unit, records of one second."""
+    most = 2**23 - 1 if wide else 2**15 - 1
+    span = float(np.ceil(np.abs(signals).max()))
+    units = labels or {"EMG FDS": "uV", "EMG EDC": "uV"}
+    own, records = len(units), signals.shape[1] // rate
+    count = own + (starts_s is not None)
+    fields = {
+        "label": (16, [*units, "EDF Annotations"]),
+        "transducer": (80, [""] * (own + 1)),
+        "unit": (8, [*units.values(), ""]),
+        "pmin": (8, [f"{-span:g}"] * own + ["-1"]),
+        "pmax": (8, [f"{span:g}"] * own + ["1"]),
+        "dmin": (8, [str(-most)] * (own + 1)),
+        "dmax": (8, [str(most)] * (own + 1)),
+        "filter": (80, [""] * (own + 1)),
+        "samples": (8, [str(rate)] * own + ["15"]),
+        "reserved": (32, [""] * (own + 1)),
+    }
+    kind = "EDF+D" if starts_s is not None else ""
+    main = (b"\xffBIOSEMI" if wide else b"0       ") + b" " * 160 + b"01.01.2601.01.26"
+    head = f"{256 * (1 + count):<8}{kind:<44}{records:<8}{1:<8}{count:<4}".encode()
+    text = "".join(f"{v:<{w}}" for w, values in fields.values() for v in values[:count]).encode()
+    digital = np.rint(signals / span * most).astype("<i4")
+    body = io.BytesIO()
+    for record in range(records):
+        for row in digital:
+            part = row[record * rate : (record + 1) * rate]
+            body.write(
+                part.view(np.uint8).reshape(-1, 4)[:, :3].tobytes() if wide else part.astype("<i2").tobytes()
+            )
+        if starts_s is not None:
+            body.write(f"+{starts_s[record]:g}\x14\x14".encode().ljust(30, b"\0"))
+    return main + head + text + body.getvalue()
+
+
+def read(path: Path, fs_hz: float | None = 1500.0) -> tuple[Guess, np.ndarray]:
+    file = read_emg(path)
+    found = guess(file, fs_hz=fs_hz)
+    return found, muscles(file, found)
+
+
+def test_plain_csv_with_units_in_its_heading(tmp_path: Path) -> None:
+    times = np.arange(N) / 1500.0
+    path = tmp_path / "a.csv"
+    np.savetxt(
+        path,
+        np.column_stack([times, *(1e6 * EMG)]),
+        delimiter=",",
+        header="time (s),FDS (uV),EDC (uV)",
+        comments="",
+    )
+    found, both = read(path, None)
+    assert (found.time, found.rate_hz, found.rate_why, found.unit) == (
+        "time",
+        1500.0,
+        "the time column",
+        "uV",
+    )
+    assert both == pytest.approx(EMG)
+
+
+def test_european_csv_with_preamble_units_row_and_holes(tmp_path: Path) -> None:
+    lines = ["Subject;7", "Sampling rate: 1500 Hz", "", "Zeit;Extensor;Flexor", "ms;mV;mV"]
+    for i in range(N):
+        cells = [f"{i / 1.5:.4f}", f"{1e3 * EMG[1, i]:.9f}", "" if i == 9 else f"{1e3 * EMG[0, i]:.9f}"]
+        lines.append(";".join(cells).replace(".", ","))
+    path = tmp_path / "a.csv"
+    path.write_bytes("\r\n".join(lines).encode("latin-1"))
+    found, both = read(path, None)
+    assert (found.fds, found.edc, found.time, found.rate_hz) == ("Flexor", "Extensor", "Zeit", 1500.0)
+    assert np.flatnonzero(np.isnan(both[0])).tolist() == [9]
+    assert both[1] == pytest.approx(EMG[1], abs=1e-12)
+
+
+def test_text_without_heading_goes_by_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    np.savetxt(path, EMG.T, fmt="%.12e")
+    found, both = read(path)
+    assert found.columns_why == "FDS by order, EDC by order"
+    assert found.unit_why.startswith("guessed")
+    assert both == pytest.approx(EMG)
+
+
+def test_rows_missing_by_their_time_become_lost_samples(tmp_path: Path) -> None:
+    table = np.delete(np.column_stack([np.arange(N) / 1500.0, *EMG]), [50, 51], axis=0)
+    path = tmp_path / "a.csv"
+    np.savetxt(path, table, delimiter=",", header="t,fds_v,edc_v", comments="")
+    _, both = read(path, None)
+    assert both.shape == (2, N)
+    assert np.flatnonzero(np.isnan(both[0])).tolist() == [50, 51]
+
+
+@pytest.mark.parametrize("name", ["a.npy", "b.npz", "c.mat", "d.mat", "e.h5"])
+def test_arrays_of_every_kind(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "a.npy":
+        np.save(path, EMG)
+    elif name == "b.npz":
+        np.savez(path, fds=EMG[0], edc=EMG[1], fs=1500.0)
+    elif name == "c.mat":
+        savemat(path, {"rec": {"emg": EMG.T, "fs": 1500.0, "labels": ["FDS", "EDC"], "note": "x"}})
+    elif name == "d.mat":
+        savemat(path, {"FDS": EMG[0], "EDC": EMG[1], "srate": 1500})
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            group = file.create_group("trial")
+            group["fds"], group["edc"] = EMG[0], EMG[1]
+            group.attrs["fs"] = 1500.0
+            group["fds"].attrs["unit"] = "V"
+    found, both = read(path, 1500.0 if name == "a.npy" else None)
+    assert found.rate_hz == 1500.0
+    assert both == pytest.approx(EMG)
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_edf_and_bdf(tmp_path: Path, wide: bool) -> None:
+    path = tmp_path / ("a.bdf" if wide else "a.edf")
+    path.write_bytes(edf_bytes(1e6 * EMG, 100, wide=wide))
+    found, both = read(path, None)
+    assert (found.fds, found.rate_hz, found.unit) == ("EMG FDS", 100.0, "uV")
+    assert np.abs(both - EMG).max() < (1e-10 if wide else 2e-8)
+
+
+def test_gaps_of_a_discontinuous_edf_are_lost_samples(tmp_path: Path) -> None:
+    path = tmp_path / "a.edf"
+    path.write_bytes(edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5]))
+    _, both = read(path, None)
+    assert both.shape == (2, 450)
+    assert np.flatnonzero(np.isnan(both[0])).tolist() == list(range(200, 250))
+    assert np.abs(both[:, 250:] - EMG[:, 200:]).max() < 2e-8
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_what_fills_up_the_last_record_is_no_signal(tmp_path: Path, wide: bool) -> None:
+    path = tmp_path / ("a.bdf" if wide else "a.edf")
+    filled = np.concatenate([1e6 * EMG[:, :330], np.zeros((2, 70))], axis=1)
+    path.write_bytes(edf_bytes(filled, 100, wide=wide))
+    file = read_emg(path)
+    assert [one.samples.size for one in file.columns] == [330, 330]
+    assert "the last record is padded; its last 0.7 s are left out" in file.notes
+    path.write_bytes(edf_bytes(1e6 * EMG, 100, wide=wide))
+    assert read_emg(path).notes == ()
+
+
+def test_an_edf_with_other_signals_needs_no_names_where_two_are_voltages(tmp_path: Path) -> None:
+    path = tmp_path / "a.bdf"
+    others = np.concatenate([EMG, EMG[:1], EMG[:1]])
+    labels = {"EMG1+": "uV", "EMG2+": "uV", "ACC X": "g", "Status": "Boolean"}
+    path.write_bytes(edf_bytes(1e6 * others, 100, wide=True, labels=labels))
+    found, both = read(path, None)
+    assert (found.fds, found.edc) == ("EMG1+", "EMG2+")
+    assert found.columns_why == "FDS by order, of the voltages, EDC by order, of the voltages"
+    assert np.abs(both - EMG).max() < 1e-10
+    assert [one.name for one in read_emg(path).columns] == ["EMG1+", "EMG2+", "ACC X"]
+
+
+def test_a_cut_edf_keeps_its_whole_records_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.edf"
+    path.write_bytes(edf_bytes(1e6 * EMG, 100)[:-30])
+    file = read_emg(path)
+    assert file.columns[0].samples.size == 300
+    assert "promises 4 records, the file has 3" in file.notes[0]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".npz", ".mat", ".edf", ".bdf", ".h5"])
+@pytest.mark.parametrize("content", [b"", b"rubbish\n", b"0       " + b"x" * 300, bytes(range(256)) * 3])
+def test_what_is_no_recording_is_refused_with_its_name(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(PalpError, match="bad"):
+        read_emg(path)
+
+
+def test_missing_and_unknown_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(PalpError, match="no such file"):
+        read_emg(tmp_path / "a.csv")
+    (tmp_path / "a.xyz").write_text("1")
+    with pytest.raises(PalpError, match="no known kind"):
+        read_emg(tmp_path / "a.xyz")
+    with pytest.raises(PalpError, match="without a bag"):
+        read_emg(tmp_path)
+
+
+def test_a_row_of_another_length_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("fds,edc\n" + "1,2\n" * 10 + "3\n" + "1,2\n" * 10)
+    with pytest.raises(PalpError, match="line 12"):
+        read_emg(path)
+
+
+def test_muscles_that_cannot_be_told_are_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    np.savetxt(
+        path, np.random.default_rng(1).normal(size=(N, 4)), delimiter=",", header="a,b,c,d", comments=""
+    )
+    file = read_emg(path)
+    with pytest.raises(PalpError, match="--fds and --edc"):
+        guess(file)
+    assert (guess(file, fds="3", edc="B").fds, guess(file, fds="3", edc="B").edc) == ("d", "b")
+    with pytest.raises(PalpError, match="no column 'z'"):
+        guess(file, fds="z")
+    with pytest.raises(PalpError, match="same column"):
+        guess(file, fds="a", edc="a")
+    with pytest.raises(PalpError, match="state it with --fs"):
+        muscles(file, guess(file, fds="a", edc="b"))
+
+
+def test_a_matlab_file_of_version_7_3_is_hdf5(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["emg"], file["fs"] = EMG, np.array([[1500.0]])
+        file["comment"] = np.frombuffer(b"a long comment", np.uint8).astype(np.uint16)[:, None]
+        file["comment"].attrs["MATLAB_class"] = np.bytes_(b"char")
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    with path.open("r+b") as raw:
+        raw.write(header)
+    found, both = read(path, None)
+    assert (found.fds, found.edc, found.rate_hz) == ("emg[0]", "emg[1]", 1500.0)
+    assert both == pytest.approx(EMG)
+
+
+def test_an_hdf5_file_named_mat_is_read_too(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w") as file:
+        file["emg"] = EMG
+    _, both = read(path)
+    assert both == pytest.approx(EMG)
+
+
+def test_without_h5py_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.h5").write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(PalpError, match=r"palp\[emg\]"):
+        read_emg(tmp_path / "a.h5")
+
+
+def test_a_counter_of_samples_shows_what_was_lost(tmp_path: Path) -> None:
+    table = np.delete(np.column_stack([np.arange(N), *EMG]), [50, 51], axis=0)
+    path = tmp_path / "a.csv"
+    np.savetxt(path, table, delimiter=",", header="sample,ch1,ch2", comments="")
+    found, both = read(path)
+    assert found.time == "sample"
+    assert np.flatnonzero(np.isnan(both[0])).tolist() == [50, 51]
+
+
+def test_a_stated_rate_that_differs_from_the_files_is_noted(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, fds=EMG[0], edc=EMG[1], fs=2000.0)
+    assert "--fs says 1500 Hz" in guess(read_emg(path), fs_hz=1500.0).notes[0]
+
+
+@pytest.mark.parametrize("decimals", [4, 5, 9])
+def test_a_rounded_time_column_tells_the_rate_all_the_same(tmp_path: Path, decimals: int) -> None:
+    rng = np.random.default_rng(1)
+    times = np.round(np.delete(np.arange(3000) / 1500.0, np.arange(2000, 2050)), decimals)
+    table = np.c_[times, rng.standard_normal((times.size, 2))]
+    path = tmp_path / "trial.csv"
+    np.savetxt(path, table, delimiter=",", header="Time,FDS,EDC", comments="", fmt="%.9f")
+    assert guess(read_emg(path)).rate_hz == pytest.approx(1500.0, rel=1e-3)

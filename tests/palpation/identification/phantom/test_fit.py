@@ -1,0 +1,200 @@
+"""``palp phantom fit``: what simulated sweeps were made with comes back within its intervals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from msgs.estimation import Palpation
+from msgs.experiment import Mount, PhantomTruth, Trial
+from palp_core.cli.main import app
+from palp_core.errors import PalpError
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import Message, encode
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.palpation.identification.phantom.scene import fit_sources, record_of, scene_text
+from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
+from palp_core.palpation.mechanics.phantom import Bead
+from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep, read_stored
+from palp_core.palpation.session.trials_csv import Record, Row
+
+RESOLUTION = 1e-3 / 64
+RINGS_M = (0.008, 0.016)
+TRUTH = {"modulus_pa": 17e3, "friction": 0.25, "indentation_m": 0.0036}
+
+
+def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> StoredSession:
+    """Return sweeps of the true scene: landings of 0.17 mm, heights of 0.1 mm, the sensor's noise."""
+    rng, scene = np.random.default_rng(seed), Scene()
+    sweeps: list[StoredSweep] = []
+    scene = replace(
+        scene,
+        phantom=replace(scene.phantom, modulus_pa=TRUTH["modulus_pa"]),
+        probe=replace(scene.probe, friction=TRUTH["friction"]),
+    )
+    stage = -0.03 + np.arange(4000) * 2e-5
+    for remount, depth_m in enumerate(depths_m):
+        bead = Bead(depth_m=depth_m) if depth_m > 0.0 else None
+        phantom = replace(scene.phantom, bead=bead)
+        rung = choose_rung(replace(scene, phantom=phantom)).rung
+        model = rung_model(rung, phantom, scene.probe.tip_radius_m)
+        indentation_m = TRUTH["indentation_m"] + 1e-4 * rng.standard_normal()
+        for ring_m in RINGS_M:
+            for _ in range(repeats):
+                landed_m = ring_m + rng.uniform(-3e-4, 3e-4)
+                table = solve(model, scene.probe, landed_m, indentation_m, -0.032, 0.052)
+                torque = table.torque_n_m(stage) + RESOLUTION * rng.standard_normal(stage.size)
+                torque = np.rint(torque / RESOLUTION) * RESOLUTION
+                place = (len(sweeps), 1, remount, depth_m, ring_m)
+                sweeps.append(StoredSweep("training", "ABCD"[remount], *place, torque, 1000.0))
+    return StoredSession(Path("made"), tuple(sweeps))
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_parameters_are_recovered_within_their_intervals(seed: int) -> None:
+    record = record_of(fit_sources([made((0.0, 0.002, 0.008), seed)]))
+    for name, truth in TRUTH.items():
+        one = record["parameters"][name]
+        assert one["low"] <= truth <= one["high"], name
+        assert one["high"] - one["low"] < 0.25 * truth
+    assert record["parameters"]["sample_sd_n_m"]["value"] == pytest.approx(RESOLUTION, rel=0.05)
+    ring = record["parameters"]["ring_sd_m"]
+    assert ring["low"] <= 0.3e-3 / np.sqrt(3.0) <= ring["high"]
+    assert record["misfit"] < 2.0
+    assert not any("bare-gel" in words for words in record["warnings"])
+
+
+def test_the_scene_that_is_written_is_read_and_explained(tmp_path: Path) -> None:
+    found = fit_sources([made((0.004,), 3, repeats=2)])
+    path = tmp_path / "fitted.yaml"
+    path.write_text(scene_text(found))
+    scene = read_scene(path)
+    assert scene.phantom.modulus_pa == pytest.approx(found[0].parameters["modulus_pa"].value)
+    assert scene.probe.friction == pytest.approx(found[0].parameters["friction"].value)
+    assert scene.path.indentation_m == pytest.approx(found[0].parameters["indentation_m"].value)
+    result = CliRunner().invoke(app, ["scene", "explain", str(path)], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert any("no bare-gel" in words for words in found[0].warnings)
+
+
+def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
+    found = fit_sources([made((0.0,), 4, repeats=2)])[0]
+    assert any("cannot be told apart" in w or "hardly determined" in w for w in found.warnings)
+
+
+def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
+    session = made((0.002,), 5, repeats=2)
+    keeper = Record(str(tmp_path / "out"), [0.002])
+    keeper.start()
+    for number, sweep in enumerate(session.sweeps):
+        row = Row(
+            row=number,
+            session="made",
+            phase=sweep.phase,
+            phantom=sweep.phantom,
+            remount=sweep.remount,
+            trial=sweep.trial,
+            depth_m=sweep.depth_m or 0.0,
+            iteration=1,
+            ring_m=sweep.ring_m,
+            true_ring_m=None,
+            peak_n_m=0.0,
+            posterior=[],
+            gain=[],
+            gamma=None,
+            verdict="",
+            estimate_m=None,
+            outlier=False,
+            policy="",
+            seed=0,
+            start_ns=0,
+            end_ns=0,
+        )
+        keeper.append(row, sweep.torque_n_m, sweep.rate_hz)
+    arguments = ["phantom", "fit", str(tmp_path / "out"), "--out", str(tmp_path / "s.yaml"), "--json"]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert set(json.loads(result.stdout)["parameters"]) >= set(TRUTH)
+    assert read_scene(tmp_path / "s.yaml").phantom.modulus_pa > 0.0
+
+
+def bag_of(folder: Path, sweeps: Sequence[StoredSweep], *, truth: bool) -> Path:
+    """A bag as a run of the plan ``repeatability`` leaves it: its trials tell no depth."""
+    sent: list[tuple[str, Message]] = []
+    for trial, sweep in enumerate(sweeps):
+        code, remount, depth_m = sweep.phantom, sweep.remount, sweep.depth_m or 0.0
+        sent.append(("/experiment/mount", Mount(stamp_ns=trial, code=code, remount=remount)))
+        true = PhantomTruth(
+            stamp_ns=trial,
+            code=code,
+            remount=remount,
+            depth_m=depth_m,
+            height_offset_m=0.0,
+            rung="l4",
+            bound=0.005,
+        )
+        told = Trial(stamp_ns=trial, trial=trial, phase="stay", code="", label_known=False, depth_m=0.0)
+        felt = Palpation(
+            stamp_ns=trial,
+            trial=trial,
+            iteration=1,
+            ring_m=sweep.ring_m,
+            start_ns=trial,
+            end_ns=trial,
+            rate_hz=sweep.rate_hz,
+            peak_n_m=0.0,
+            peak_index=0,
+            torque_n_m=sweep.torque_n_m,
+        )
+        sent += [("/phantom/truth", true)] if truth else []
+        sent += [("/experiment/trial", told), ("/estimator/palpation", felt)]
+    recorder = BagRecorder(BagWriter(folder))
+    types = {topic: schema_of(type(message)) for topic, message in sent}
+    for topic, schema in types.items():
+        type_hash = f"{schema.type_hash:016x}"
+        recorder.describe(
+            Topic(
+                name=topic,
+                type=schema.name,
+                type_hash=type_hash,
+                json_schema=json_schema(schema),
+                latched_depth=0,
+            )
+        )
+    counts = dict.fromkeys(types, 0)
+    for at, (topic, message) in enumerate(sent, start=1):
+        counts[topic] += 1
+        head = (topic.encode(), Kind.DATA, 0, counts[topic], at)
+        recorder(at, pack(*head, types[topic].type_hash, encode(message)))
+    recorder.close()
+    return folder
+
+
+def test_a_bag_whose_trials_tell_no_depth_has_it_from_what_was_mounted(tmp_path: Path) -> None:
+    depths_m = (0.0, 0.004, 0.0)
+    sweeps = [
+        StoredSweep("stay", "AB"[depth_m > 0.0], n, 1, n, depth_m, 0.016, np.full(9, 1e-3), 1000.0)
+        for n, depth_m in enumerate(depths_m)
+    ]
+    stored = read_stored(bag_of(tmp_path / "told", sweeps, truth=True))
+    assert tuple(sweep.depth_m for sweep in stored.sweeps) == depths_m
+    untold = read_stored(bag_of(tmp_path / "untold", sweeps, truth=False))
+    assert {sweep.depth_m for sweep in untold.sweeps} == {None}
+
+
+def test_sweeps_of_unknown_phantoms_are_refused() -> None:
+    session = made((0.002,), 6, repeats=1)
+    unknown = tuple(replace(sweep, depth_m=None) for sweep in session.sweeps)
+    with pytest.raises(PalpError, match="known phantom"):
+        fit_sources([StoredSession(session.path, unknown)])

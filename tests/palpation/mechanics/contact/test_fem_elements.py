@@ -1,0 +1,86 @@
+"""Where finite-element methods fail, and that what the rungs use instead survives the same range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palp_core.errors import OutOfRange
+from palp_core.palpation.mechanics.contact.fem_failures import (
+    coarse_cells,
+    critical_step_s,
+    explicit_growth,
+    finite_strain_error,
+    iterations_of_conjugate_gradients,
+    residual_of_direct_solution,
+    small_strain_excess,
+    softness_error_of_linear_triangles,
+    softness_error_of_taylor_hood,
+    truncation_error,
+)
+
+
+def test_linear_triangles_lock_from_nu_049_on_and_taylor_hood_does_not() -> None:
+    ratios = [0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999]
+    locked = [softness_error_of_linear_triangles(nu) for nu in ratios]
+    assert abs(locked[1]) < 0.06
+    assert locked[2] < -0.1
+    assert locked[4] < -0.8  # several hundred per cent too stiff
+    assert locked == sorted(locked, reverse=True)
+    assert all(abs(softness_error_of_taylor_hood(nu)) < 0.002 for nu in ratios)
+
+
+def test_elements_converge_at_their_orders() -> None:
+    linear = [abs(softness_error_of_linear_triangles(0.3, parts)) for parts in (4, 8, 16)]
+    hood = [abs(softness_error_of_taylor_hood(0.49, parts)) for parts in (2, 4, 8)]
+    assert np.all(-np.diff(np.log2(linear)) > 1.5)
+    assert np.all(-np.diff(np.log2(hood)) > 1.9)  # the pressure's edge is singular
+
+
+def test_conjugate_gradients_give_up_near_incompressibility() -> None:
+    counts = [iterations_of_conjugate_gradients(nu) for nu in (0.3, 0.45, 0.49)]
+    known = [count for count in counts if count is not None]
+    assert len(known) == 3
+    assert known == sorted(known)
+    assert known[2] > 2 * known[0]
+    assert iterations_of_conjugate_gradients(0.4999) is None
+    assert all(residual_of_direct_solution(nu) < 1e-8 for nu in (0.3, 0.49, 0.4999))
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+def test_explicit_elements_blow_up_past_a_step_of_microseconds_and_not_before(poisson: float) -> None:
+    assert explicit_growth(poisson, 0.98) < 2.0
+    assert explicit_growth(poisson, 1.02) > 1e6
+    assert 1e-6 < critical_step_s(poisson) < 1e-4
+
+
+def test_cells_larger_than_the_gel_over_the_bead_spoil_the_compliance_unless_averaged() -> None:
+    fine = coarse_cells(0.5)
+    assert fine[0] > 0.0
+    assert abs(fine[1]) < 0.02
+    assert coarse_cells(1.5)[1] > 0.05
+    assert coarse_cells(2.0)[0] < 0.0
+    for ratio in (1.5, 2.0):
+        smallest, error = coarse_cells(ratio, averaged=True)
+        assert smallest > 0.0
+        assert abs(error) < 0.03
+
+
+def test_a_block_that_ends_too_near_is_too_stiff() -> None:
+    errors = [truncation_error(outer_m) for outer_m in (0.04, 0.06, 0.08, 0.11, 0.15)]
+    assert errors == sorted(errors)
+    assert errors[0] < -0.02
+    assert errors[2] < -1e-3
+    assert abs(errors[3]) < 1e-3
+    assert abs(softness_error_of_taylor_hood(0.49, 6, 0.3)) < 1e-3  # the endless layer is the widest block
+
+
+@pytest.mark.slow
+def test_small_strain_overstates_the_force_where_the_indentation_nears_the_depth() -> None:
+    excess = [small_strain_excess(share, 0.008) for share in (0.05, 0.25, 0.5, 0.75)]
+    assert excess == sorted(excess)
+    assert excess[0] < 0.05
+    assert excess[2] > 0.10
+    assert np.abs(finite_strain_error(np.array([0.0005, 0.002, 0.004, 0.006]), 0.008)).max() < 0.02
+    with pytest.raises(OutOfRange, match="fold"):
+        finite_strain_error(np.array([0.0061]), 0.008)

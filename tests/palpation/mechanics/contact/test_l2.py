@@ -1,0 +1,225 @@
+"""Rung L2 against closed forms, the exact bonded layer, finite elements over a bead, and its own laws."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom
+from palp_core.palpation.mechanics.contact.l2 import layer_series
+from palp_core.units import Float64Array
+
+TIP_M = 0.006
+DEPTHS_M = st.floats(0.0015, 0.014)
+OFFSETS_M = st.floats(-0.025, 0.025)
+INDENTATIONS_M = st.floats(1e-4, 0.005)
+law = settings(deadline=None, max_examples=40)
+
+
+def over_bead(depth_m: float, modulus_pa: float = 20e3, height_m: float = 0.030) -> LayeredHertz:
+    return LayeredHertz(Phantom(bead=Bead(depth_m=depth_m), modulus_pa=modulus_pa, height_m=height_m), TIP_M)
+
+
+def at(model: LayeredHertz, offset_m: float, indentation_m: float) -> tuple[float, float]:
+    normal_n, lateral_n = model.force(np.array(offset_m), np.array(indentation_m))
+    return float(normal_n), float(lateral_n)
+
+
+def test_a_very_high_slab_is_hertz_on_a_half_space() -> None:
+    model = LayeredHertz(Phantom(height_m=10.0), TIP_M)
+    indentation_m = np.linspace(0.0005, 0.004, 8)
+    hertz_n = 4.0 / 3.0 * 20e3 / (1.0 - 0.49**2) * math.sqrt(TIP_M) * indentation_m**1.5
+    assert np.allclose(model.force(np.zeros(8), indentation_m)[0], hertz_n, rtol=1e-3)
+
+
+def test_the_layers_coefficients_are_the_published_ones_at_nu_one_half() -> None:
+    series = layer_series(0.5)
+    assert series[:4] == pytest.approx((1.0, 1.133, 1.283, 0.769), abs=1e-3)
+    assert abs(series[4]) == pytest.approx(0.0975, abs=1e-4)
+
+
+def exact_layer(radius_of_contact: float, poisson: float) -> tuple[float, float]:
+    """Return (chi, N over Hertz) of a paraboloid on a bonded layer of height 1 and tip radius 1.
+
+    With p-hat(k) = int_0^a g(t) cos(kt) dt the contact is the Fredholm equation
+    g(t) = (E'/pi)(delta - t^2/R) + (2/pi) int_0^a g(x) int_0^inf (1 - L(k)) cos(kt) cos(kx) dk dx, g(a) = 0,
+    with L the bonded layer's transform (Lebedev and Ufliand 1958); E' = 1.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    t, wt = (nodes + 1.0) / 2.0 * radius_of_contact, weights * radius_of_contact / 2.0
+    nodes, weights = np.polynomial.legendre.leggauss(300)
+    k, wk = (nodes + 1.0) * 15.0, weights * 15.0
+    ka = 3.0 - 4.0 * poisson
+    layer = (2 * ka * np.sinh(2 * k) - 4 * k) / (2 * ka * np.cosh(2 * k) + 4 * k**2 + 1 + ka**2)
+    cosines = np.cos(np.outer(np.append(t, radius_of_contact), k))
+    kernel = 2.0 / np.pi * (cosines * ((1.0 - layer) * wk)) @ cosines[:-1].T * wt
+    system = np.eye(len(t)) - kernel[:-1]
+    by_depth = np.linalg.solve(system, np.full(len(t), 1.0 / np.pi))
+    by_shape = np.linalg.solve(system, t**2 / np.pi)
+    indentation = (radius_of_contact**2 / np.pi + kernel[-1] @ by_shape) / (
+        1.0 / np.pi + kernel[-1] @ by_depth
+    )
+    force = 2.0 * np.pi * wt @ (indentation * by_depth - by_shape)
+    return math.sqrt(indentation), float(force / (4.0 / 3.0 * indentation**1.5))
+
+
+@pytest.mark.parametrize("poisson", [0.45, 0.49, 0.5])
+@pytest.mark.parametrize(
+    ("radius_of_contact", "within"), [(0.05, 5e-4), (0.1, 5e-3), (0.2, 1e-2), (0.4, 4e-2)]
+)
+def test_bare_gel_is_the_exact_bonded_layer(poisson: float, radius_of_contact: float, within: float) -> None:
+    chi, ratio = exact_layer(radius_of_contact, poisson)
+    model = LayeredHertz(Phantom(poisson=poisson), 0.030 * 0.9)
+    indentation_m = chi**2 * 0.030**2 / model.tip_radius_m
+    hertz_n = 4.0 / 3.0 * 20e3 / (1.0 - poisson**2) * math.sqrt(model.tip_radius_m) * indentation_m**1.5
+    assert at(model, 0.0, indentation_m)[0] / hertz_n == pytest.approx(ratio, rel=within)
+
+
+# Axisymmetric finite elements, small strain: P2 triangles of 0.4 mm (0.25 mm differ by 1 % at most), slab of
+# radius 130 mm bonded below, a bonded bead 1e4 times as stiff and free to move, unilateral contact with a
+# paraboloid of 6 mm; E = 20 kPa, nu = 0.49. Force in N per indentation in m.
+FINITE_ELEMENTS_N = {
+    None: {0.5e-3: 0.0329, 1e-3: 0.0951, 1.5e-3: 0.1777, 2e-3: 0.2796, 3e-3: 0.5320, 4e-3: 0.8431},
+    0.002: {0.5e-3: 0.0738, 1e-3: 0.2416, 1.5e-3: 0.4645, 2e-3: 0.7246, 3e-3: 1.3270, 4e-3: 2.0020},
+    0.003: {0.5e-3: 0.0547, 1e-3: 0.1830, 1.5e-3: 0.3614, 2e-3: 0.5772, 3e-3: 1.0952, 4e-3: 1.7014},
+    0.004: {0.5e-3: 0.0451, 1e-3: 0.1482, 1.5e-3: 0.2966, 2e-3: 0.4799, 3e-3: 0.9378, 4e-3: 1.4861},
+    0.008: {0.5e-3: 0.0362, 1e-3: 0.1094, 1.5e-3: 0.2118, 2e-3: 0.3405, 3e-3: 0.6673, 4e-3: 1.0824},
+    0.012: {0.5e-3: 0.0343, 1e-3: 0.1012, 1.5e-3: 0.1919, 2e-3: 0.3061, 3e-3: 0.5927, 4e-3: 0.9542},
+}
+
+
+@pytest.mark.parametrize("depth_m", FINITE_ELEMENTS_N)
+def test_the_force_on_the_axis_is_that_of_finite_elements(depth_m: float | None) -> None:
+    model = LayeredHertz(Phantom(), TIP_M) if depth_m is None else over_bead(depth_m)
+    indentation_m = np.array(list(FINITE_ELEMENTS_N[depth_m]))
+    expected_n = np.array(list(FINITE_ELEMENTS_N[depth_m].values()))
+    within = 0.015 if depth_m is None else 0.08 if depth_m < 0.003 else 0.04
+    assert np.allclose(model.force(np.zeros(indentation_m.shape), indentation_m)[0], expected_n, rtol=within)
+
+
+# The same elements with Fourier harmonics 0 to 10 about the bead's axis: how much softer the surface is under
+# a point load at offset 0, 2, ... 10 mm without the bead than with it, as a share of that on the axis.
+STIFFENING = {
+    0.002: [1.0, 0.845, 0.565, 0.326, 0.174, 0.090],
+    0.004: [1.0, 0.911, 0.705, 0.480, 0.298, 0.175],
+    0.008: [1.0, 0.948, 0.817, 0.643, 0.470, 0.323],
+}
+
+
+@pytest.mark.parametrize("depth_m", STIFFENING)
+def test_the_bead_is_felt_as_far_aside_as_in_finite_elements(depth_m: float) -> None:
+    model, indentation_m = over_bead(depth_m), np.array(1e-6)  # so small a load is a point load
+    bare_n = at(LayeredHertz(Phantom(), TIP_M), 0.0, 1e-6)[0]
+    more_n = model.force(np.linspace(0.0, 0.010, 6), indentation_m)[0] - bare_n
+    assert np.allclose(more_n / more_n[0], STIFFENING[depth_m], atol=0.06)
+
+
+@law
+@given(depth_m=DEPTHS_M, offset_m=OFFSETS_M, indentation_m=INDENTATIONS_M)
+def test_both_forces_are_the_slopes_of_one_energy(
+    depth_m: float, offset_m: float, indentation_m: float
+) -> None:
+    model, step_m = over_bead(depth_m), 1e-6
+    normal_n, lateral_n = at(model, offset_m, indentation_m)
+    ends = np.array([-step_m, step_m])
+    by_indentation = np.diff(model.energy(np.array(offset_m), indentation_m + ends)) / (2 * step_m)
+    by_offset = np.diff(model.energy(offset_m + ends, np.array(indentation_m))) / (2 * step_m)
+    assert by_indentation[0] == pytest.approx(normal_n, rel=1e-4, abs=1e-9)
+    assert by_offset[0] == pytest.approx(lateral_n, rel=1e-4, abs=1e-8)
+
+
+@law
+@given(depth_m=DEPTHS_M, offset_m=OFFSETS_M, indentation_m=INDENTATIONS_M, factor=st.floats(0.05, 20.0))
+def test_forces_are_linear_in_the_modulus(
+    depth_m: float, offset_m: float, indentation_m: float, factor: float
+) -> None:
+    soft = at(over_bead(depth_m), offset_m, indentation_m)
+    stiff = at(over_bead(depth_m, modulus_pa=factor * 20e3), offset_m, indentation_m)
+    assert stiff == pytest.approx((factor * soft[0], factor * soft[1]), rel=1e-10)
+
+
+@law
+@given(depth_m=DEPTHS_M, offset_m=OFFSETS_M, indentation_m=INDENTATIONS_M)
+def test_the_normal_force_is_even_and_the_lateral_force_odd_in_the_offset(
+    depth_m: float, offset_m: float, indentation_m: float
+) -> None:
+    ahead, behind = (at(over_bead(depth_m), s, indentation_m) for s in (offset_m, -offset_m))
+    assert (ahead[0], ahead[1]) == (behind[0], -behind[1])
+
+
+@law
+@given(depth_m=DEPTHS_M, offset_m=st.floats(1e-4, 0.025), indentation_m=INDENTATIONS_M)
+def test_the_bead_stiffens_most_on_the_axis_and_draws_the_tip_away_from_it(
+    depth_m: float, offset_m: float, indentation_m: float
+) -> None:
+    model, indentation_m = over_bead(depth_m), min(indentation_m, depth_m)  # beyond the depth it may fail
+    bare_n = at(LayeredHertz(Phantom(), TIP_M), 0.0, indentation_m)[0]
+    normal_n, lateral_n = at(model, offset_m, indentation_m)
+    assert bare_n < normal_n < at(model, 0.0, indentation_m)[0]
+    assert lateral_n < 0.0
+
+
+@law
+@given(indentation_m=INDENTATIONS_M, shallow_m=st.floats(0.0015, 0.014), more_m=st.floats(1e-4, 1e-3))
+def test_a_deeper_bead_gives_a_smaller_force(indentation_m: float, shallow_m: float, more_m: float) -> None:
+    shallow_n, deep_n = (at(over_bead(d), 0.0, indentation_m)[0] for d in (shallow_m, shallow_m + more_m))
+    assert deep_n < shallow_n
+
+
+def test_a_very_deep_bead_is_bare_gel() -> None:
+    bare_n = at(LayeredHertz(Phantom(height_m=1.0), TIP_M), 0.0, 0.003)[0]
+    excess = [at(over_bead(d, height_m=1.0), 0.0, 0.003)[0] / bare_n - 1.0 for d in (0.01, 0.03, 0.1, 0.3)]
+    assert excess == sorted(excess, reverse=True)
+    assert 0.0 < excess[-1] < 1e-3
+
+
+def test_beyond_its_reach_the_bead_is_hardly_felt() -> None:
+    for depth_m in (0.002, 0.004, 0.008):
+        model = over_bead(depth_m)
+        bare_n = at(LayeredHertz(Phantom(), TIP_M), 0.0, 0.003)[0]
+        assert at(model, model.reach_m, 0.003)[0] == pytest.approx(bare_n, rel=0.01)
+    assert LayeredHertz(Phantom(), TIP_M).reach_m == 0.0
+
+
+def test_bare_gel_has_no_lateral_force_and_no_place() -> None:
+    normal_n, lateral_n = LayeredHertz(Phantom(), TIP_M).force(np.linspace(-0.02, 0.02, 9), np.array(0.003))
+    assert np.ptp(normal_n) == 0.0
+    assert np.all(lateral_n == 0.0)
+
+
+def test_above_the_surface_there_is_no_force_and_no_energy() -> None:
+    model = over_bead(0.004)
+    normal_n, lateral_n = model.force(np.zeros(3), np.array([-1.0, -1e-6, 0.0]))
+    assert np.all(normal_n == 0.0)
+    assert np.all(lateral_n == 0.0)
+    assert np.all(model.energy(np.zeros(3), np.array([-1.0, -1e-6, 0.0])) == 0.0)
+
+
+def test_arguments_broadcast() -> None:
+    model = over_bead(0.004)
+    offset_m: Float64Array = np.linspace(-0.02, 0.02, 5)[:, None]
+    normal_n, lateral_n = model.force(offset_m, np.array([0.001, 0.002, 0.003]))
+    assert normal_n.shape == lateral_n.shape == (5, 3)
+    assert normal_n[1, 2] == at(model, float(offset_m[1, 0]), 0.003)[0]
+
+
+@pytest.mark.parametrize("indentation_m", [0.0061, math.nan, math.inf])
+def test_an_indentation_beyond_the_ball_is_refused(indentation_m: float) -> None:
+    with pytest.raises(OutOfRange, match="indentation_m"):
+        at(over_bead(0.004), 0.0, indentation_m)
+
+
+def test_a_film_of_gel_over_the_bead_is_refused() -> None:
+    with pytest.raises(OutOfRange, match="too thin"):
+        over_bead(0.0009)
+
+
+def test_a_layer_that_does_not_converge_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palp_core.palpation.mechanics.contact.l2._ITERATIONS", 1)
+    with pytest.raises(MechanicsError, match="no equilibrium"):
+        at(over_bead(0.002), 0.0, 0.003)

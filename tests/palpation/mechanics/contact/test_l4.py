@@ -1,0 +1,214 @@
+"""Rung L4: its laws, its limits, and its cells against finer ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.palpation.mechanics import Bead, Phantom, Probe, sweep
+from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
+from palp_core.palpation.methods import find
+
+TIP_M = 0.006
+ORIGIN = np.zeros(())
+law = settings(deadline=None, max_examples=40)
+
+
+def over(depth_m: float | None, cell_m: float = 0.001, modulus_pa: float = 20e3) -> HarmonicContact:
+    bead = None if depth_m is None else Bead(depth_m=depth_m)
+    return HarmonicContact(Phantom(bead=bead, modulus_pa=modulus_pa), TIP_M, cell_m)
+
+
+@pytest.fixture(scope="module")
+def model() -> HarmonicContact:
+    return over(0.004)
+
+
+@pytest.fixture(scope="module")
+def bare() -> HarmonicContact:
+    return over(None)
+
+
+def at(model: HarmonicContact, offset_m: float, indentation_m: float) -> tuple[float, float]:
+    normal_n, lateral_n = model.force(np.array(offset_m), np.array(indentation_m))
+    return float(normal_n), float(lateral_n)
+
+
+@law
+@given(offset_m=st.floats(-0.05, 0.05), indentation_m=st.floats(1e-4, 0.0059))
+def test_both_forces_are_the_slopes_of_one_energy(
+    model: HarmonicContact, offset_m: float, indentation_m: float
+) -> None:
+    step_m = 1e-7
+    normal_n, lateral_n = at(model, offset_m, indentation_m)
+    ends = np.array([-step_m, step_m])
+    by_indentation = np.diff(model.energy(np.array(offset_m), indentation_m + ends)) / (2 * step_m)
+    by_offset = np.diff(model.energy(offset_m + ends, np.array(indentation_m))) / (2 * step_m)
+    assert by_indentation[0] == pytest.approx(normal_n, rel=1e-5)
+    assert by_offset[0] == pytest.approx(lateral_n, rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 0.003, 0.008, 0.02])
+@pytest.mark.parametrize("indentation_m", [0.0011, 0.0023, 0.0041])
+def test_between_its_nodes_the_table_is_the_contact_solved_there(
+    model: HarmonicContact, offset_m: float, indentation_m: float
+) -> None:
+    patch, step_m, modulus_pa = model.patch(indentation_m), 1e-5, model.phantom.modulus_pa
+    normal_n, lateral_n = at(model, offset_m, indentation_m)
+    assert normal_n == pytest.approx(modulus_pa * patch.press(offset_m).normal_n, rel=1e-3)
+    ends = [patch.press(offset_m + end).energy_j for end in (-step_m, step_m)]
+    slope = modulus_pa * (ends[1] - ends[0]) / (2 * step_m)
+    assert lateral_n == pytest.approx(slope, rel=0.02, abs=2e-4)
+
+
+def test_a_solved_contact_has_the_slopes_of_its_own_energy(model: HarmonicContact) -> None:
+    step_m, patch = 1e-6, model.patch(0.003)
+    patch._overlap += step_m
+    more = patch.press(0.005).energy_j
+    patch._overlap -= 2 * step_m
+    less = patch.press(0.005).energy_j
+    patch._overlap += step_m
+    assert (more - less) / (2 * step_m) == pytest.approx(patch.press(0.005).normal_n, rel=1e-6)
+
+
+@law
+@given(offset_m=st.floats(-0.05, 0.05), indentation_m=st.floats(0.0, 0.006))
+def test_the_normal_force_is_even_and_the_lateral_force_odd(
+    model: HarmonicContact, offset_m: float, indentation_m: float
+) -> None:
+    ahead, behind = at(model, offset_m, indentation_m), at(model, -offset_m, indentation_m)
+    assert (ahead[0], ahead[1]) == (behind[0], -behind[1])
+
+
+@pytest.mark.parametrize("factor", [0.01, 3.0, 1e4])
+def test_forces_are_linear_in_the_modulus(model: HarmonicContact, factor: float) -> None:
+    stiff = at(over(0.004, modulus_pa=20e3 * factor), 0.004, 0.002)
+    assert stiff == pytest.approx([factor * force for force in at(model, 0.004, 0.002)], rel=1e-12)
+
+
+def test_the_force_falls_with_offset_to_that_of_bare_gel(
+    model: HarmonicContact, bare: HarmonicContact
+) -> None:
+    indentation_m = np.array([0.001, 0.003, 0.006])
+    normal_n = model.force(np.linspace(0.0, 0.05, 60)[:, None], indentation_m)[0]
+    alone_n = bare.force(ORIGIN, indentation_m)[0]
+    assert np.all(np.diff(normal_n, axis=0) <= 1e-12)
+    assert np.all(normal_n >= alone_n)
+    assert np.allclose(normal_n[-1], alone_n, rtol=2e-3)
+    assert at(model, model.reach_m, 0.003)[0] == pytest.approx(at(bare, 0.0, 0.003)[0], rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_deeper_bead_gives_less_and_bare_gel_least(model: HarmonicContact, bare: HarmonicContact) -> None:
+    forces = [at(each, 0.0, 0.003)[0] for each in (over(0.002), model, over(0.008), over(0.015), bare)]
+    assert forces == sorted(forces, reverse=True)
+    assert forces[-2] < 1.1 * forces[-1]
+
+
+def test_bare_gel_has_no_lateral_force(bare: HarmonicContact) -> None:
+    normal_n, lateral_n = bare.force(np.linspace(-0.1, 0.1, 7), np.array(0.002))
+    assert np.ptp(normal_n) == 0.0
+    assert np.all(lateral_n == 0.0)
+    assert bare.reach_m == 0.0
+
+
+def test_above_the_surface_there_is_nothing(model: HarmonicContact) -> None:
+    above = np.array([-1.0, -1e-9, 0.0])
+    assert all(np.all(force == 0.0) for force in model.force(ORIGIN, above))
+    assert np.all(model.energy(ORIGIN, above) == 0.0)
+
+
+def test_arguments_broadcast(model: HarmonicContact) -> None:
+    normal_n, lateral_n = model.force(np.linspace(-0.02, 0.02, 5)[:, None], np.array([0.001, 0.002]))
+    assert normal_n.shape == lateral_n.shape == (5, 2)
+    assert normal_n[0, 1] == at(model, -0.02, 0.002)[0]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "make"),
+    [
+        ("depth_m", lambda: HarmonicContact(Phantom(bead=Bead(depth_m=0.0004)), TIP_M)),
+        ("depth_m", lambda: HarmonicContact(Phantom(bead=Bead(depth_m=0.016), height_m=0.06), TIP_M)),
+        ("bead_radius_m", lambda: HarmonicContact(Phantom(bead=Bead(depth_m=0.004, radius_m=0.0019)), TIP_M)),
+        ("poisson", lambda: HarmonicContact(Phantom(poisson=0.5), TIP_M)),
+        ("height_m", lambda: HarmonicContact(Phantom(height_m=0.1), TIP_M)),
+        ("tip_radius_m", lambda: HarmonicContact(Phantom(), math.nan)),
+        ("cell_m", lambda: HarmonicContact(Phantom(), TIP_M, 0.0)),
+        ("indentation_m", lambda: HarmonicContact(Phantom(), TIP_M).force(ORIGIN, np.array(0.0061))),
+        ("indentation_m", lambda: HarmonicContact(Phantom(), TIP_M).force(ORIGIN, np.array(math.nan))),
+        ("offset_m", lambda: HarmonicContact(Phantom(), TIP_M).force(np.array(math.nan), np.array(0.001))),
+    ],
+)
+def test_what_is_out_of_range_is_refused_by_name(quantity: str, make: object) -> None:
+    assert callable(make)
+    with pytest.raises(OutOfRange) as caught:
+        make()
+    assert caught.value.quantity == quantity
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[int, int, str]] = []
+    phantom = Phantom(bead=Bead(depth_m=0.012, radius_m=0.005), height_m=0.025)
+    HarmonicContact(phantom, 0.005, progress=lambda *step: told.append(step)).prepare()
+    assert {what for *_, what in told} == {"harmonics of the bead", "indentations of the table"}
+    assert all(0 < done <= total for done, total, _ in told)
+
+
+def contrast_n_m(model: HarmonicContact, ring_m: float) -> float:
+    swept = sweep(model, Probe(), ring_m, 0.004, np.linspace(-0.03, 0.05, 161))
+    return float(np.ptp(swept.torque_n_m))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth_m", [0.002, 0.004, 0.008])
+def test_cells_of_1_mm_are_within_the_stated_bounds_of_much_finer_ones(depth_m: float) -> None:
+    coarse, fine = over(depth_m), over(depth_m, 0.00035)
+    offset_m, indentation_m = np.linspace(0.0, 0.03, 13)[:, None], np.linspace(0.001, 0.005, 9)
+    error = coarse.force(offset_m, indentation_m)[0] / fine.force(offset_m, indentation_m)[0] - 1.0
+    assert np.abs(error).max() < 0.01
+    for ring_m in (0.008, 0.012, 0.016):
+        assert contrast_n_m(coarse, ring_m) == pytest.approx(contrast_n_m(fine, ring_m), rel=0.02)
+
+
+def scene_drawn(rng: np.random.Generator) -> tuple[Phantom, float]:
+    """Draw a phantom and a ball from the whole range; half of the beads do not fit and raise."""
+    depth_m = math.exp(rng.uniform(math.log(0.0005), math.log(0.015)))
+    bead = Bead(depth_m=depth_m, radius_m=rng.uniform(0.002, 0.012))
+    height_m, poisson = rng.uniform(0.015, 0.060), 0.5 - 10 ** rng.uniform(-4.0, math.log10(0.2))
+    tip_m, modulus_pa = rng.uniform(0.0021, 0.012), math.exp(rng.uniform(math.log(5e3), math.log(30e3)))
+    return Phantom(bead=bead, height_m=height_m, poisson=poisson, modulus_pa=modulus_pa), tip_m
+
+
+@pytest.mark.slow
+def test_the_stated_bounds_hold_in_random_scenes() -> None:
+    rng, compared = np.random.default_rng(4), 0
+    while compared < 30:
+        try:
+            phantom, tip_m = scene_drawn(rng)
+        except MechanicsError:
+            continue
+        coarse, fine = (HarmonicContact(phantom, tip_m, cell_m) for cell_m in (0.001, 0.0005))
+        bounds = {
+            name: find("contact", "l4").bound(name, phantom.scene())
+            for name in ("normal", "peak", "contrast")
+        }
+        offset_m = rng.uniform(0.0, coarse.reach_m, 20)
+        indentation_m = rng.uniform(0.001, min(tip_m, 0.006), 20)
+        error = coarse.force(offset_m, indentation_m)[0] / fine.force(offset_m, indentation_m)[0] - 1.0
+        assert np.abs(error).max() <= (bounds["normal"] or 0.0), (phantom, tip_m)
+        compared += 1
+        ring_m, nominal_m = rng.uniform(0.004, 0.016), rng.uniform(0.002, min(tip_m, 0.005))
+        probe, stage_m = Probe(tip_radius_m=tip_m), np.linspace(-0.06, 0.1, 321)
+        try:
+            torques = [sweep(each, probe, ring_m, nominal_m, stage_m).torque_n_m for each in (coarse, fine)]
+        except MechanicsError:
+            continue  # the tip leads
+        peaks = [float(torque.max()) for torque in torques]
+        contrasts = [float(torque.max() - torque[0]) for torque in torques]
+        assert peaks[0] == pytest.approx(peaks[1], rel=bounds["peak"]), (phantom, tip_m)
+        assert contrasts[0] == pytest.approx(contrasts[1], rel=bounds["contrast"]), (phantom, tip_m)

@@ -1,0 +1,242 @@
+"""What rung L4 is made of, each part against a closed form or another route."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import splu
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.bead_term import _rigid, bead_term
+from palp_core.palpation.mechanics.contact.halfspace import love_centre, love_mean
+from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
+from palp_core.palpation.mechanics.contact.l2 import layer_series
+from palp_core.palpation.mechanics.contact.layer import BondedLayer
+from palp_core.palpation.mechanics.contact.patch import Patch
+from palp_core.palpation.mechanics.contact.section_mesh import bead_section
+from palp_core.palpation.mechanics.contact.table import energy_table
+from palp_core.palpation.mechanics.contact.trace import Trace
+
+RADIUS_M, DEPTH_M, HEIGHT_M, NU = 0.0075, 0.004, 0.030, 0.49
+LAYER = BondedLayer(NU, HEIGHT_M)
+
+
+def hertz(poisson: float, tip_m: float, indentation_m: float) -> float:
+    return 4.0 / 3.0 * math.sqrt(tip_m * indentation_m**3) / (1.0 - poisson**2)
+
+
+def pressed(layer: BondedLayer, tip_m: float, indentation_m: float, cells: float) -> float:
+    cell_m = math.sqrt(tip_m * indentation_m) / cells
+    return Patch(layer, None, tip_m, indentation_m, cell_m).press(0.0).normal_n
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.4999])
+def test_a_very_high_layer_is_hertz_on_a_half_space(poisson: float) -> None:
+    force = pressed(BondedLayer(poisson, 10.0), 0.006, 0.003, 14.0)
+    assert force == pytest.approx(hertz(poisson, 0.006, 0.003), rel=1e-3)
+
+
+def test_finer_cells_converge_to_hertz_faster_than_linearly() -> None:
+    layer, errors = BondedLayer(NU, 10.0), []
+    for cells in (2.5, 5.5, 11.5):
+        near = [
+            abs(pressed(layer, 0.006, 0.003, cells * f) / hertz(NU, 0.006, 0.003) - 1) for f in (0.9, 1, 1.1)
+        ]
+        errors.append(float(np.mean(near)))
+    orders = -np.diff(np.log(errors)) / np.diff(np.log([2.5, 5.5, 11.5]))
+    assert np.all(orders > 1.2)
+
+
+@pytest.mark.parametrize("chi", [0.05, 0.1, 0.15])
+def test_a_bonded_layer_is_dimitriadis_where_his_series_holds(chi: float) -> None:
+    height_m, tip_m = 0.030, 0.006
+    indentation_m = (chi * height_m) ** 2 / tip_m
+    series = sum(c * chi**k for k, c in enumerate(layer_series(NU)))
+    force = pressed(BondedLayer(NU, height_m), tip_m, indentation_m, 12.0)
+    assert force == pytest.approx(hertz(NU, tip_m, indentation_m) * series, rel=5e-3)
+
+
+def test_a_thin_compressible_layer_carries_by_its_confined_modulus() -> None:
+    # N = pi M R delta^2 / h with M the confined modulus (Johnson 1985, section 5.8), for h << contact radius.
+    poisson, height_m, tip_m, indentation_m = 0.2, 0.0002, 0.05, 0.0001
+    confined = (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+    force = pressed(BondedLayer(poisson, height_m), tip_m, indentation_m, 16.0)
+    edge = height_m / math.sqrt(2 * tip_m * indentation_m)  # the layer's shear carries some at the rim
+    expected = math.pi * confined * tip_m * indentation_m**2 / height_m
+    assert expected < force < expected * (1 + 2.0 * edge)
+
+
+def test_the_layers_fields_satisfy_equilibrium_and_the_floor() -> None:
+    k = np.array([30.0, 200.0, 900.0])
+    depth, step = 0.01, 1e-6
+    *_, shear, normal, spread = LAYER.fields(k, np.array([depth - step, depth, depth + step]))
+    along = LAYER.fields(k, np.array([depth]))[0][0]
+    # d(sigma_zz)/dz + k tau = 0 and d(tau)/dz = k (lambda div + 2 mu k U), by the choice of amplitudes.
+    assert np.allclose((normal[2] - normal[0]) / (2 * step), -k * shear[1], rtol=1e-5)
+    across = spread[1] + 2 * LAYER.shear_modulus * k * along
+    assert np.allclose((shear[2] - shear[0]) / (2 * step), k * across, rtol=1e-5)
+    floor = LAYER.fields(k, np.array([HEIGHT_M]))
+    assert np.allclose(floor[0], 0.0, atol=1e-14)
+    assert np.allclose(floor[1], 0.0, atol=1e-14)
+    top = LAYER.fields(k, np.array([0.0]))
+    assert np.allclose(top[2], 0.0, atol=1e-12)
+    assert np.allclose(top[3], -1.0)
+
+
+def test_the_layers_surface_is_lebedevs_transform() -> None:
+    k = np.linspace(5.0, 800.0, 30)
+    x, ka = k * HEIGHT_M, 3.0 - 4.0 * NU
+    share = (2 * ka * np.sinh(2 * x) - 4 * x) / (2 * ka * np.cosh(2 * x) + 4 * x**2 + 1 + ka**2)
+    down = LAYER.fields(k, np.array([0.0]))[1][0]
+    assert np.allclose(down, share * (1 - NU) / (LAYER.shear_modulus * k), rtol=1e-11)
+
+
+def test_loves_rectangle_is_the_integral_of_point_forces() -> None:
+    x, w = np.polynomial.legendre.leggauss(40)
+    u, v = np.meshgrid(2.3 + x / 2, 1.0 + x / 2)
+    weight = np.outer(w, w) / 4
+    point = np.sum(weight / np.hypot(u, v)) * (1 - NU**2) / math.pi
+    at = (np.array(2.3), np.array(1.0))
+    assert love_centre(*at, 1.0, NU) == pytest.approx(point, rel=1e-12)
+    assert love_mean(*at, 1.0, NU) == pytest.approx(np.sum(weight * love_centre(u, v, 1.0, NU)), rel=1e-10)
+    # 3.525 sqrt(A) p (1 - nu^2) / (pi E) in the mean, 4 asinh(1) in the middle
+    centre = love_centre(np.zeros(()), np.zeros(()), 1.0, NU) * math.pi / (1 - NU**2)
+    assert centre == pytest.approx(4 * math.asinh(1.0), rel=1e-12)
+
+
+def test_the_patch_test_even_strain_is_exact_in_every_element() -> None:
+    solid = HarmonicSolid(bead_section(RADIUS_M, DEPTH_M, HEIGHT_M), NU)
+    count = solid.basis.N
+    state = np.zeros(count)
+    _, b, z = solid._components
+    x = solid.points
+    a = solid._components[0]
+    state[a] = state[b] = x[0]  # u_r = r, u_z = -2 z: even, without divergence
+    state[z] = -2.0 * x[1]
+    force = solid.matrix(0)[:, :count] @ state
+    inner, _ = solid.free(0)
+    inside = inner[inner < count]
+    node = np.concatenate([np.flatnonzero(np.isin(each, inside)) for each in (a, b, z)])
+    assert node.size
+    deep = inside[solid.basis.doflocs[1, inside] > 1e-9]  # the free surface is loaded by that strain
+    scale = np.abs(force).max()
+    around = np.isin(deep, np.concatenate([a, b]))
+    both = force[deep[around]]
+    assert np.abs(both).max() < 1e-9 * scale
+    assert np.abs(force[deep[~around]]).max() < 1e-9 * scale
+
+
+def test_the_beads_energy_is_that_of_a_full_solve_to_round_off() -> None:
+    solid = HarmonicSolid(bead_section(RADIUS_M, DEPTH_M, HEIGHT_M), NU)
+    given = np.random.default_rng(0).normal(size=3 * solid.bead_nodes.size)
+    matrix, (inner, bead) = solid.matrix(2), solid.free(2)
+    state = np.zeros(matrix.shape[0])
+    state[bead] = given
+    state[inner] = splu(matrix[inner][:, inner].tocsc()).solve(-(matrix @ state)[inner])
+    assert solid.bead_energy(2, given[:, None])[0, 0] == pytest.approx(state @ matrix @ state, rel=1e-10)
+
+
+def stiffening(fineness: float) -> np.ndarray:
+    radii = np.array([0.0, 0.002, 0.005, 0.010, 0.020])
+    return np.diag(bead_term(RADIUS_M, 0.002, HEIGHT_M, NU, 0.03, fineness).stiffening(radii, radii))
+
+
+@pytest.mark.slow
+def test_the_bead_converges_at_the_order_of_its_elements() -> None:
+    coarse, middle, fine = (stiffening(f) for f in (1.0, 2.0, 3.0))
+    errors = [np.abs(each / fine - 1.0).max() for each in (coarse, middle)]
+    assert (
+        math.log2(errors[0] / errors[1]) > 3.0
+    )  # quadratic elements: energies converge with the fourth power
+    assert errors[1] < 5e-4
+
+
+@pytest.mark.parametrize(
+    "harmonic", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)]
+)
+def test_the_sum_of_squares_is_how_much_less_the_surface_sinks(harmonic: int) -> None:
+    """The surface's own displacement, without tractions or energies, is the other route."""
+    ring_m = np.array([0.003])
+    section = bead_section(RADIUS_M, DEPTH_M, HEIGHT_M, 3.0)
+    solid = HarmonicSolid(section, NU)
+    on_bead = solid.points[:, solid.bead_nodes]
+    moved = Trace(LAYER, ring_m, on_bead).displacement(harmonic)
+    rigid = _rigid(harmonic, on_bead, section.centre_m)
+    held = solid.bead_energy(harmonic, np.concatenate([rigid, moved], axis=1))
+    count = rigid.shape[1]
+    given = moved[:, 0]
+    if count:
+        given = given - rigid @ np.linalg.solve(held[:count, :count], held[:count, count])
+    matrix, (inner, bead) = solid.matrix(harmonic), solid.free(harmonic)
+    state = np.zeros(matrix.shape[0])
+    state[bead] = given
+    state[inner] = splu(matrix[inner][:, inner].tocsc()).solve(-(matrix @ state)[inner])
+    down, x = solid._components[2], solid.points
+    on_top = np.flatnonzero(section.on_surface(x) & (x[0] < 0.02))
+    lifted = state[down[on_top]] * (1.0 if harmonic == 0 else 2.0) / (2 * math.pi)
+    term = bead_term(RADIUS_M, DEPTH_M, HEIGHT_M, NU, 0.03, 3.0)
+    own = term.harmonic == harmonic
+    squares = term._curve(np.append(x[0, on_top], ring_m))[:, own]
+    assert np.allclose(squares[:-1] @ squares[-1], lifted, rtol=0, atol=0.01 * np.abs(lifted).max())
+
+
+def test_the_compliance_is_symmetric_and_positive_definite() -> None:
+    bead = bead_term(RADIUS_M, 0.001, HEIGHT_M, NU, 0.03)
+    for offset_m in (0.0, 0.004, 0.015):
+        compliance = Patch(LAYER, bead, 0.006, 0.003, 0.001, 0.001).compliance(offset_m)
+        assert np.abs(compliance - compliance.T).max() < 1e-12 * compliance.max()
+        assert np.linalg.eigvalsh(compliance)[0] > 0.0
+
+
+def test_touch_meets_both_conditions_on_random_compliances() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        count = int(rng.integers(1, 40))
+        root = rng.normal(size=(count, count))
+        compliance, gap = root @ root.T + 1e-3 * np.eye(count), rng.normal(size=count)
+        force = touch(compliance, gap)
+        scale = np.abs(gap).max()
+        assert np.all(force >= 0.0)
+        assert np.all(compliance @ force - gap >= -1e-6 * scale)
+        assert abs(force @ (compliance @ force - gap)) <= 1e-6 * scale * max(force.sum(), 1.0)
+
+
+def test_touch_refuses_a_compliance_that_is_not_positive_definite() -> None:
+    with pytest.raises(MechanicsError, match="positive definite"):
+        touch(np.diag([1.0, -1.0]), np.ones(2))
+    assert np.all(touch(np.eye(2), np.array([-1.0, 0.0])) == 0.0)
+
+
+def test_a_table_of_a_smooth_energy_converges_with_its_grid() -> None:
+    def normal(s: np.ndarray, t: np.ndarray) -> np.ndarray:
+        return np.asarray(t**3 * (1.0 + 3.0 * t) * (1.0 + np.exp(-((s / 0.01) ** 2))))
+
+    errors = []
+    at = (np.linspace(0.0, 0.035, 37), np.linspace(0.0005, 0.0035, 37))
+    for count in (10, 20, 40):
+        s, t = np.linspace(0, 0.04, count + 1)[:, None], np.linspace(0, 0.06, count + 1)[1:]
+        table = energy_table(0.04, 0.06, normal(s, t) * np.ones((count + 1, 1)), 1.0)
+        exact = normal(at[0], np.sqrt(at[1]))
+        near = at[0] < 0.002  # the first column is the limit of bare gel only far away
+        errors.append(np.abs(table.force(*at)[0] / exact - 1.0)[~near].max())
+    assert errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
+def test_a_sphere_presses_less_than_the_paraboloid_by_the_tenth_of_its_share_of_the_radius(
+    share: float,
+) -> None:
+    """Half-space: N over Hertz is 1 - x / 10 - x^2 / 840 + ..., x the indentation in radii (Sneddon 1965)."""
+    tip_m = 0.006
+    patch = Patch(
+        BondedLayer(NU, 10.0), None, tip_m, share * tip_m, 0.0007 * math.sqrt(share * tip_m / 0.004)
+    )
+    paraboloid_n = patch.press(0.0).normal_n
+    x, y = patch.cells()
+    aside_m = np.minimum(np.hypot(x, y), tip_m)
+    patch._overlap += aside_m**2 / (2.0 * tip_m) - (tip_m - np.sqrt(tip_m**2 - aside_m**2))
+    expected = 1.0 - share / 10.0 - share**2 / 840.0
+    assert patch.press(0.0).normal_n / paraboloid_n == pytest.approx(expected, abs=0.004)

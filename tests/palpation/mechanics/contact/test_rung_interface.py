@@ -1,0 +1,48 @@
+"""What every rung promises alike: shapes that broadcast, and no answer to an offset that is no number."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palp_core.errors import OutOfRange
+from palp_core.palpation.mechanics import Bead, Phantom
+from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.units import Float64Array
+
+RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
+PHANTOMS = (Phantom(bead=Bead(depth_m=0.004)), Phantom())
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+@pytest.mark.parametrize("phantom", PHANTOMS, ids=("bead", "bare"))
+@pytest.mark.parametrize("offset_m", [math.nan, math.inf, -math.inf])
+def test_an_offset_that_is_no_number_is_refused_by_name(rung: str, phantom: Phantom, offset_m: float) -> None:
+    model, pressed = rung_model(rung, phantom, 0.006), np.full(2, 0.001)
+    for answer in (model.force, model.energy):
+        with pytest.raises(OutOfRange, match="an offset is not a number") as caught:
+            answer(np.array([0.0, offset_m]), pressed)
+        assert caught.value.quantity == "offset_m"
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+@pytest.mark.parametrize(
+    ("offset_m", "indentation_m"),
+    [
+        (np.float64(0.004), np.float64(0.002)),
+        (np.zeros(0), np.zeros(0)),
+        (np.zeros((3, 1)), np.zeros((1, 0))),
+        (np.array([[-0.004], [0.0], [0.004]]), np.array([-0.001, 0.001])),
+    ],
+    ids=("no dimension", "empty", "empty across", "grid"),
+)
+def test_forces_and_energy_have_the_broadcast_shape(
+    rung: str, offset_m: Float64Array, indentation_m: Float64Array
+) -> None:
+    model = rung_model(rung, PHANTOMS[0], 0.006)
+    shape = np.broadcast_shapes(np.shape(offset_m), np.shape(indentation_m))
+    parts = (*model.force(offset_m, indentation_m), model.energy(offset_m, indentation_m))
+    assert [np.shape(part) for part in parts] == [shape] * 3
+    assert all(np.isfinite(part).all() for part in parts)

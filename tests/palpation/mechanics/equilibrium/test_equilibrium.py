@@ -1,0 +1,137 @@
+"""The joint's equilibrium: round-off, all roots, brackets, and agreement with a search of every position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import MechanicsError, MethodError, OutOfRange
+from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, equilibria, sweep
+from palp_core.palpation.mechanics.equilibrium.joint import Joint
+from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, inverse_guess, polish
+from palp_core.palpation.methods import find, methods
+from palp_core.units import Float64Array
+
+STAGE_M = np.linspace(-0.03, 0.05, 161)
+
+
+def gel(depth_m: float | None, modulus_pa: float = 20e3) -> LayeredHertz:
+    bead = None if depth_m is None else Bead(depth_m=depth_m)
+    return LayeredHertz(Phantom(bead=bead, modulus_pa=modulus_pa), 0.006)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    depth_m=st.floats(0.0015, 0.014),
+    ring_m=st.floats(0.0, 0.016),
+    indentation_m=st.floats(0.0005, 0.0055),
+    modulus_pa=st.floats(1e3, 1e6),
+    count=st.integers(1, 900),
+)
+def test_the_balance_holds_to_round_off_on_any_grid(
+    depth_m: float, ring_m: float, indentation_m: float, modulus_pa: float, count: int
+) -> None:
+    model, probe = gel(depth_m, modulus_pa), Probe()
+    solved = sweep(model, probe, ring_m, indentation_m, np.linspace(-0.03, 0.05, count))
+    joint = Joint(model, probe, ring_m, indentation_m)
+    slope = (
+        np.abs(
+            joint.residual(solved.stage_m, solved.angle_rad + 1e-7)
+            - joint.residual(solved.stage_m, solved.angle_rad - 1e-7)
+        )
+        / 2e-7
+    )
+    scale = joint.restoring_n_m + slope + float(solved.normal_n.max()) * probe.tip_m
+    assert np.all(np.abs(joint.residual(solved.stage_m, solved.angle_rad)) <= 2e-14 * scale)
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "modulus_pa", "ring_m"), [(0.0015, 5e3, 0.016), (0.002, 20e3, 0.008), (0.004, 20e3, 0.0)]
+)
+def test_a_fine_sweep_is_the_coarse_one_between_its_positions(
+    depth_m: float, modulus_pa: float, ring_m: float
+) -> None:
+    model = gel(depth_m, modulus_pa)
+    fine = sweep(model, Probe(), ring_m, 0.004, np.linspace(-0.03, 0.05, 1601))
+    coarse = sweep(model, Probe(), ring_m, 0.004, STAGE_M)
+    keep = np.ones(161, dtype=bool)
+    for i in coarse.snap_at:
+        keep[i] = False  # where between two positions it jumps is known to the fine one only
+    assert np.allclose(fine.angle_rad[::10][keep], coarse.angle_rad[keep], rtol=0.0, atol=1e-12)
+    assert len(fine.snap_at) == len(coarse.snap_at)
+
+
+def test_a_sweep_says_where_the_ball_was_and_what_was_met() -> None:
+    probe, solved = Probe(), sweep(gel(0.004), Probe(), 0.008, 0.004, STAGE_M)
+    assert np.allclose(solved.offset_m, STAGE_M - probe.lever_m * np.sin(solved.angle_rad))
+    assert np.all((solved.indentation_m > 0.0) & (solved.indentation_m < 0.004))
+    assert solved.guards == ()
+    snapping = sweep(gel(0.0015, 5e3), Probe(), 0.016, 0.004, STAGE_M)
+    assert any("several equilibria" in words for words in snapping.guards)
+    assert any("snap" in words for words in snapping.guards)
+    loose = sweep(gel(0.004), Probe(tip_mass_kg=0.0), 0.0, 0.004, STAGE_M)
+    assert any("lift-off" in words for words in loose.guards)
+
+
+def test_all_roots_alternate_in_stability_and_hold_the_followed_one() -> None:
+    model, probe = gel(0.0015, 5e3), Probe()
+    solved = sweep(model, probe, 0.016, 0.004, STAGE_M)
+    every = equilibria(model, probe, 0.016, 0.004, STAGE_M)
+    joint = Joint(model, probe, 0.016, 0.004)
+    assert np.max(np.abs(joint.residual(every.stage_m, every.angle_rad))) < 1e-14
+    for i in range(len(STAGE_M)):
+        here = every.position == i
+        lagging = here & (every.angle_rad > 0.0)
+        assert np.min(np.abs(every.angle_rad[lagging & every.stable] - solved.angle_rad[i])) < 1e-12
+        assert np.count_nonzero(lagging) == solved.root_count[i]
+        assert np.all(np.diff(every.stable[here].astype(int)) != 0)
+
+
+def test_all_roots_of_a_tip_in_the_air_are_refused() -> None:
+    with pytest.raises(OutOfRange, match="in the air"):
+        equilibria(gel(None), Probe(), 0.008, -0.001, STAGE_M)
+    with pytest.raises(OutOfRange, match="in the air"):
+        equilibria(gel(None), Probe(tip_mass_kg=0.0), 0.0, 0.004, STAGE_M)
+    with pytest.raises(OutOfRange, match="finite"):
+        equilibria(gel(None), Probe(), 0.008, 0.004, [np.nan])
+
+
+@settings(deadline=None, max_examples=40)
+@given(root=st.floats(0.01, 0.99), steep=st.floats(-3.0, 9.0), bend=st.floats(0.1, 9.0))
+def test_newton_in_a_bracket_finds_any_rising_zero(root: float, steep: float, bend: float) -> None:
+    def function(x: Float64Array) -> Float64Array:
+        return np.asarray(np.arctan(10.0**steep * (x - root)) * np.exp(bend * x))
+
+    found = bracketed_newton(function, np.zeros(3), np.ones(3), np.array([0.0, 0.5, 1.0]))
+    assert np.allclose(found, root, rtol=0.0, atol=1e-13)
+
+
+def test_newton_in_a_bracket_refuses_what_is_no_number() -> None:
+    with pytest.raises(MechanicsError, match="a number everywhere"):
+        bracketed_newton(lambda x: np.full_like(x, np.nan), np.zeros(2), np.ones(2))
+
+
+def test_a_polish_tells_where_it_strayed() -> None:
+    start = np.array([0.51, 0.1])
+    found, settled = polish(lambda x: np.sin(6.0 * (x - 0.5)), start, np.full(2, 6.0), 0.05)
+    assert settled.tolist() == [True, False]
+    assert found[0] == pytest.approx(0.5, abs=1e-15)
+
+
+def test_inverse_interpolation_is_exact_for_straight_lines() -> None:
+    grid = np.linspace(0.0, 1.0, 11)
+    values = np.stack([grid - 0.237, 3.0 * (grid - 0.91), grid - 0.003])
+    assert np.allclose(inverse_guess(values, np.array([2, 9, 0]), np.float64(0.1)), [0.237, 0.91, 0.003])
+
+
+def test_only_the_survivor_vouches_for_the_followed_angle_and_every_other_names_it() -> None:
+    names = {one.name for one in methods("equilibrium")}
+    assert names == {"bracketed_newton", "brentq", "plain_newton", "fixed_point", "lagged_force"}
+    for name in names - {"bracketed_newton"}:
+        declared = find("equilibrium", name)
+        assert declared.survivor == "bracketed_newton"
+        assert declared.fails
+    with pytest.raises(MethodError):
+        find("equilibrium", "hope")

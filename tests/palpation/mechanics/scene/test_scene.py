@@ -1,0 +1,258 @@
+"""The cheapest rung that is good enough, an honest refusal where there is none, and scenes as read."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palp_core.errors import MechanicsError, MethodError, OutOfRange
+from palp_core.palpation.mechanics import (
+    Bead,
+    Phantom,
+    Probe,
+    Scene,
+    Tolerance,
+    choose_rung,
+    contact_model,
+    force_table,
+    read_scene,
+    run_scene,
+)
+from palp_core.palpation.mechanics import Path as StagePath
+from palp_core.palpation.mechanics.scene.output import contrast_n_m, decisions, peak_n_m, separation_n_m
+from palp_core.palpation.mechanics.scene.rig import rig
+from palp_core.palpation.methods import choose, find
+
+TEXT = """\
+phantom: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: {radius_m: 0.0075, depth_m: 0.004}}
+probe: {tip_radius_m: 0.006, friction: 0.3, tip_mass_kg: 0.008}
+path: {indentation_m: 0.004, speed_m_s: 0.02, from_m: -0.03, to_m: 0.05}
+ring_m: [0.004, 0.016]
+tolerance: {output: contrast, relative: 0.1}
+"""
+
+
+def written(folder: Path, text: str = TEXT) -> Path:
+    file = folder / "scene.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_the_default_scene_is_answered_by_l2_with_its_reason() -> None:
+    model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), 0.006)
+    assert model.rung == choice.method.name == "l2"
+    assert choice.bound <= 0.02
+    assert "contact-validity" in choice.reason
+    assert model.force(np.zeros(1), np.array([0.003]))[0] > 0.0
+
+
+def test_bare_gel_is_answered_too() -> None:
+    assert contact_model(Phantom(), 0.006)[0].reach_m == 0.0
+
+
+@pytest.mark.parametrize("depth_m", [0.002, 0.004])
+def test_contrast_over_a_shallow_bead_is_l2s_and_a_tighter_one_climbs(depth_m: float) -> None:
+    scene = Scene(
+        phantom=Phantom(bead=Bead(depth_m=depth_m)), tolerance=Tolerance(output="contrast", relative=0.1)
+    )
+    assert choose_rung(scene).rung == "l2"
+    tight = Scene(phantom=scene.phantom, tolerance=Tolerance(output="contrast", relative=0.03))
+    assert choose_rung(tight).rung == "l4"
+
+
+def test_contrast_over_a_deep_bead_climbs() -> None:
+    scene = Phantom(bead=Bead(depth_m=0.008)).scene()
+    choice = choose("contact", "contrast", 0.1, scene)
+    assert choice.method.name == "l4"
+    assert "l2 is within" in choice.reason
+
+
+@pytest.mark.parametrize(
+    "phantom",
+    [
+        Phantom(poisson=0.3, bead=Bead(depth_m=0.004)),
+        Phantom(height_m=0.05, bead=Bead(depth_m=0.004)),
+        Phantom(bead=Bead(depth_m=0.004, radius_m=0.003)),
+        Phantom(bead=Bead(depth_m=0.0007)),
+    ],
+)
+def test_a_phantom_unlike_the_papers_climbs(phantom: Phantom) -> None:
+    assert choose_rung(Scene(phantom=phantom)).rung == "l4"
+
+
+def test_one_ring_outside_a_bound_is_enough_to_climb() -> None:
+    asked = Tolerance(output="contrast", relative=0.1)
+    assert choose_rung(Scene(ring_m=(0.004, 0.016), tolerance=asked)).rung == "l2"
+    assert choose_rung(Scene(ring_m=(0.0, 0.016), tolerance=asked)).rung != "l2"
+
+
+def test_where_no_rung_is_good_enough_the_refusal_says_what_each_vouches_for() -> None:
+    with pytest.raises(MethodError, match=r"l2 vouches for no 'peak' here.*relax the tolerance"):
+        choose_rung(Scene(phantom=Phantom(poisson=0.2, bead=Bead(depth_m=0.004))))
+
+
+def test_a_tolerance_that_nothing_reaches_is_said_as_it_was_asked_for() -> None:
+    with pytest.raises(MethodError, match=r"'peak' within 1e-07% at"):
+        choose_rung(Scene(tolerance=Tolerance(relative=1e-9)))
+
+
+def test_a_budget_that_the_needed_rung_exceeds_is_refused_with_an_offer() -> None:
+    asked = Tolerance(output="contrast", relative=0.03)
+    with pytest.raises(MethodError, match=r"budget_s is 0\.1, for which l2 gives"):
+        choose_rung(Scene(tolerance=asked, budget_s=0.1))
+    assert choose_rung(Scene(tolerance=asked, budget_s=1e3)).rung == "l4"
+
+
+def test_a_rung_asked_for_by_name_is_taken_with_its_stated_error_or_none() -> None:
+    scene = Scene(tolerance=Tolerance(output="contrast", relative=1e-3))
+    assert choose_rung(scene, "l2").bound is not None
+    taught = choose_rung(scene, "l1")
+    assert (taught.rung, taught.bound) == ("l1", None)
+    assert "finer: l2" in taught.reason
+    assert [c.rung for c in taught.candidates if c.verdict == "chosen"] == ["l1"]
+
+
+def test_a_fast_sweep_is_told_that_inertia_is_left_out() -> None:
+    assert "without a stated bound" in choose_rung(Scene(path=StagePath(speed_m_s=0.3))).motion
+    assert "change the peak by 0.5% at most" in choose_rung(Scene()).motion
+
+
+def test_a_scene_reads_as_written(tmp_path: Path) -> None:
+    scene = read_scene(written(tmp_path))
+    assert scene == Scene(tolerance=Tolerance(output="contrast", relative=0.1))
+    assert read_scene(
+        written(tmp_path, TEXT.replace("0.004}}", "20e-3}}").replace("0.030", "0.04"))
+    ).phantom.height_m
+    bare = read_scene(written(tmp_path, TEXT.replace("{radius_m: 0.0075, depth_m: 0.004}", "none")))
+    assert bare.phantom.bead is None
+    assert read_scene(written(tmp_path, "ring_m: 8e-3\n")).ring_m == (0.008,)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "says"),
+    [
+        ("modulus_pa", "modulis_pa", ":1:11:", "did you mean 'modulus_pa'"),
+        ("depth_m: 0.004", "depth_m: .nan", ":1:98:", "nan is not in"),
+        ("depth_m: 0.004", "depth_m: 0.025", ":1:98:", "below the floor"),
+        ("depth_m: 0.004", "depth: 0.004", ":1:89:", "did you mean 'depth_m'"),
+        (", depth_m: 0.004", "", ":1:70:", "needs depth_m"),
+        ("{radius_m: 0.0075, depth_m: 0.004}", "deep", ":1:70:", "or 'none'"),
+        ("friction: 0.3", "friction: lots", ":2:40:", "must be a number in SI units, not 'lots'"),
+        ("friction: 0.3", "friction: 0.3, friction: 0.4", ":2:45:", "twice"),
+        ("speed_m_s: 0.02", "speed_m_s: 0", ":3:41:", "speed_m_s"),
+        ("[0.004, 0.016]", "[]", ":4:9:", "at least one ring"),
+        ("[0.004, 0.016]", "[0.004, inf]", ":4:9:", "ring_m"),
+        ("output: contrast", "output: colour", ":5:21:", "must be one of peak"),
+        ("relative: 0.1", "relative: -1", ":5:41:", "positive share"),
+        ("relative: 0.1", "relative: 0.1, depths_m: [0.004]", ":5:56:", "two or more"),
+        ("output: contrast", "output: separation, depths_m: [0.004, 0.02]", ":5:12:", "do not fit"),
+        ("probe: {", "probe: [", ":2:", "no YAML"),
+    ],
+)
+def test_a_mistake_in_a_scene_is_named_with_its_place(
+    old: str, new: str, place: str, says: str, tmp_path: Path
+) -> None:
+    file = written(tmp_path, TEXT.replace(old, new, 1))
+    with pytest.raises(MechanicsError) as caught:
+        read_scene(file)
+    assert f"{file}{place}" in str(caught.value)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "- 1\n", "just text\n", "a: &a [*a]\n", "\x00", "{"])
+def test_what_is_no_scene_is_refused(text: str, tmp_path: Path) -> None:
+    with pytest.raises(MechanicsError, match=r"scene\.yaml"):
+        read_scene(written(tmp_path, text))
+    with pytest.raises(MechanicsError, match="cannot read the scene"):
+        read_scene(tmp_path / "missing.yaml")
+
+
+def test_a_run_has_every_ring_and_says_what_it_met(tmp_path: Path) -> None:
+    done = run_scene(read_scene(written(tmp_path)))
+    told: dict[str, Any] = done.as_json()
+    assert " ".join(told) == (
+        "ring_m stage_m torque_n_m angle_rad normal_n peak_n_m contrast_n_m rung bound guards"
+    )
+    assert np.shape(told["torque_n_m"]) == (2, len(told["stage_m"])) == np.shape(told["normal_n"])
+    assert told["peak_n_m"] == [max(row) for row in told["torque_n_m"]]
+    assert 0.0 < told["contrast_n_m"][0] < told["contrast_n_m"][1] < told["peak_n_m"][1]
+    assert told["rung"] == "l2"
+    pressed = run_scene(Scene(phantom=Phantom(bead=Bead(depth_m=0.0015))), "l2")
+    assert any("small strain" in words for words in pressed.guards)
+    assert pressed.as_json()["guards"] == list(pressed.guards)
+    taught = run_scene(Scene(), "l1")
+    assert any("outside its valid range: poisson" in words for words in taught.guards)
+
+
+def test_a_table_has_both_forces_over_offsets_and_indentations() -> None:
+    table = force_table(Scene(), "l2", [0.0, 0.004, -0.004], [0.001, 0.004])
+    told: dict[str, Any] = table.as_json()
+    assert set(told) == {"offset_m", "indentation_m", "normal_n", "lateral_n", "rung", "bound"}
+    assert np.shape(told["normal_n"]) == (3, 2) == np.shape(told["lateral_n"])
+    assert told["normal_n"][1] == told["normal_n"][2]
+    assert told["lateral_n"][1] == [-u for u in told["lateral_n"][2]]
+    assert told["bound"] == find("contact", "l2").bound("normal", Scene().quantities())
+
+
+def test_contrast_is_the_height_over_the_line_through_the_ends() -> None:
+    done = run_scene(Scene(), "l2")
+    for one, peak, contrast in zip(done.sweeps, done.peak_n_m, done.contrast_n_m, strict=True):
+        assert peak == peak_n_m(one) == one.torque_n_m.max()
+        ends = sorted(one.torque_n_m[[0, -1]])
+        assert peak - ends[1] <= contrast + 1e-15
+        assert contrast <= peak - ends[0] + 1e-15
+        assert contrast == contrast_n_m(one)
+    mirrored = run_scene(Scene(path=StagePath(from_m=0.03, to_m=-0.05)), "l2")
+    assert np.allclose(mirrored.contrast_n_m, done.contrast_n_m, rtol=1e-9)
+
+
+def test_separation_is_the_smallest_gap_of_any_two() -> None:
+    assert separation_n_m([3.0, 1.0, 1.5]) == 0.5
+
+
+def test_decisions_are_the_same_draws_for_the_same_models() -> None:
+    scene = Scene(tolerance=Tolerance(output="decision", relative=0.1), ring_m=(0.0, 0.016))
+    models = [contact_model(phantom, 0.006)[0] for phantom in scene.phantoms]
+    one, two = (decisions(models, scene, np.random.default_rng(4)) for _ in range(2))
+    assert np.array_equal(one, two)
+    truth = np.arange(one.shape[1]) % 3
+    assert np.mean(one[0] == truth) < 0.7  # a ring at the pivot tells little
+    assert np.mean(one[1] == truth) > 0.8
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"ring_m": ()}, {"ring_m": (math.nan,)}, {"budget_s": 0.0}, {"tolerance": Tolerance(output="separation"),
+      "phantom": Phantom(height_m=0.016, bead=Bead(depth_m=0.0009))}],
+)  # fmt: skip
+def test_a_scene_that_is_none_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(OutOfRange):
+        Scene(**given)
+    with pytest.raises(OutOfRange, match="none of peak"):
+        Tolerance(output="colour")
+
+
+def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> None:
+    file = written(tmp_path, TEXT.replace("20000.0", "25000.0").replace("friction: 0.3", "friction: 0.35"))
+    touched = rig(scene=str(file))
+    assert touched.probe == Probe(friction=0.35)
+    assert [p.bead.depth_m for p in touched.phantoms.values() if p.bead] == [0.002, 0.004, 0.008]
+    assert {p.modulus_pa for p in touched.phantoms.values()} == {25e3}
+    assert {code: c.method.name for code, c in touched.choices.items()} == {"A": "l2", "B": "l2", "C": "l4"}
+    phantoms = tmp_path / "phantoms.yaml"
+    phantoms.write_text("X: {bead: {depth_m: 0.003}}\nbare: {bead: none}\n", encoding="utf-8")
+    named = rig(scene=str(file), phantoms=str(phantoms))
+    assert list(named.phantoms) == ["X", "bare"]
+    assert named.model("X").rung == "l2"
+    assert named.guards("bare", (0.0, 0.016), -0.03, 0.05) == ()
+    met = named.guards("X", (0.0, 0.016), -0.03, 0.05)
+    assert [words.split(":")[0] for words in met] == ["ring_m = 0.016"]
+    assert "small strain" in met[0]
+    assert "stopped" in named.guards("X", (-0.01,), -0.03, 0.05)[0]
+    phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
+    with pytest.raises(MechanicsError, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'"):
+        rig(phantoms=str(phantoms))

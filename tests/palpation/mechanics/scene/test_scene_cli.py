@@ -1,0 +1,110 @@
+"""``palp scene``, ``palp study`` and ``palp cache`` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.rig import cache, scene, study
+from palp_core.errors import MechanicsError, PalpError
+from palp_core.palpation.mechanics import Bead, Phantom, Probe
+from palp_core.palpation.studies.contact.cost import Variant, measure, variants
+from palp_core.palpation.studies.contact.tradeoff import pareto
+
+TEXT = """
+phantom: {bead: {depth_m: 0.004}}
+ring_m: [0.004, 0.016]
+tolerance: {output: contrast, relative: 0.1}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> str:
+    path = tmp_path / "scene.yaml"
+    path.write_text(TEXT, encoding="utf-8")
+    return str(path)
+
+
+def test_explain_says_rung_bound_evidence_cost_and_what_was_refused(file: str) -> None:
+    result = CliRunner().invoke(scene.app, ["explain", file])
+    assert result.exit_code == 0
+    for words in (
+        "rung l2",
+        "contrast within 7.5 %",
+        "evidence:",
+        "cost:",
+        "motion:",
+        "right enough, but dearer",
+    ):
+        assert words in result.output
+    told = json.loads(CliRunner().invoke(scene.app, ["explain", file, "--json"]).output)
+    assert (told["rung"], told["bound"]) == ("l2", 0.075)
+    assert {one["rung"] for one in told["candidates"]} >= {"l0", "l1", "l2", "l4"}
+
+
+@pytest.mark.parametrize("rung", ["l0", "l1", "l2", "L2"])
+def test_run_gives_each_ring_with_any_rung(rung: str, file: str) -> None:
+    told = json.loads(CliRunner().invoke(scene.app, ["run", file, "--rung", rung, "--json"]).stdout)
+    assert told["rung"] == rung.lower()
+    assert np.shape(told["angle_rad"]) == (2, len(told["stage_m"]))
+    text = CliRunner().invoke(scene.app, ["run", file, "--rung", rung]).stdout
+    assert "contrast, N mm" in text
+
+
+def test_table_gives_the_forces_by_offset_and_indentation(file: str) -> None:
+    call = ["table", file, "--rung", "l2", "--offsets-mm", "0,4,8", "--indentations-mm", "1,2,4"]
+    told = json.loads(CliRunner().invoke(scene.app, [*call, "--json"]).stdout)
+    assert told["offset_m"] == [0.0, 0.004, 0.008]
+    assert np.shape(told["normal_n"]) == (3, 3)
+    assert "4 mm deep" in CliRunner().invoke(scene.app, call).stdout
+
+
+@pytest.mark.parametrize("offsets", ["", "a,b", ","])
+def test_offsets_that_are_no_numbers_are_a_usage_error(offsets: str, file: str) -> None:
+    call = ["table", file, "--rung", "l2", "--offsets-mm", offsets, "--indentations-mm", "1"]
+    assert CliRunner().invoke(scene.app, call).exit_code == 2
+
+
+def test_a_mistake_in_the_file_is_the_libraries_own_error(tmp_path: Path) -> None:
+    result = CliRunner().invoke(scene.app, ["run", str(tmp_path / "none.yaml")])
+    assert isinstance(result.exception, MechanicsError)
+
+
+def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
+    assert "contact-tradeoff" in CliRunner().invoke(study.app, ["list"]).output
+    assert {one["name"] for one in json.loads(CliRunner().invoke(study.app, ["list", "--json"]).output)} >= {
+        "contact-stability",
+        "contact-tradeoff",
+    }
+    result = CliRunner().invoke(study.app, ["run", "contact-magic", "--out", str(tmp_path)])
+    assert isinstance(result.exception, PalpError)
+    assert "there is no study 'contact-magic'" in str(result.exception)
+
+
+def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
+    told = json.loads(CliRunner().invoke(cache.app, ["info", "--json"]).output)
+    assert told == {"path": str(tmp_path / "cache"), "entries": 0, "size_bytes": 0}
+    assert "0 set-ups" in CliRunner().invoke(cache.app, ["info"]).output
+    assert json.loads(CliRunner().invoke(cache.app, ["clear", "--json"]).output) == {"removed": 0}
+    assert "0 set-ups removed" in CliRunner().invoke(cache.app, ["clear"]).output
+
+
+def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
+    nan = float("nan")
+    assert pareto([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]
+
+
+def test_a_rung_is_timed_and_held_against_another() -> None:
+    phantom, probe = Phantom(bead=Bead(depth_m=0.004)), Probe()
+    truth = measure(Variant("l2"), phantom, probe, (0.016,))
+    other = measure(Variant("l0"), phantom, probe, (0.016,), against=truth)
+    assert other.setup_s > 0.0
+    assert other.sweep_s > 0.0
+    assert 0.0 < other.error("peak", 0.016) < 0.01 < other.error("contrast", 0.016) < 0.2
+    assert np.isnan(truth.error("peak", 0.016))
+    assert [variant.label for variant in variants(quick=True)][-1] == "L4 0.5 mm"

@@ -1,0 +1,191 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal, norm
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.methods import find, methods
+from palp_core.palpation.perception.belief import bayes, latent
+from palp_core.palpation.perception.belief.latent import OffsetModel
+
+RING_SD, HEIGHT_SD = 0.17, 0.1
+seeds = st.integers(0, 10_000)
+
+
+def model(seed: int, m: int = 3, k: int = 4, f: int = 1) -> OffsetModel:
+    """Return random primitives with a ring error per position and a height per trial."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(0, 0.3, (m, k, f, f))
+    noise = root @ np.swapaxes(root, -1, -2) + 0.05 * np.eye(f)
+    return OffsetModel(
+        rng.normal(0, 2, (m, k, f)),
+        noise,
+        rng.normal(0, 3, (m, k, f, 2)),
+        np.array([RING_SD, HEIGHT_SD]),
+        (True, False),
+    )
+
+
+def filtered(
+    given_model: OffsetModel, readings: np.ndarray, places: list[int], moves: list[bool]
+) -> latent.Belief:
+    belief = latent.start(given_model)
+    for reading, place, moved in zip(readings, places, moves, strict=True):
+        belief = latent.update(given_model, belief, reading, place, moved)
+    return belief
+
+
+def joint_posterior(
+    given_model: OffsetModel, readings: np.ndarray, places: list[int], moves: list[bool]
+) -> np.ndarray:
+    """Return the posterior from the joint normal of all readings: no recursion."""
+    position = np.cumsum([False, *moves[1:]])
+    count, f = readings.shape
+    logs = []
+    for d in range(len(given_model.mean)):
+        centre = np.concatenate([given_model.mean[d, k] for k in places])
+        cov = np.zeros((count * f, count * f))
+        for i, a in enumerate(places):
+            for j, b in enumerate(places):
+                slope_a, slope_b = given_model.slope[d, a], given_model.slope[d, b]
+                block = HEIGHT_SD**2 * np.outer(slope_a[:, 1], slope_b[:, 1])
+                if position[i] == position[j]:
+                    block = block + RING_SD**2 * np.outer(slope_a[:, 0], slope_b[:, 0])
+                if i == j:
+                    block = block + given_model.noise[d, a]
+                cov[i * f : (i + 1) * f, j * f : (j + 1) * f] = block
+        logs.append(multivariate_normal(centre, cov).logpdf(readings.ravel()))
+    return bayes.posterior(np.array(logs))
+
+
+@given(seeds, st.integers(1, 5), st.integers(1, 2))
+@settings(max_examples=25, deadline=None)
+def test_the_filter_is_the_joint_normal_of_all_readings(seed: int, count: int, features: int) -> None:
+    rng = np.random.default_rng(seed + 1)
+    one = model(seed, f=features)
+    places, moves = rng.integers(0, 4, count).tolist(), [bool(b) for b in rng.random(count) < 0.5]
+    readings = rng.normal(0, 2, (count, features))
+    assert filtered(one, readings, places, moves).posterior == pytest.approx(
+        joint_posterior(one, readings, places, moves), abs=1e-9
+    )
+
+
+@given(seeds)
+@settings(max_examples=8, deadline=None)
+def test_the_filter_is_the_integral_over_the_offsets(seed: int) -> None:
+    """Three readings, the ring moved before the last: brute force over both ring errors and the height."""
+    rng = np.random.default_rng(seed + 1)
+    one, places = model(seed), [0, 0, 2]
+    readings = one.mean[0, places] + rng.normal(0, 0.5, (3, 1))
+    nodes = np.linspace(-6, 6, 161)
+    ring, again, height = nodes[:, None, None], nodes[None, :, None], nodes[None, None, :]
+    prior = norm.pdf(ring) * norm.pdf(again) * norm.pdf(height)
+    weights = []
+    for d in range(3):
+        density = prior
+        for reading, place, offset in zip(readings[:, 0], places, (ring, ring, again), strict=True):
+            slope = one.slope[d, place, 0]
+            centre = one.mean[d, place, 0] + slope[0] * RING_SD * offset + slope[1] * HEIGHT_SD * height
+            density = density * norm.pdf(reading, centre, np.sqrt(one.noise[d, place, 0, 0]))
+        weights.append(density.sum())
+    brute = np.array(weights) / np.sum(weights)
+    assert filtered(one, readings, places, [True, False, True]).posterior == pytest.approx(brute, abs=2e-4)
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_without_offsets_it_is_eq_7(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one = find("filter", "naive").target(model(seed))
+    log_belief, belief = bayes.flat_prior(3), latent.start(one)
+    for place in rng.integers(0, 4, 4).tolist():
+        reading = float(rng.normal(0, 2))
+        cell = norm(one.mean[:, place, 0], np.sqrt(one.noise[:, place, 0, 0]))
+        log_belief = bayes.update(log_belief, cell.logpdf(reading))
+        belief = latent.update(one, belief, reading, place, bool(rng.random() < 0.5))
+    assert belief.posterior == pytest.approx(bayes.posterior(log_belief), abs=1e-12)
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_the_first_reading_tells_both_filters_the_same(seed: int) -> None:
+    one = model(seed)
+    reading = np.random.default_rng(seed).normal(0, 2)
+    both = [filtered(rule(one), np.array([[reading]]), [1], [True]) for rule in (latent.latent, latent.naive)]
+    assert both[0].posterior == pytest.approx(both[1].posterior, abs=1e-12)
+
+
+def test_equal_readings_that_share_their_error_convince_less_than_independent_ones() -> None:
+    one = OffsetModel(
+        np.array([[[0.0]], [[1.0]]]),
+        np.full((2, 1, 1, 1), 1e-4),
+        np.ones((2, 1, 1, 1)),
+        np.array([1.0]),
+        (True,),
+    )
+    readings = np.full((20, 1), 0.2)
+    stays = filtered(one, readings, [0] * 20, [False] * 20).posterior
+    believes = filtered(latent.naive(one), readings, [0] * 20, [False] * 20).posterior
+    moves = filtered(one, readings, [0] * 20, [True] * 20).posterior
+    assert believes.max() == pytest.approx(moves.max(), abs=1e-9)
+    assert stays.max() < 0.6 < 0.99 < moves.max()
+
+
+@given(seeds, st.integers(2, 6))
+@settings(max_examples=10, deadline=None)
+def test_a_batch_is_its_trials_one_by_one(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    one = model(seed, f=2)
+    places, moves = rng.integers(0, 4, (3, count)), rng.random((3, count)) < 0.5
+    readings = rng.normal(0, 2, (3, count, 2))
+    batch = latent.start(one, count)
+    for t in range(3):
+        batch = latent.update(one, batch, readings[t], places[t], moves[t])
+    for n in range(count):
+        alone = filtered(one, readings[:, n], places[:, n].tolist(), moves[:, n].tolist())
+        assert batch.posterior[n] == pytest.approx(alone.posterior, abs=1e-9)
+        assert batch.offset_cov[n] == pytest.approx(alone.offset_cov, abs=1e-12)
+
+
+def test_an_impossible_reading_leaves_a_belief() -> None:
+    belief = filtered(model(0), np.array([[1e6]]), [0], [True])
+    assert belief.posterior.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("reading", [np.nan, np.inf, [1.0, 2.0]])
+def test_a_reading_that_is_none_is_refused(reading: float | list[float]) -> None:
+    one = model(0)
+    with pytest.raises(PerceptionError, match="reading"):
+        latent.update(one, latent.start(one), reading, 0, True)
+
+
+def test_an_untrained_setting_is_refused() -> None:
+    one = model(0)
+    with pytest.raises(PerceptionError, match="was not trained; there are 4"):
+        latent.update(one, latent.start(one), 0.0, 4, True)
+
+
+def test_a_model_that_cannot_be_is_refused() -> None:
+    good = model(0)
+    with pytest.raises(PerceptionError, match="not positive definite"):
+        OffsetModel(good.mean, 0.0 * good.noise, good.slope, good.offset_sd, good.renewed_by_move)
+    with pytest.raises(PerceptionError, match="one flag"):
+        OffsetModel(good.mean, good.noise, good.slope, good.offset_sd, (True,))
+
+
+def test_the_filters_are_declared() -> None:
+    assert {m.name for m in methods("filter")} == {"naive", "latent", "latent_ring", "latent_trial"}
+
+
+def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None:
+    slope = np.array([[[[1.4, 3.0]], [[1.2, 2.0]]]])  # one class, two settings: ring and height
+    model = latent.OffsetModel(
+        np.zeros((1, 2, 1)), np.full((1, 2, 1, 1), 1e-9), slope, np.array([1.7e-4, 1e-4]), (True, False)
+    )
+    for kind, stays in (("latent_ring", (True,)), ("latent_trial", (False,)), ("naive", ())):
+        known = find("filter", kind).target(model)
+        assert known.renewed_by_move == stays
+        for setting in (0, 1):
+            single = [latent.predict(m, latent.start(m), setting)[1].item() for m in (model, known)]
+            assert single[1] == pytest.approx(single[0], rel=1e-12)

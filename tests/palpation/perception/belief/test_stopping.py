@@ -1,0 +1,180 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import correlation
+
+from palp_core.errors import MethodError, PerceptionError
+from palp_core.palpation.methods import methods
+from palp_core.palpation.perception.belief.information import gain_vector
+from palp_core.palpation.perception.belief.stopping import (
+    FixedNumber,
+    PaperGuarded,
+    PaperVerbatim,
+    PosteriorThreshold,
+    StopRule,
+    correlation_distance,
+    decide,
+    stop_rule,
+    total_variation,
+)
+
+FLAT = np.full(3, 1 / 3)
+PAPER: list[StopRule] = [PaperVerbatim(), PaperGuarded()]
+
+
+def _history(*beliefs: list[float]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    posteriors = [np.array(b) for b in beliefs]
+    return posteriors, [gain_vector(p, np.full(len(p), 1 / len(p))) for p in posteriors]
+
+
+@pytest.mark.parametrize("rule", PAPER)
+def test_one_probe_never_stops_where_the_published_loop_does(rule: StopRule) -> None:
+    posteriors, gains = _history([0.7, 0.2, 0.1])
+    with np.errstate(all="ignore"):
+        gamma = 1.0 - np.corrcoef(np.zeros(3), gains[0])[0, 1]
+    goes_on = gamma > 0.0005
+    assert not goes_on
+    state = rule.converged(posteriors, gains)
+    assert not state.gamma_defined
+    assert not state.converged
+
+
+@pytest.mark.parametrize("rule", PAPER)
+def test_equal_one_hot_posteriors_stop(rule: StopRule) -> None:
+    state = rule.converged(*_history([1.0, 0.0, 0.0], [1.0, 0.0, 0.0]))
+    assert state.gamma_defined
+    assert state.gamma == pytest.approx(0.0, abs=1e-12)
+    assert state.converged
+
+
+@pytest.mark.parametrize("rule", PAPER)
+@pytest.mark.parametrize("rounding", [0.0, 1e-16])
+def test_uninformative_probes_never_stop(rule: StopRule, rounding: float) -> None:
+    nothing = [1 / 3 + rounding, 1 / 3 - rounding, 1 / 3]
+    for history in (
+        _history(nothing, nothing),
+        _history([0.7, 0.2, 0.1], nothing),
+        _history(nothing, [0.7, 0.2, 0.1]),
+    ):
+        state = rule.converged(*history)
+        assert not state.gamma_defined
+        assert not state.converged
+
+
+@pytest.mark.parametrize("rule", PAPER)
+def test_two_depths_are_refused_and_the_alternatives_named(rule: StopRule) -> None:
+    posteriors, gains = _history([0.7, 0.3], [0.6, 0.4])
+    assert correlation(gains[0], gains[1]) == pytest.approx(0.0, abs=1e-12)
+    with pytest.raises(PerceptionError, match="posterior_threshold"):
+        rule.converged(posteriors, gains)
+
+
+def test_a_doubled_belief_fools_the_verbatim_rule_and_not_the_guarded_one() -> None:
+    history = _history([0.4, 0.3, 0.3], [0.9, 0.05, 0.05])
+    assert PaperVerbatim().converged(*history).gamma == pytest.approx(0.0, abs=1e-12)
+    assert PaperVerbatim().converged(*history).converged
+    assert not PaperGuarded().converged(*history).converged
+
+
+def test_a_settled_belief_stops_the_guarded_rule() -> None:
+    assert PaperGuarded().converged(*_history([0.9, 0.05, 0.05], [0.91, 0.045, 0.045])).converged
+
+
+def test_a_belief_that_moves_to_another_class_stops_no_paper_rule() -> None:
+    history = _history([0.8, 0.1, 0.1], [0.1, 0.8, 0.1])
+    assert not any(rule.converged(*history).converged for rule in PAPER)
+
+
+def test_a_posterior_threshold_works_for_two_depths() -> None:
+    assert not PosteriorThreshold(0.95).converged(*_history([0.7, 0.3])).converged
+    assert PosteriorThreshold(0.95).converged(*_history([0.96, 0.04])).converged
+
+
+def test_a_fixed_number_stops_at_that_number() -> None:
+    history = _history([0.7, 0.3], [0.6, 0.4])
+    assert FixedNumber(2).converged(*history).converged
+    assert not FixedNumber(3).converged(*history).converged
+
+
+def test_verdicts_are_continue_decided_and_undecided() -> None:
+    history = _history([0.2, 0.5, 0.3], [0.2, 0.5, 0.3])
+    words = [
+        decide(PosteriorThreshold(0.9), *history, max_probes=3).word,
+        decide(PosteriorThreshold(0.5), *history, max_probes=2).word,
+        decide(PosteriorThreshold(0.9), *history, max_probes=2).word,
+    ]
+    assert words == ["continue", "decided", "undecided"]
+    verdict = decide(PosteriorThreshold(0.9), *history, max_probes=2)
+    assert (verdict.class_index, verdict.probe_count) == (1, 2)
+
+
+def test_a_verdict_needs_a_probe() -> None:
+    with pytest.raises(PerceptionError, match="0 and 0"):
+        decide(FixedNumber(), [], [], max_probes=5)
+
+
+def test_rules_are_found_by_name() -> None:
+    assert stop_rule("paper_guarded", 0.1) == PaperGuarded(threshold=0.1)
+    assert {m.name for m in methods("stop")} == {
+        "paper_verbatim",
+        "paper_guarded",
+        "posterior_threshold",
+        "fixed_number",
+    }
+    with pytest.raises(MethodError, match="paper_verbatim"):
+        stop_rule("wald")
+
+
+def test_gains_of_different_classes_do_not_compare() -> None:
+    with pytest.raises(PerceptionError, match="shapes"):
+        correlation_distance(np.zeros(3), np.zeros(4))
+
+
+vectors = st.integers(0, 100_000).map(lambda seed: np.random.default_rng(seed).normal(size=(2, 5)))
+
+
+@settings(deadline=None, max_examples=40)
+@given(vectors, st.floats(0.01, 100.0), st.floats(-10.0, 10.0))
+def test_the_distance_is_scipys_and_blind_to_scale_and_shift(
+    pair: np.ndarray, scale: float, shift: float
+) -> None:
+    distance = correlation_distance(pair[0], pair[1])
+    assert distance == pytest.approx(correlation(pair[0], pair[1]), abs=1e-12)
+    assert correlation_distance(scale * pair[0] + shift, pair[1]) == pytest.approx(distance, abs=1e-9)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 100_000))
+def test_relabelling_the_depths_changes_no_verdict(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    beliefs = rng.dirichlet(np.ones(4), size=3)
+    order = rng.permutation(4)
+    rules: list[StopRule] = [*PAPER, PosteriorThreshold(0.6)]
+    for rule in rules:
+        here = decide(rule, *_history(*beliefs.tolist()), max_probes=9)
+        there = decide(rule, *_history(*beliefs[:, order].tolist()), max_probes=9)
+        assert here.word == there.word
+        assert order[there.class_index] == here.class_index
+
+
+def test_total_variation_is_one_between_certainties() -> None:
+    assert total_variation(np.array([1.0, 0.0]), np.array([0.0, 1.0])) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "max_probes"),
+    [("fixed_number", 20, 15), ("fixed_number", 0, 4), ("paper_guarded", 0, 0)],
+)
+def test_a_rule_that_never_gets_its_probes_is_refused(name: str, value: float, max_probes: int) -> None:
+    with pytest.raises(PerceptionError, match=f"max_probes is {max_probes}"):
+        stop_rule(name, value, max_probes=max_probes)
+    assert stop_rule("fixed_number", 15, max_probes=15) == FixedNumber(15)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
+@pytest.mark.parametrize("name", ["paper_verbatim", "paper_guarded", "posterior_threshold", "fixed_number"])
+def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> None:
+    """NaN made a rule that never stops, infinity one that always does."""
+    with pytest.raises(PerceptionError, match="cannot have"):
+        stop_rule(name, value)

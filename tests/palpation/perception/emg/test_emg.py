@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.emg import (
+    EmgChain,
+    EmgState,
+    cocontraction,
+    find_offset,
+    flag,
+    normalise,
+    reference,
+)
+
+
+def _emg(seed: int, n: int, amplitude: float = 1.0) -> np.ndarray:
+    return amplitude * np.random.default_rng(seed).normal(size=n)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    st.integers(0, 10_000), st.lists(st.integers(0, 400), min_size=1, max_size=12), st.floats(-3000.0, 3000.0)
+)
+def test_streaming_equals_offline_whatever_the_blocks(seed: int, sizes: list[int], offset: float) -> None:
+    samples = offset + _emg(seed, sum(sizes), 100.0)
+    chain = EmgChain(offset=offset)
+    state, parts = chain.start(), []
+    for block in np.split(samples, np.cumsum(sizes)[:-1]):
+        state = EmgState(np.array(state.band.tolist()), np.array(state.squares.tolist()))  # a hand-over
+        state, part = chain.step(state, block)
+        parts.append(part)
+    assert np.abs(np.concatenate(parts) - chain.envelope(samples)).max(initial=0.0) <= 1e-12 * 100.0
+
+
+def test_an_offset_left_in_becomes_the_envelope() -> None:
+    counts = 2040.0 + _emg(0, 6000, 20.0)
+    window = np.ones(75) / 75
+    naive = np.sqrt(np.convolve(counts**2, window, mode="valid"))
+    assert naive.mean() == pytest.approx(2040.0, rel=0.01)
+    offset = find_offset(counts)
+    assert offset == pytest.approx(2040.0, abs=2.0)
+    envelope = EmgChain(offset=offset).envelope(counts)
+    assert envelope[200:].mean() == pytest.approx(20.0, rel=0.35)
+    unsubtracted = EmgChain().envelope(counts)
+    assert unsubtracted.max() > 20.0 * envelope.max()
+
+
+def test_the_band_pass_keeps_muscle_and_drops_movement_and_mains_harmonics_above() -> None:
+    t = np.arange(6000) / 1500.0
+    level = {f: EmgChain().envelope(np.sin(2 * np.pi * f * t))[3000:].mean() for f in (2.0, 100.0, 700.0)}
+    assert level[100.0] == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert max(level[2.0], level[700.0]) < 0.05
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(1e-6, 1e6), st.integers(0, 1000))
+def test_the_envelope_scales_and_ignores_the_sign(scale: float, seed: int) -> None:
+    samples = _emg(seed, 500)
+    assert EmgChain().envelope(-scale * samples) == pytest.approx(
+        scale * EmgChain().envelope(samples), rel=1e-9
+    )
+
+
+def test_the_envelope_rises_with_the_contraction() -> None:
+    means = [EmgChain().envelope(_emg(1, 3000, a))[200:].mean() for a in (0.1, 0.3, 1.0)]
+    assert means == sorted(means)
+
+
+def test_both_denominators_of_equation_3_are_named_and_differ() -> None:
+    mvc = np.array([[1.0, 4.0, 1.0], [3.0, 1.0, 1.0]])
+    assert reference(mvc) == 7.0
+    assert reference(mvc, "maximum_of_sum") == 5.0
+    with pytest.raises(PerceptionError, match="maximum_of_sum"):
+        reference(mvc, "nope")  # type: ignore[arg-type]
+
+
+def test_equations_1_to_3() -> None:
+    envelopes = np.array([[1.0, 2.0], [3.0, 2.0]])
+    assert normalise(envelopes[0], 4.0) == pytest.approx([0.25, 0.5])
+    assert cocontraction(envelopes, 8.0) == pytest.approx([0.5, 0.5])
+
+
+def test_a_silent_or_missing_mvc_is_refused() -> None:
+    with pytest.raises(PerceptionError, match="silent"):
+        reference(np.zeros((2, 5)))
+    with pytest.raises(PerceptionError, match="muscles"):
+        reference(np.zeros(5))
+    with pytest.raises(PerceptionError, match="repeat the MVC"):
+        normalise(np.ones(3), 0.0)
+    with pytest.raises(PerceptionError, match="at rest"):
+        find_offset(np.array([]))
+
+
+def test_clipping_values_above_one_and_a_small_mvc_are_flagged() -> None:
+    samples, normalised = np.array([0.0, 10.0, 4095.0, 4095.0]), np.array([0.5, 1.2, 0.9])
+    bad = flag(samples, normalised, rails=(0.0, 4095.0), mvc_reference=2.0, rest_envelope=1.0)
+    assert (bad.clipped_count, bad.above_mvc_count, bad.mvc_too_small) == (3, 1, True)
+    good = flag(samples[1:2], normalised[:1], rails=(0.0, 4095.0), mvc_reference=20.0, rest_envelope=1.0)
+    assert (good.clipped_count, good.above_mvc_count, good.mvc_too_small) == (0, 0, False)
+
+
+def test_bad_parameters_samples_and_states_are_refused() -> None:
+    with pytest.raises(PerceptionError, match="half of 800"):
+        EmgChain(rate_hz=800.0)
+    with pytest.raises(PerceptionError, match="shorter than one sample"):
+        EmgChain(window_s=0.0)
+    with pytest.raises(PerceptionError, match="NaN"):
+        EmgChain().envelope(np.array([np.nan]))
+    with pytest.raises(PerceptionError, match="another order or window"):
+        EmgChain().step(EmgChain(window_s=0.1).start(), np.ones(3))

@@ -1,0 +1,164 @@
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse, second_eigenvalue
+from palp_core.palpation.perception.emg.bursts import BurstFinder
+from palp_core.palpation.perception.emg.emg import EmgChain
+from palp_core.palpation.perception.emg.stream import EmgStream, StreamState
+
+RATE_HZ = 1500.0
+
+
+def _stream(window_s: float = 0.05, rate_hz: float = RATE_HZ) -> EmgStream:
+    chains = (EmgChain(3.0, rate_hz, window_s=window_s), EmgChain(-1.0, rate_hz, window_s=window_s))
+    return EmgStream(chains, 4.0, BurstFinder(rate_hz))
+
+
+def _modulated(seed: int, n: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(size=(2, n))
+    return np.array([[3.0], [-1.0]]) + noise * (0.2 + np.sin(np.arange(n) / 300.0) ** 2)
+
+
+def _levels(seed: int, heights: list[float], seconds: float = 1.0) -> np.ndarray:
+    """Return two muscles' noise whose strength rises to each height and relaxes again."""
+    n = int(seconds * RATE_HZ)
+    bump = np.sin(np.pi * np.arange(n) / n) ** 2
+    strength = np.concatenate([0.02 + height * bump for height in heights])
+    return 1e-4 * strength * np.random.default_rng(seed).normal(size=(2, strength.size))
+
+
+def _mvc(seed: int = 99) -> np.ndarray:
+    return _levels(seed, [0.0, 1.0, 1.0, 0.0], 2.0)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.integers(0, 10_000),
+    st.lists(st.integers(0, 900), min_size=1, max_size=8),
+    st.sampled_from([0.02, 0.05, 0.2]),
+)
+def test_the_stream_equals_the_recording_whatever_the_blocks(
+    seed: int, sizes: list[int], window_s: float
+) -> None:
+    stream, samples = _stream(window_s), _modulated(seed, sum(sizes))
+    state, values, bursts = stream.start(), [], []
+    for block in np.split(samples, np.cumsum(sizes)[:-1], axis=1):
+        state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=StreamState)  # a hand-over
+        state, out = stream.step(state, block)
+        values.append(out.cocontraction)
+        bursts += out.bursts
+    whole = stream.whole(samples)
+    assert np.abs(np.concatenate(values) - whole.cocontraction).max(initial=0.0) <= 1e-12
+    bursts += stream.finish(state)
+    assert [burst.index for burst in bursts] == [burst.index for burst in whole.bursts]
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(60.0, 250.0), st.floats(0.1, 1e3), st.sampled_from([0.02, 0.05, 0.1, 0.2]))
+def test_the_rms_of_a_sine_is_its_amplitude_over_root_two(
+    hz: float, amplitude: float, window_s: float
+) -> None:
+    sine = amplitude * np.sin(2.0 * np.pi * hz * np.arange(3000) / RATE_HZ)
+    settled = EmgChain(window_s=window_s).envelope(sine)[1000:]
+    # Over a window that is no whole number of half periods, the mean square of a sine is off by at most
+    # 1 / (2 pi f T) of itself, plus what a sum over samples adds to the integral; the band passes nearly all.
+    bound = 0.02 + 1.1 / (2.0 * np.pi * hz * window_s)
+    assert np.abs(settled / amplitude * np.sqrt(2.0) - 1.0).max() < bound
+
+
+def test_the_delay_is_half_the_window() -> None:
+    assert _stream().delay_s == pytest.approx(37.0 / RATE_HZ)
+
+
+def test_streams_of_unequal_rates_and_foreign_states_are_refused() -> None:
+    with pytest.raises(PerceptionError, match="one rate"):
+        EmgStream((EmgChain(),), 1.0, BurstFinder(1000.0))
+    with pytest.raises(PerceptionError, match="shape"):
+        _stream().step(_stream().start(), np.zeros((3, 5)))
+    alone = EmgStream((EmgChain(),), 1.0, BurstFinder(RATE_HZ))
+    with pytest.raises(PerceptionError, match="other muscles"):
+        _stream().step(alone.start(), np.zeros((2, 5)))
+
+
+def test_a_trial_gives_the_bursts_a_person_sees_at_their_levels() -> None:
+    heights = [0.2, 0.4, 0.3, 0.5, 0.2, 0.4]
+    found = analyse(_levels(0, heights), _mvc(), EmgSettings(window_s=0.15, distance_s=0.5))
+    assert len(found.bursts) == len(heights)
+    assert np.abs(np.array([b.value for b in found.bursts]) - heights).max() < 0.1
+    assert found.runs == [found.levels.index.tolist()]
+    assert found.flags == ()
+    assert found.normalised.shape == (2, found.cocontraction.size)
+
+
+def test_cocontraction_rises_with_the_contraction() -> None:
+    means = [
+        analyse(_levels(1, [h] * 3), _mvc(), EmgSettings()).cocontraction.mean() for h in (0.1, 0.3, 0.5)
+    ]
+    assert means == sorted(means)
+
+
+def test_the_unit_of_the_recording_does_not_matter() -> None:
+    trial, mvc = _levels(2, [0.2, 0.4, 0.3]), _mvc()
+    volts, counts = (
+        analyse(trial, mvc, EmgSettings()),
+        analyse(2040 + 1e7 * trial, 2040 + 1e7 * mvc, EmgSettings()),
+    )
+    assert np.abs(volts.cocontraction - counts.cocontraction).max() < 1e-6
+    assert counts.flags == ("offset", "mvc_offset")
+
+
+def test_each_fault_raises_its_flag() -> None:
+    trial, mvc, settings_ = _levels(3, [0.2, 0.4, 0.3, 0.4]), _mvc(), EmgSettings()
+    assert analyse(trial, mvc, settings_).flags == ()
+    feeble = _levels(9, [0.0, 0.03, 0.03, 0.0], 2.0)
+    railed = np.clip(trial, -2e-5, 2e-5)
+    assert "clipping" in analyse(railed, mvc, EmgSettings(rails=(-2e-5, 2e-5))).flags
+    holes = trial.copy()
+    holes[0, 2000:2200] = np.nan
+    assert analyse(holes, mvc, settings_).flags == ("lost_samples",)
+    assert (
+        "mvc_lost_samples"
+        in analyse(trial, np.where(np.arange(mvc.shape[1]) < 9, np.nan, mvc), settings_).flags
+    )
+    assert {"mvc_too_small", "above_mvc"} <= set(analyse(trial, feeble, settings_).flags)
+    assert "level_clamped" in analyse(_levels(4, [0.9, 0.9]), mvc, settings_).flags
+
+
+def test_rest_tells_a_small_mvc_from_a_subject_who_never_relaxes() -> None:
+    trial, mvc = _levels(5, [0.3, 0.3]), _levels(6, [1.0] * 2)
+    rest = 1e-4 * 0.5 * np.random.default_rng(7).normal(size=(2, 3000))
+    assert "mvc_too_small" in analyse(trial, mvc, EmgSettings(), rest=rest).flags
+    assert "mvc_too_small" not in analyse(trial, mvc, EmgSettings(), rest=0.02 * rest).flags
+
+
+def test_a_silent_rest_vouches_for_no_mvc() -> None:
+    found = analyse(_levels(5, [0.3, 0.3]), _mvc(), EmgSettings(), rest=np.zeros((2, 3000)))
+    assert found.flags == ("no_rest",)
+
+
+def test_no_transition_spans_a_gap() -> None:
+    heights = [0.2, 0.4, 0.3, 0.5, 0.2, 0.4]
+    trial = _levels(8, heights)
+    trial[:, 4300:4700] = np.nan
+    found = analyse(trial, _mvc(), EmgSettings(window_s=0.15, distance_s=0.5))
+    assert [len(run) for run in found.runs] == [3, 3]
+    assert not found.trusted[4300:4700].any()
+    assert found.trusted[:4300].all()
+
+
+def test_the_second_eigenvalue_tells_order_from_none() -> None:
+    assert second_eigenvalue([[0, 0, 0, 0, 0, 4, 4, 4, 4, 4, 0, 0, 0, 0]]) > 0.5
+    assert np.isnan(second_eigenvalue([[1], []]))
+
+
+def test_recordings_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(PerceptionError, match="20 to 200 ms"):
+        EmgSettings(window_s=0.5)
+    with pytest.raises(PerceptionError, match="two RMS windows"):
+        analyse(np.zeros((2, 10)), _mvc(), EmgSettings())
+    with pytest.raises(PerceptionError, match="silent"):
+        analyse(_levels(0, [0.3]), np.zeros((2, 3000)), EmgSettings())

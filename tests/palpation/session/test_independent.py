@@ -1,0 +1,257 @@
+"""A tiny session of the rig, recomputed from its sweeps and from the equations, with none of palp's science.
+
+What is recorded (peaks, primitives, posterior, gain, gamma, verdict) follows from the stored sweeps; the
+sweeps follow from the balance of moments at the recorded ring and height, plus white noise and rounding.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pywt
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from palp_core.graph.launch.graph import Graph
+
+LAUNCH = Path(__file__).parents[3] / "launch" / "sim.yaml"
+Array = NDArray[np.float64]
+Rows = list[dict[str, str]]
+
+RESOLUTION_N_M = 1e-3 / 64
+FLOOR_N_M = RESOLUTION_N_M / math.sqrt(12.0)
+NOISE_N_M = RESOLUTION_N_M * math.sqrt(1.0 + 1.0 / 12.0)  # one step of noise, and rounding to a step
+LEVEL, FILTER = 5, 20
+MAX_PROBES = 15
+
+E, NU, SLAB, BEAD, BALL, MU = 20e3, 0.49, 0.030, 0.0075, 0.006, 0.3
+L1, LEVER, SPRING, WEIGHT = 0.080, 0.070 - BALL, 2.0 * 0.0068 * 240.0, 0.008 * 9.80665 * 0.035
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("session") / "out"
+    with Graph(LAUNCH, compose=True, policy="markov", trials=2, training=2, out=str(folder)) as graph:
+        graph.run()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rows(out: Path) -> Rows:
+    with (out / "trials.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def sweep_of(out: Path, row: dict[str, str]) -> Array:
+    with np.load(out / "sweeps" / f"{int(row['row']):06d}.npz") as content:
+        return np.array(content["torque_n_m"])
+
+
+def denoised_peak(torque_n_m: Array) -> float:
+    """Donoho's universal soft threshold of db10 at five levels; the maximum away from the ends."""
+    rough, *details = pywt.wavedec(torque_n_m, "db10", mode="symmetric", level=LEVEL)
+    sigma = np.median(np.abs(details[-1])) / norm.ppf(0.75)
+    threshold = sigma * math.sqrt(2.0 * math.log(rough.size + sum(d.size for d in details)))
+    kept = [pywt.threshold(d, threshold, "soft") for d in details]
+    edge = (FILTER - 1) * (2**LEVEL - 1)
+    clean = pywt.waverec([rough, *kept], "db10", mode="symmetric")[: torque_n_m.size]
+    return float(clean[edge:-edge].max())
+
+
+def columns(row: dict[str, str], name: str) -> Array:
+    return np.array([float(row[f"{name}_{depth}mm"]) for depth in (2, 4, 8)])
+
+
+def test_peaks_follow_from_the_stored_sweeps(out: Path, rows: Rows) -> None:
+    for row in rows:
+        assert denoised_peak(sweep_of(out, row)) == pytest.approx(float(row["peak_n_m"]), rel=1e-12)
+
+
+def test_primitives_are_mean_and_unbiased_deviation_of_the_peaks(out: Path, rows: Rows) -> None:
+    learnt = json.loads((out / "primitives.json").read_text())
+    assert learnt["floor"] == pytest.approx(FLOOR_N_M)
+    for i, depth_m in enumerate(learnt["depths_m"]):
+        for k, ring_m in enumerate(learnt["rings_m"]):
+            cell = [
+                float(row["peak_n_m"])
+                for row in rows
+                if (row["phase"], float(row["depth_m"]), float(row["ring_m"]))
+                == ("training", depth_m, ring_m)
+            ]
+            assert learnt["count"][i][k] == len(cell) == 2
+            assert learnt["mean"][i][k] == pytest.approx(np.mean(cell), rel=1e-12)
+            assert learnt["sd"][i][k] == pytest.approx(max(np.std(cell, ddof=1), FLOOR_N_M), rel=1e-9)
+
+
+def test_beliefs_gains_distances_and_verdicts_follow_from_peaks_and_primitives(out: Path, rows: Rows) -> None:
+    learnt = json.loads((out / "primitives.json").read_text())
+    mean, sd = np.array(learnt["mean"]), np.array(learnt["sd"])
+    beliefs: list[Array] = []
+    gains: list[Array] = []
+    trial, joint = "", np.zeros(3)
+    for row in (row for row in rows if row["phase"] == "estimation"):
+        if row["trial"] != trial:
+            trial, beliefs, gains = row["trial"], [np.full(3, 1.0 / 3.0)], [np.zeros(3)]
+            joint = np.zeros(3)
+        k = learnt["rings_m"].index(float(row["ring_m"]))
+        z = (float(row["peak_n_m"]) - mean[:, k]) / sd[:, k]
+        joint = joint - 0.5 * z**2 - np.log(sd[:, k])  # equation (7) in logarithms, not normalised
+        weights = np.exp(joint - joint.max())
+        beliefs.append(weights / weights.sum())
+        np.testing.assert_allclose(columns(row, "posterior"), beliefs[-1], rtol=1e-8, atol=1e-12)
+        gains.append(np.array([p * math.log(3.0 * p) if p > 0.0 else 0.0 for p in beliefs[-1]]))
+        np.testing.assert_allclose(columns(row, "gain"), gains[-1], rtol=1e-8, atol=1e-11)
+        if len(gains) == 2:
+            assert row["gamma"] == ""  # nothing was gained before the first probe: no distance
+            stop = False
+        else:
+            gamma = 1.0 - float(np.corrcoef(gains[-2], gains[-1])[0, 1])
+            assert float(row["gamma"]) == pytest.approx(gamma, abs=1e-9)
+            stop = gamma <= 0.0005 and 0.5 * float(np.abs(beliefs[-1] - beliefs[-2]).sum()) <= 0.05
+        spent = len(gains) - 1 >= MAX_PROBES
+        assert row["verdict"] == ("decided" if stop else "undecided" if spent else "continue")
+        assert float(row["estimate_m"]) == learnt["depths_m"][int(np.argmax(beliefs[-1]))]
+
+
+def test_the_result_counts_what_the_table_says(out: Path, rows: Rows) -> None:
+    result = json.loads((out / "result.json").read_text())
+    last = {row["trial"]: row for row in rows if row["phase"] == "estimation"}
+    right = sum(row["estimate_m"] == row["depth_m"] for row in last.values())
+    count, z = len(last), norm.ppf(0.975)
+    overall = result["accuracy"]["overall"]
+    assert (overall["right"], overall["of"], count) == (right, count, 6)
+    assert overall["value"] == pytest.approx(right / count)
+    for bound in overall["ci"]:  # Wilson's bounds are where the score test is just significant
+        if 0.0 < bound < 1.0:
+            score = abs(right / count - bound) / math.sqrt(bound * (1.0 - bound) / count)
+            assert score == pytest.approx(z)
+    stated = [columns(row, "posterior").max() for row in last.values()]
+    assert result["calibration"]["overconfidence"] == pytest.approx(np.mean(stated) - right / count)
+    assert result["probes_mean"] == pytest.approx(np.mean([int(row["iteration"]) for row in last.values()]))
+
+
+# The touch: Dimitriadis' bonded layer over a bead that sinks, and the balance of moments of the joint.
+
+
+def layer_coefficients() -> list[float]:
+    a = -(1.2876 - 1.4678 * NU + 1.3442 * NU**2) / (1.0 - NU)
+    b = (0.6387 - 1.0277 * NU + 1.5164 * NU**2) / (1.0 - NU)
+    pi = math.pi
+    return [
+        1.0,
+        -2.0 * a / pi,
+        4.0 * a**2 / pi**2,
+        -8.0 / pi**3 * (a**3 + 4.0 * pi**2 * b / 15.0),
+        16.0 * a / pi**4 * (a**3 + 3.0 * pi**2 * b / 5.0),
+    ]
+
+
+LAYER = layer_coefficients()
+
+
+def layer_force(pressed_m: float, inverse: float) -> float:
+    chi = math.sqrt(BALL * pressed_m) * inverse
+    hertz = 4.0 * E * math.sqrt(BALL) * pressed_m**1.5 / (3.0 * (1.0 - NU**2))
+    return float(hertz * sum(c * chi**k for k, c in enumerate(LAYER)))
+
+
+def normal_force(offset_m: float, pressed_m: float, depth_m: float) -> float:
+    nearness = (1.0 + (offset_m / (depth_m + BEAD)) ** 2) ** -3
+    thinner = 1.0 / depth_m - 1.0 / SLAB
+    sinking = (5.0 - 6.0 * NU) / (24.0 * math.pi * E / (2.0 + 2.0 * NU) * BEAD * (1.0 - NU))
+    beside = 0.5 * LAYER[1] * (1.0 - NU**2) / E
+    inverse = 1.0 / SLAB + thinner * nearness
+    yielding = beside * thinner * nearness * sinking / (beside * thinner + sinking)
+    layer_m: float = brentq(
+        lambda x: x + yielding * layer_force(x, inverse) - pressed_m, 0.0, pressed_m, xtol=1e-16
+    )
+    return layer_force(layer_m, inverse)
+
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+def energy(offset_m: float, pressed_m: float, depth_m: float) -> float:
+    """Return the work of pressing; with pressed = t^2 the force's power 1.5 is a polynomial."""
+    t = 0.5 * (NODES + 1.0)
+    forces = [normal_force(offset_m, float(pressed_m * x * x), depth_m) for x in t]
+    return float(np.sum(0.5 * WEIGHTS * 2.0 * t * pressed_m * forces))
+
+
+def true_torque(stage_m: float, ring_m: float, indentation_m: float, depth_m: float) -> float:
+    def forces(q: float) -> tuple[float, float]:
+        s, pressed_m = stage_m - LEVER * math.sin(q), indentation_m - LEVER * (1.0 - math.cos(q))
+        if pressed_m <= 0.0:
+            return 0.0, 0.0
+        h = 1e-4
+        slope = (energy(s + h, pressed_m, depth_m) - energy(s - h, pressed_m, depth_m)) / (2.0 * h)
+        return normal_force(s, pressed_m, depth_m), slope
+
+    def balance(q: float) -> float:
+        n, u = forces(q)
+        pushing = MU * n * (LEVER * math.cos(q) + BALL) + LEVER * (u * math.cos(q) + n * math.sin(q))
+        return (SPRING * ring_m + WEIGHT) * math.sin(q) - pushing
+
+    q: float = brentq(balance, 0.0, math.acos(1.0 - indentation_m / LEVER), xtol=1e-12)
+    n, u = forces(q)
+    return SPRING * ring_m * math.sin(q) + L1 * (MU * n + u)
+
+
+@pytest.mark.parametrize("ring_mm", [16, 8])
+def test_a_sweep_is_the_equilibrium_plus_the_stated_noise(out: Path, rows: Rows, ring_mm: int) -> None:
+    row = next(r for r in rows if (r["phantom"], float(r["ring_m"])) == ("B", ring_mm * 1e-3))
+    torque_n_m = sweep_of(out, row)
+    steps = torque_n_m / RESOLUTION_N_M
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    knots_m = np.linspace(0.004, 0.024, 21)
+    indentation_m = 0.004 + float(row["true_height_m"])
+    truth = CubicSpline(
+        knots_m,
+        [true_torque(float(y), float(row["true_ring_m"]), indentation_m, 0.004) for y in knots_m],
+    )
+    along_m = (
+        -0.03 + 20e-6 * np.arange(torque_n_m.size) + 10e-6
+    )  # the first sample: within one step after -30 mm
+    near = (along_m >= knots_m[0]) & (along_m <= knots_m[-1])
+    noise = torque_n_m[near] - truth(along_m[near])
+    standard_error = NOISE_N_M / math.sqrt(noise.size)
+    assert abs(float(noise.mean())) < 4.0 * standard_error
+    assert float(noise.std()) == pytest.approx(NOISE_N_M, rel=0.1)
+    assert abs(float(np.corrcoef(noise[:-1], noise[1:])[0, 1])) < 0.15
+
+
+def test_mountings_of_training_and_of_estimation_are_draws_of_their_own(rows: Rows) -> None:
+    heights = {row["remount"]: (row["phase"], row["true_height_m"]) for row in rows}
+    assert [phase for phase, _ in heights.values()] == ["training"] * 3 + ["estimation"] * 3
+    assert len({height for _, height in heights.values()}) == 6
+
+
+def test_the_ring_s_error_stays_while_it_is_not_moved_and_only_then(rows: Rows) -> None:
+    for one, two in pairwise(rows):
+        if one["trial"] == two["trial"]:
+            stays = one["ring_m"] == two["ring_m"]
+            assert (one["true_ring_m"] == two["true_ring_m"]) == stays
+
+
+@pytest.mark.parametrize("policy", ["fixed", "uniform"])
+def test_policies_share_training_and_mountings_of_a_seed(
+    out: Path, rows: Rows, policy: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "other"
+    with Graph(LAUNCH, compose=True, policy=policy, trials=2, training=2, out=str(folder)) as graph:
+        graph.run()
+    assert (folder / "primitives.json").read_bytes() == (out / "primitives.json").read_bytes()
+    with (folder / "trials.csv").open(newline="") as file:
+        others = list(csv.DictReader(file))
+    mounts = [
+        {r["remount"]: (r["phantom"], r["true_height_m"]) for r in table} for table in (list(rows), others)
+    ]
+    assert mounts[0] == mounts[1]

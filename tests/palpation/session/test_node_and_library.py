@@ -1,0 +1,171 @@
+"""The estimator node and the library decide stored sweeps alike: filters, features, grids, stop rules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msgs.actuator import RingState
+from msgs.experiment import Trial
+from msgs.stage import SweepStatus
+from msgs.torque import TorqueBlock
+from nodes.estimator import Estimator
+from palp_core import Bench
+from palp_core.graph.launch.graph import Graph
+from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
+from palp_core.palpation.perception.belief.trial_filter import Probe, known
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.reanalysis import Methods, learn, readings, redecide
+from palp_core.palpation.session.recorded_sweeps import StoredSession, read_stored
+
+SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
+NOISE = RigNoise(
+    sample_sd_n_m=Component(1.6e-5),
+    sweep_sd_n_m=Component(1e-5),
+    ring_sd_m=Component(1.7e-4),
+    height_sd_m=Component(1e-4),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rig")
+    write_noise(NOISE, path / "noise.yaml")
+    return path
+
+
+@pytest.fixture(scope="module")
+def session(folder: Path) -> StoredSession:
+    """Run a session whose every trial has six probes, some of them with a new landing at the same ring."""
+    with Graph(
+        SIM, compose=True, record=folder / "bag", out=str(folder / "out"), trials=2, training=3,
+        policy="information", knows="latent_ring", stop="fixed_number", stop_value=6.0,
+    ) as graph:  # fmt: skip
+        graph.run()
+    return read_stored(folder / "out")
+
+
+def feed(session: StoredSession, **params: Any) -> Iterator[Any]:
+    """Give an estimator a session's sweeps as the rig would, and yield its beliefs."""
+    bench = Bench(Estimator, params)
+    before = -1
+    for sweep in session.sweeps:
+        if sweep.trial != before:
+            taught = sweep.phase == "training"
+            depth_m = (sweep.depth_m or 0.0) if taught else 0.0
+            bench.feed(
+                Estimator.trial,
+                Trial(
+                    stamp_ns=0, trial=sweep.trial, phase=sweep.phase, code="", label_known=taught,
+                    depth_m=depth_m,
+                ),
+            )  # fmt: skip
+        before = sweep.trial
+        for rehome in (True, False) if sweep.landed else (False,):
+            bench.feed(
+                Estimator.ring,
+                RingState(
+                    stamp_ns=0, trial=sweep.trial, iteration=sweep.iteration, rehome=rehome,
+                    target_m=sweep.ring_m, measured_m=sweep.ring_m, settled=True,
+                ),
+            )  # fmt: skip
+        block = TorqueBlock(
+            stamp_ns=0, start_ns=0, rate_hz=sweep.rate_hz, over_phantom=True, saturated_count=0,
+            torque_n_m=sweep.torque_n_m,
+        )  # fmt: skip
+        bench.feed(Estimator.sweep, SweepStatus(stamp_ns=0, goal_id=1, status="sweeping", sample_count=0))
+        bench.feed(Estimator.torque, block)
+        end = SweepStatus(stamp_ns=0, goal_id=1, status="swept", sample_count=len(sweep.torque_n_m))
+        bench.feed(Estimator.sweep, end)
+    yield from bench.sent(Estimator.belief)
+
+
+@pytest.mark.parametrize("depths", [0, 31])
+@pytest.mark.parametrize("feature", ["peak", "contrast"])
+@pytest.mark.parametrize(
+    ("name", "likelihood"),
+    [("naive", "normal"), ("naive", "student_t"), ("latent", "normal"), ("latent_ring", "normal"),
+     ("latent_trial", "normal")],
+)  # fmt: skip
+def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
+    session: StoredSession, folder: Path, name: str, likelihood: str, feature: str, depths: int
+) -> None:
+    methods = Methods(
+        filter=name, feature=feature, likelihood=likelihood, depth_count=depths, stop="fixed_number"
+    )
+    primitives = learn(session.phase("training"), readings(session.phase("training"), methods), "here")
+    belief = filter_of(
+        primitives, name, likelihood=likelihood, depth_count=depths, feature=feature, noise=NOISE
+    )
+    estimation = session.phase("estimation")
+    values = readings(estimation, methods).tolist()
+    probes: list[Probe] = []
+    library, trial = [], -1
+    for sweep, value in zip(estimation, values, strict=True):
+        probes = probes if sweep.trial == trial else []
+        trial = sweep.trial
+        ring = primitives.rings_m.tolist().index(sweep.ring_m)
+        probes.append(Probe(value, ring, bool(sweep.landed) or not probes or ring != probes[-1].setting))
+        library.append(belief.posterior(probes))
+    node = feed(
+        session, filter=name, likelihood=likelihood, feature=feature, depths=depths,
+        noise=str(folder / "noise.yaml"), stop="fixed_number", stop_value=6.0,
+    )  # fmt: skip
+    for said, own in zip(node, library, strict=True):
+        np.testing.assert_array_equal(said.posterior, own)
+        assert len(said.depths_m) == (depths or 3)
+
+
+@pytest.mark.parametrize(
+    ("stop", "value"),
+    [("paper_verbatim", 0.0), ("paper_guarded", 0.0), ("posterior_threshold", 0.9), ("fixed_number", 3.0)],
+)
+@pytest.mark.parametrize("name", ["naive", "latent"])
+def test_node_and_library_stop_at_the_same_probe(
+    session: StoredSession, folder: Path, name: str, stop: str, value: float
+) -> None:
+    again = redecide(session, Methods(filter=name, stop=stop, stop_value=value, max_probes=5), noise=NOISE)
+    noise = str(folder / "noise.yaml")
+    ended: dict[int, Any] = {}
+    for said in feed(session, filter=name, noise=noise, stop=stop, stop_value=value, max_probes=5):
+        if ended.get(said.trial) is None or ended[said.trial].verdict == "continue":
+            ended[said.trial] = said
+    for trial in again.trials:
+        said = ended[trial.trial]
+        assert (said.verdict, said.iteration) == (trial.verdict, trial.probe_count)
+        assert (said.estimate_m, said.confidence) == (trial.estimate_m, trial.confidence)
+
+
+def test_folder_and_bag_tell_alike_when_the_ring_landed(session: StoredSession, folder: Path) -> None:
+    told = [sweep.landed for sweep in session.phase("estimation")]
+    assert {True, False} <= set(told) or all(told)
+    assert told == [sweep.landed for sweep in read_stored(folder / "bag").phase("estimation")]
+
+
+def test_the_policy_has_the_estimators_own_belief(
+    session: StoredSession, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With equal parameters the posterior that the policy makes of its history is the estimator's."""
+    seen: list[tuple[Any, Any]] = []
+    step: Callable[..., Any] = InformationGainLatent.step
+
+    def spy(self: InformationGainLatent, state: Any, posterior: Any, rng: Any) -> Any:
+        own = known(self.model, [Probe(reading, level, landed) for level, landed, reading in self.history])
+        seen.append((own.posterior, posterior))
+        return step(self, state, posterior, rng)
+
+    monkeypatch.setattr(InformationGainLatent, "step", spy)
+    noise = str(folder / "noise.yaml")
+    with Graph(
+        SIM, compose=True, out=str(folder / "again"), trials=1, training=3, policy="information",
+        knows="latent", filter="latent", noise=noise, stop="fixed_number", stop_value=5.0,
+    ) as graph:  # fmt: skip
+        graph.run()
+    assert len(seen) == 3 * 4
+    for own, told in seen:
+        np.testing.assert_array_equal(own, told)

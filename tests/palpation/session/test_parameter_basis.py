@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib
+
+import pytest
+
+from palp_core.graph.node.node import Params
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.session.parameter_basis import BASIS, SCENE, basis_of
+
+PARAMS = {
+    "experiment": ("nodes.experiment:ExperimentParams",),
+    "policy": (
+        "nodes.policy_fixed:FixedParams",
+        "nodes.policy_markov:MarkovParams",
+        "nodes.policy_uniform:UniformParams",
+        "nodes.policy_information:InformationParams",
+        "nodes.policy_emg:EmgParams",
+    ),
+    "actuator": ("nodes.actuator:ActuatorParams",),
+    "stage": ("nodes.stage:StageParams",),
+    "phantom": ("nodes.phantom:PhantomParams",),
+    "torque": ("nodes.torque:TorqueParams",),
+    "estimator": ("nodes.estimator:EstimatorParams",),
+    "emg": ("nodes.emg:EmgParams",),
+    "cocontraction": ("nodes.cocontraction:CoContractionParams",),
+}
+
+
+def declared(node: str) -> set[str]:
+    classes: list[type[Params]] = []
+    for target in PARAMS[node]:
+        module, _, name = target.partition(":")
+        classes.append(getattr(importlib.import_module(module), name))
+    return {name for cls in classes for name in cls.__struct_fields__}
+
+
+@pytest.mark.parametrize("key", sorted(BASIS))
+def test_a_basis_is_of_a_parameter_that_exists(key: str) -> None:
+    node, _, name = key.partition(".")
+    assert name in declared(node)
+
+
+def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
+    assert basis_of("stage", "block_samples") == ""
+
+
+CHOICES = {
+    "experiment": {"out", "policy", "seed", "stop"},
+    "actuator": {"device"},
+    "stage": {"device", "block_samples"},
+    "torque": {"device"},
+    "emg": {"device", "block_samples", "options"},
+}
+
+
+@pytest.mark.parametrize("node", sorted(PARAMS))
+def test_every_parameter_has_a_basis_or_is_a_choice_of_the_run_or_the_software(node: str) -> None:
+    unexplained = {name for name in declared(node) if not basis_of(node, name)}
+    assert unexplained == CHOICES.get(node, set())
+
+
+def test_every_number_of_the_simulated_scene_has_a_basis() -> None:
+    numbers = {f.name for kind in (Probe, Phantom, Bead) for f in dataclasses.fields(kind)} - {"bead"}
+    assert numbers == set(SCENE)

@@ -1,0 +1,190 @@
+from collections import Counter
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.session.plan import (
+    Design,
+    Mount,
+    Palpate,
+    Phantom,
+    Rehome,
+    Reply,
+    Step,
+    Trial,
+    experiment,
+    resume,
+)
+from palp_core.palpation.session.plan_summary import Pace, summarise
+
+SMALL = Design(repeats=2, trials_per_phantom=2)
+
+
+def _run(design: Design, seed: int = 0, probes: int = 2) -> list[tuple[Step, Reply]]:
+    plan, steps = experiment(design, np.random.default_rng(seed)), []
+    step = next(plan, None)
+    while step is not None:
+        reply = Reply("done")
+        if isinstance(step, Palpate) and not step.ring_given:
+            reply = Reply("decided" if step.iteration >= probes else "continue")
+        steps.append((step, reply))
+        try:
+            step = plan.send(reply)
+        except StopIteration:
+            step = None
+    return steps
+
+
+def test_training_is_25_palpations_of_each_of_15_conditions() -> None:
+    steps = [s for s, _ in _run(Design())]
+    trials = {s.index: s for s in steps if isinstance(s, Trial)}
+    cells = Counter(
+        (trials[s.trial].phantom, s.ring_m) for s in steps if isinstance(s, Palpate) and s.ring_given
+    )
+    assert len(cells) == 15
+    assert set(cells.values()) == {25}
+    assert Counter(t.phantom for t in trials.values() if t.phase == "estimation") == {
+        "A": 100,
+        "B": 100,
+        "C": 100,
+    }
+
+
+def test_the_depth_is_told_in_training_only() -> None:
+    for step, _ in _run(SMALL):
+        if isinstance(step, Trial):
+            assert step.label_known == (step.phase == "training")
+            assert (step.label_m > 0.0) == step.label_known
+
+
+def test_every_trial_is_of_the_mounted_phantom_and_training_comes_first() -> None:
+    mounted, phases = "", []
+    for step, _ in _run(Design(repeats=4, trials_per_phantom=4, training_mounts=2, estimation_mounts=4)):
+        if isinstance(step, Mount):
+            mounted = step.phantom
+        elif isinstance(step, Trial):
+            phases.append(step.phase)
+            assert step.phantom == mounted
+    assert [phase for phase, _ in groupby(phases)] == ["training", "estimation"]
+
+
+def test_blocked_goes_through_phantoms_and_rings_in_turn_and_randomised_does_not() -> None:
+    def order(design: Design) -> list[tuple[str, float]]:
+        steps = [s for s, _ in _run(design)]
+        where = {s.index: s.phantom for s in steps if isinstance(s, Trial)}
+        return [(where[s.trial], s.ring_m) for s in steps if isinstance(s, Palpate) and s.ring_given]
+
+    blocked, mixed = order(Design(order="blocked", trials_per_phantom=0)), order(Design(trials_per_phantom=0))
+    assert blocked == sorted(blocked)
+    assert len(list(groupby(mixed))) > 100
+    assert sorted(mixed) == blocked
+
+
+@pytest.mark.parametrize(
+    ("rehome", "count"), [("palpation", 30 + 12), ("trial", 30 + 6), ("condition", 15 + 3)]
+)
+def test_the_ring_is_rehomed_as_often_as_asked(rehome: str, count: int) -> None:
+    design = Design(repeats=2, trials_per_phantom=2, order="blocked", rehome=rehome)  # type: ignore[arg-type]
+    assert sum(isinstance(s, Rehome) for s, _ in _run(design)) == count
+
+
+def test_a_trial_goes_on_until_its_verdict() -> None:
+    iterations = [
+        s.iteration for s, _ in _run(SMALL, probes=4) if isinstance(s, Palpate) and not s.ring_given
+    ]
+    assert iterations == [1, 2, 3, 4] * 6
+
+
+@pytest.mark.parametrize("word", ["decided", "undecided"])
+def test_both_verdicts_end_a_trial(word: str) -> None:
+    plan = experiment(Design(repeats=0, trials_per_phantom=1), np.random.default_rng(0))
+    step = next(plan)
+    while not isinstance(step, Palpate):
+        step = plan.send(Reply())
+    assert isinstance(plan.send(Reply(word)), Mount)  # type: ignore[arg-type]
+
+
+def test_a_failed_palpation_is_repeated() -> None:
+    plan = experiment(SMALL, np.random.default_rng(0))
+    step = next(plan)
+    while not isinstance(step, Palpate):
+        step = plan.send(Reply())
+    assert plan.send(Reply("failed")) == step
+
+
+def test_a_reply_that_does_not_fit_is_refused() -> None:
+    plan = experiment(SMALL, np.random.default_rng(0))
+    next(plan)
+    with pytest.raises(PerceptionError, match="answered 'decided'"):
+        plan.send(Reply("decided"))
+    training = experiment(SMALL, np.random.default_rng(0))
+    step = next(training)
+    while not isinstance(step, Palpate):
+        step = training.send(Reply())
+    with pytest.raises(PerceptionError, match="training trial 0"):
+        training.send(Reply("continue"))
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 1000), st.floats(0.0, 1.0), st.sampled_from(["palpation", "trial", "condition"]))
+def test_recorded_replies_resume_a_fresh_plan_at_the_same_step(seed: int, share: float, rehome: str) -> None:
+    design = Design(repeats=2, trials_per_phantom=2, rehome=rehome)  # type: ignore[arg-type]
+    steps = _run(design, seed)
+    done = int(share * len(steps))
+    plan = experiment(design, np.random.default_rng(seed))
+    step = resume(plan, [reply for _, reply in steps[:done]])
+    assert step == (steps[done][0] if done < len(steps) else None)
+
+
+def test_replies_beyond_the_end_are_refused() -> None:
+    steps = _run(SMALL)
+    with pytest.raises(PerceptionError, match="another design"):
+        resume(experiment(SMALL, np.random.default_rng(0)), [*(r for _, r in steps), Reply()])
+
+
+def test_an_empty_plan_ends_at_once() -> None:
+    assert resume(experiment(Design(repeats=0, trials_per_phantom=0), np.random.default_rng(0)), []) is None
+
+
+@pytest.mark.parametrize(
+    ("settings_", "match"),
+    [
+        ({"order": "nope"}, "blocked"),
+        ({"rehome": "nope"}, "condition"),
+        ({"training_mounts": 0}, "training_mounts"),
+        ({"estimation_mounts": 101}, "estimation_mounts"),
+        ({"phantoms": (Phantom("A", 0.002), Phantom("A", 0.004))}, "same code"),
+    ],
+)
+def test_bad_designs_are_refused(settings_: dict[str, Any], match: str) -> None:
+    with pytest.raises(PerceptionError, match=match):
+        Design(**settings_)
+
+
+def test_a_summary_counts_what_the_plan_does() -> None:
+    found = summarise(Design(training_mounts=5), np.random.default_rng(0), probes_per_trial=5)
+    assert (found.training_palpations, found.estimation_palpations) == (375, 1500)
+    assert (found.trial_count, found.mount_count, found.rehome_count) == (675, 15 + 3, 675)
+    with pytest.raises(PerceptionError, match="at least one"):
+        summarise(Design(), np.random.default_rng(0), probes_per_trial=0)
+
+
+def test_the_least_duration_is_sweeps_returns_mounts_and_ring_travel() -> None:
+    design = Design(
+        phantoms=(Phantom("A", 0.002),),
+        rings_m=(0.004, 0.012),
+        repeats=2,
+        trials_per_phantom=0,
+        order="blocked",
+        rehome="condition",
+    )
+    pace = Pace(sweep_m=0.08, sweep_m_per_s=0.02, return_m_per_s=0.04, ring_m_per_s=0.002, mount_s=100.0)
+    found = summarise(design, np.random.default_rng(0), pace=pace)
+    # Four sweeps of 4 s and returns of 2 s; ring 0 -> 4 mm, home, -> 12 mm: 20 mm at 2 mm/s; one mount.
+    assert found.least_duration_s == pytest.approx(4 * 6.0 + 10.0 + 100.0)
+    assert found.ring_move_count == 2

@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palp_core.graph.launch.graph import RunSummary
+from palp_core.palpation.perception.belief.primitives import Primitives
+from palp_core.palpation.reporting.charts import save
+from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.report import session
+from palp_core.palpation.session.training_charts import primitives_chart
+
+Writer = Callable[..., Path]
+Summariser = Callable[..., RunSummary]
+
+TRIALS = [
+    (0, [[0.6, 0.3, 0.1], [0.9, 0.1, 0.0]]),
+    (0, [[0.8, 0.1, 0.1]]),
+    (1, [[0.2, 0.6, 0.2]]),
+    (2, [[0.1, 0.6, 0.3], [0.1, 0.7, 0.2], [0.1, 0.8, 0.1]]),
+]
+ALL = {"accuracy", "belief", "calibration", "primitives", "rings", "sweeps"}
+
+
+def charts(out: Path) -> set[str]:
+    return {path.stem for path in (out / "charts").glob("*.png")}
+
+
+def numbers(out: Path, name: str) -> list[dict[str, str]]:
+    with (out / "charts" / f"{name}.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(
+    record: Writer, summary: Summariser
+) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    assert (out / "result.json").exists()
+    assert charts(out) == ALL
+    assert {path.stem for path in (out / "charts").glob("*.csv")} == ALL
+    assert not list(out.rglob("*.part"))
+
+
+def test_the_page_needs_no_other_file(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    page = (out / "report.html").read_text(encoding="utf-8")
+    images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert {base64.b64decode(image) for image in images} == {p.read_bytes() for p in out.glob("charts/*.png")}
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "http" not in re.sub(r"base64,[^\"]+", "", page)
+
+
+class _Balance(HTMLParser):
+    """Keeps the tags that are open."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_every_tag_of_the_page_is_closed(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    reader = _Balance()
+    reader.feed((out / "report.html").read_text(encoding="utf-8"))
+    assert reader.open == []
+
+
+def test_the_page_states_the_session_and_the_reach_of_its_intervals(
+    record: Writer, summary: Summariser
+) -> None:
+    said = session(summary(out := record(trials=TRIALS)))
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert said.splitlines()[0] in page
+    assert said.endswith(f"Report: {out / 'report.html'}")
+    assert "found the right depth in 3 of 4 trials: 75.0 %" in page
+    assert "speak for this session only" in page
+    assert "slightly above 90 %" in page
+    assert "eigenvalues published, entries not legible" in page
+
+
+def test_a_trial_that_has_ended_keeps_its_last_belief(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    at_2mm = [row for row in numbers(out, "belief") if row["depth_mm"] == "2"]
+    assert [int(row["trials_running"]) for row in at_2mm] == [2, 2, 1, 0]
+    second = 0.8 * 2 + 0.1 * 4 + 0.1 * 8
+    expected = [14 / 3, (0.6 * 2 + 0.3 * 4 + 0.1 * 8 + second) / 2, *2 * [(0.9 * 2 + 0.1 * 4 + second) / 2]]
+    assert [float(row["expected_depth_mm"]) for row in at_2mm] == pytest.approx(expected)
+
+
+def test_ring_positions_are_counted_by_iteration(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    counts = [list(map(int, row.values())) for row in numbers(out, "rings")]
+    assert counts == [[1, 0, 4], [2, 2, 0], [3, 0, 1]]
+
+
+def test_sweeps_are_averaged_over_the_deepest_bead(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    rows = numbers(out, "sweeps")
+    stiffest = [row for row in rows if row["ring_mm"] == "16"]
+    mean = np.array([float(row["mean_n_mm"]) for row in stiffest])
+    where = [float(row["stage_position_past_the_bead_mm"]) for row in stiffest]
+    assert mean.max() == pytest.approx(16.0 * (1 + 0.1 / 8) + 0.5, abs=0.05)
+    assert where[int(mean.argmax())] == pytest.approx(-30 + 14, abs=1.0)
+
+
+def test_a_session_of_training_alone_shows_what_was_learnt(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record()))
+    assert charts(out) == {"primitives", "sweeps"}
+    assert "no trial of estimation" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_session_without_training_shows_its_trials(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(repeats=0, trials=TRIALS)))
+    assert charts(out) == {"accuracy", "belief", "calibration", "rings"}
+
+
+def test_a_session_of_nothing_has_a_page_too(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(repeats=0)))
+    assert charts(out) == set()
+    assert "0 palpations were recorded" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
+    record: Writer, summary: Summariser
+) -> None:
+    out = record(depths_m=(0.003,), repeats=1, trials=[(0, [[1.0]])], last_word="undecided")
+    session(summary(out, stop="fixed_number"))
+    assert charts(out) == ALL
+    assert "1 undecided" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_record_cut_short_within_a_trial_leaves_that_trial_out(record: Writer, summary: Summariser) -> None:
+    out = record(trials=TRIALS)
+    table = out / "trials.csv"
+    table.write_text(table.read_text()[:-20])
+    session(summary(out))
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "in 3 of 3 trials" in page
+    assert "does not see end: 1, left out" in page
+
+
+def test_without_its_sweeps_a_record_still_has_a_report(record: Writer, summary: Summariser) -> None:
+    out = record(trials=TRIALS)
+    shutil.rmtree(out / "sweeps")
+    session(summary(out))
+    assert charts(out) == ALL - {"sweeps"}
+
+
+def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, summary: Summariser) -> None:
+    described = summary(out := record(trials=TRIALS))
+    described.args["policy"] = "<b>bold</b>"
+    session(described)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<b>bold" not in page
+    assert "&lt;b&gt;bold" in page
+
+
+def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, summary: Summariser) -> None:
+    described = summary(out := record(trials=TRIALS))
+    described.params.pop("phantom")
+    described.params["policy"] = {"rings_mm": (0.0, 16.0)}
+    session(described)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "simulated" not in page
+    assert "rig with devices" in page
+    assert "0, 16" in page
+
+
+def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
+    found = read_session(record(repeats=0))
+    shape = (3, 5)
+    learnt = Primitives(
+        depths_m=np.array([0.002, 0.004, 0.008]),
+        rings_m=np.linspace(0.0, 0.016, 5),
+        mean=np.ones(shape) * 0.01,
+        sd=np.full(shape, 1e-4),
+        count=np.arange(1.0, 16.0).reshape(shape),
+        floor=1e-5,
+    )
+    chart = primitives_chart(dataclasses.replace(found, primitives=learnt))
+    assert chart is not None
+    assert len(chart.rows) == 15
+    assert "1 to 15 palpations" in chart.caption
+    assert save(chart, found.folder / "charts").startswith(b"\x89PNG")
+
+
+def test_charts_are_the_same_bytes_every_time(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    before = {path.name: path.read_bytes() for path in (out / "charts").iterdir()}
+    session(summary(out))
+    assert {path.name: path.read_bytes() for path in (out / "charts").iterdir()} == before
+
+
+def test_importing_the_report_does_not_load_matplotlib() -> None:
+    check = "import sys, palp_core.palpation.session.report; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

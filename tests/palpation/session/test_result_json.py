@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from palp_core.errors import PalpError
+from palp_core.graph.launch.graph import RunSummary
+from palp_core.palpation.session import result_json as result
+from palp_core.palpation.session.recorded_session import read_session
+
+Writer = Callable[..., Path]
+Summariser = Callable[..., RunSummary]
+
+TRIALS = [
+    (0, [[0.6, 0.3, 0.1], [0.9, 0.1, 0.0]]),
+    (0, [[0.8, 0.1, 0.1]]),
+    (2, [[0.1, 0.2, 0.7]]),
+    (2, [[0.1, 0.6, 0.3], [0.1, 0.7, 0.2], [0.1, 0.8, 0.1]]),
+]
+
+
+def built(out: Path, summary: RunSummary) -> dict[str, Any]:
+    return result.build(read_session(out), summary)
+
+
+def test_accuracy_is_counted_overall_and_per_depth(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    overall = found["accuracy"]["overall"]
+    assert (overall["right"], overall["of"], overall["value"]) == (3, 4, 0.75)
+    assert overall["ci"] == pytest.approx([0.3006, 0.9544], abs=1e-4)  # Wilson's, 3 of 4
+    assert {d: s["value"] for d, s in found["accuracy"]["per_depth_mm"].items()} == {"2": 1.0, "8": 0.5}
+    assert found["accuracy"]["interval"] == "95 % Wilson, this session only"
+    assert found["chance"] == pytest.approx(1 / 3)
+
+
+def test_probes_are_averaged_over_trials(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["probes_mean"] == 7 / 4
+    assert found["probes_mean_per_depth_mm"] == {"2": 1.5, "8": 2.0}
+
+
+def test_mountings_are_counted_per_phase(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["mounts"] == {"training": 1, "estimation": 1}
+
+
+def test_confusion_has_a_row_per_actual_depth(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["confusion"] == {
+        "depths_mm": [2.0, 4.0, 8.0],
+        "actual_by_estimated": [[2, 0, 0], [0, 0, 0], [0, 1, 1]],
+    }
+
+
+def test_calibration_compares_stated_confidence_with_accuracy(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["calibration"]["overconfidence"] == pytest.approx(0.8 - 0.75)
+
+
+def test_undecided_trials_are_counted_and_their_estimate_too(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS, last_word="undecided"), summary(out))
+    assert found["verdicts"] == {"decided": 0, "undecided": 4}
+    assert found["accuracy"]["overall"]["value"] == 0.75
+
+
+def test_without_a_trial_there_is_no_accuracy_but_a_result(
+    record: Writer, summary: Summariser, strict_json: Callable[[Path], Any]
+) -> None:
+    found = built(out := record(), summary(out))
+    assert found["accuracy"]["overall"] == {"value": None, "ci": None, "right": 0, "of": 0}
+    assert found["calibration"] is None
+    assert found["probes_mean"] is None
+    assert strict_json(result.write_result(found, out)) == found
+
+
+def test_a_single_depth_has_chance_one(record: Writer, summary: Summariser) -> None:
+    out = record(depths_m=(0.004,), trials=[(0, [[1.0]])])
+    found = built(out, summary(out, stop="fixed_number"))
+    assert found["chance"] == 1.0
+    assert list(found["accuracy"]["per_depth_mm"]) == ["4"]
+
+
+def test_two_runs_are_equal_but_for_the_keys_of_time(record: Writer, summary: Summariser) -> None:
+    first, second = record("first", trials=TRIALS), record("second", trials=TRIALS)
+    one = built(first, summary(first, wall_s=2.0))
+    other = built(second, summary(second, wall_s=3.0, composed=True))
+    assert one != other
+    assert result.without_times(one) == result.without_times(other)
+    assert set(result.TIME_KEYS) <= set(one)
+
+
+def test_speed_relates_sweeping_to_wall_time(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    assert found["palpations"] == 12 + 7
+    assert found["sweep_s"] == pytest.approx(19 * 1.399)
+    assert found["sweep_s_per_wall_s"] == pytest.approx(19 * 1.399 / 2.0)
+    assert found["sim_time_s"] == 123.0
+    assert built(out, summary(out, wall_s=0.0))["sweep_s_per_wall_s"] is None
+
+
+def test_the_protocol_says_on_what_each_parameter_rests(record: Writer, summary: Summariser) -> None:
+    protocol = built(out := record(), summary(out))["protocol"]
+    assert protocol["experiment"]["rehome"] == {"value": "trial", "basis": "not published; assumed"}
+    assert protocol["phantom"]["height_sd_mm"]["basis"].startswith("assumed")
+    assert "out" not in protocol["experiment"]
+
+
+def test_the_stop_rule_is_told_with_its_settings(record: Writer, summary: Summariser) -> None:
+    assert built(out := record(), summary(out))["stop_rule"] == {
+        "name": "paper_guarded",
+        "settings": {"threshold": 0.0005, "settled": 0.05, "max_probes": 15},
+    }
+
+
+def test_the_mechanics_name_their_rung_and_bound(record: Writer, summary: Summariser) -> None:
+    mechanics = built(out := record(), summary(out))["mechanics"]
+    assert mechanics["bound"] <= mechanics["tolerance"] == 0.02
+    assert set(mechanics["per_phantom"]) == {"A", "B", "C"}
+    guards = {code: one["guards"] for code, one in mechanics["per_phantom"].items()}
+    assert [words[:36] for words in guards["A"]] == ["ring_m = 0.016: small strain: 2 mm p"]
+    assert guards["C"] == []
+
+
+def test_the_scene_names_its_numbers_and_whether_they_were_published(
+    record: Writer, summary: Summariser
+) -> None:
+    scene = built(out := record(), summary(out))["mechanics"]["scene"]
+    assert scene["probe"]["spring_n_per_m"] == {"value": 240.0, "basis": "published: 0.24 N/mm"}
+    assert scene["C"]["depth_m"]["value"] == 0.008
+    assert "assumed" in scene["C"]["modulus_pa"]["basis"]
+
+
+def test_numbers_from_a_file_are_not_called_published(
+    record: Writer, summary: Summariser, tmp_path: Path
+) -> None:
+    file = tmp_path / "soft.yaml"
+    file.write_text("S: {modulus_pa: 8000.0, bead: {depth_m: 0.003}}\n")
+    run = summary(out := record())
+    run.params["phantom"]["phantoms"] = str(file)
+    scene = built(out, run)["mechanics"]["scene"]
+    assert scene["S"]["modulus_pa"] == {"value": 8000.0, "basis": f"given by {file}"}
+    assert scene["S"]["depth_m"]["basis"] == f"given by {file}"
+
+
+def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summary: Summariser) -> None:
+    described = summary(out := record())
+    real = msgspec.structs.replace(
+        described, params={k: v for k, v in described.params.items() if k not in ("phantom", "estimator")}
+    )
+    found = built(out, real)
+    assert found["mechanics"] is None
+    assert found["stop_rule"] is None
+
+
+def test_a_result_is_read_back(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(trials=TRIALS), summary(out))
+    result.write_result(found, out)
+    assert result.read_result(out) == found
+
+
+def test_a_missing_or_broken_result_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(PalpError, match=r"result\.json is missing"):
+        result.read_result(tmp_path)
+    (tmp_path / "result.json").write_text("{")
+    with pytest.raises(PalpError, match="is no result"):
+        result.read_result(tmp_path)
+
+
+def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: Path) -> None:
+    nowhere = msgspec.structs.replace(summary(tmp_path), args={}, params={})
+    with pytest.raises(PalpError, match="names no folder"):
+        result.out_of(nowhere)
+
+
+def test_a_label_names_the_policies_that_took_over() -> None:
+    swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine"}
+    found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
+    assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"

@@ -1,0 +1,90 @@
+"""The naive formula, put into the library in place of ours, springs the trap again: the checks see it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import correlation
+
+from palp_core.palpation.perception.belief.primitives import Primitives, fit
+from palp_core.palpation.perception.belief.stopping import PaperGuarded, PaperVerbatim, StopState
+from palp_core.palpation.perception.emg.emg import EmgChain
+from palp_core.palpation.perception.signal.wavelet import denoise
+from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream
+from palp_core.palpation.perception.strategy import markov
+from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.studies.decision import traps_belief as belief
+from palp_core.palpation.studies.decision import traps_signal as signal
+from palp_core.palpation.studies.decision.stability import TRAPS
+from palp_core.palpation.studies.decision.trap import answer
+from palp_core.units import Float64Array
+
+
+def loop_of_algorithm_1(
+    self: Any, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]
+) -> StopState:
+    before = gains[-2] if len(gains) > 1 else np.zeros_like(gains[-1])
+    gamma = float(correlation(before, gains[-1]))
+    return StopState(gamma, gamma_defined=True, converged=not gamma > self.threshold)
+
+
+def densities_multiplied(self: Primitives, reading: float, setting_index: int, **_: Any) -> Float64Array:
+    z = (reading - self.mean[:, setting_index]) / self.sd[:, setting_index]
+    return np.asarray(np.log(np.exp(-0.5 * z * z)))
+
+
+def relative_frequencies(counts: Float64Array, **_: Any) -> Float64Array:
+    return np.asarray(counts / counts.sum(axis=0))
+
+
+def without_a_floor(*values: Any, floor: float, **names: Any) -> Primitives:
+    return Primitives(**{**vars(FIT(*values, floor=floor, **names)), "sd": np.zeros((2, 1)), "floor": 1e-300})
+
+
+def rms_of_the_counts(self: EmgChain, state: Any, counts: Float64Array) -> tuple[Any, Float64Array]:
+    return state, np.sqrt(np.convolve(counts**2, np.full(75, 1 / 75), mode="same"))
+
+
+FIT = fit
+
+MUTATIONS: dict[str, tuple[Any, str, Any]] = {
+    "T1": (PaperVerbatim, "converged", loop_of_algorithm_1),
+    "T1b": (belief, "gain_vector", belief.naive_gain),
+    "T1c": (PaperVerbatim, "converged", loop_of_algorithm_1),
+    "T2": (PaperVerbatim, "converged", loop_of_algorithm_1),
+    "T3": (PaperGuarded, "converged", lambda self, p, g: PaperVerbatim(self.threshold).converged(p, g)),
+    "T4": (Primitives, "log_likelihood", densities_multiplied),
+    "T5": (belief, "fit", without_a_floor),
+    "T6": (markov, "transition_matrix", relative_frequencies),
+    "T7": (markov, "stationary", lambda matrix: np.real(np.linalg.eig(matrix)[1][:, 0])),
+    "T7b": (markov, "relaxation_time", lambda matrix: 1.0),
+    "T8": (signal, "denoise", lambda values, **_: np.asarray(values)),
+    "T8b": (signal, "peak", lambda *_, **__: SimpleNamespace(index=signal._naive_peak())),
+    "T8c": (signal, "denoise", lambda values, **_: denoise(values, rule="approximation")),
+    "T8d": (WaveletStream, "lag_samples", 0),
+    "T9": (signal, "Markov", lambda **_: Markov(reading="mean")),
+    "T9c": (Markov, "level_law", lambda self, mean: signal._printed_law()),
+    "T10": (EmgChain, "step", rms_of_the_counts),
+    "T10b": (signal, "to_levels", lambda high: signal._naive_levels()),
+    "T11": (signal, "two_way", lambda *_, **__: 0.0005),
+}
+
+
+def test_every_trap_has_its_naive_formula_here() -> None:
+    assert set(MUTATIONS) == {trap.name for trap in TRAPS}
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_the_trap_is_sprung_by_the_naive_formula_in_the_library(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trap = next(trap for trap in TRAPS if trap.name == name)
+    assert trap.survives(answer(trap.ours))
+    where, attribute, naive = MUTATIONS[name]
+    monkeypatch.setattr(where, attribute, naive)
+    found = answer(trap.ours)
+    assert not trap.survives(found), f"{name}: {trap.words(found)}"

@@ -1,0 +1,164 @@
+import json
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from palp_core.errors import PalpError
+from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.paper import study as paper_study
+from palp_core.palpation.studies.paper.charts_human import figure_5
+from palp_core.palpation.studies.paper.jobs import PaperJob, paper_session
+from palp_core.palpation.studies.paper.numbers import statements
+from palp_core.palpation.studies.paper.study import Size, results
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.reading_table import Gel, touch
+from palp_core.palpation.studies.toolkit.parallel import spread
+
+NAMES = {
+    "chance",
+    "best_single_probe",
+    *(f"fixed_{x}" for x in (0, 4, 8, 12, 16, "average", "best")),
+    *(f"markov{x}" for x in ("", "_stationary", "_reversed", "_permuted")),
+    *("uniform", "uniform_stiff", "information_gain", "information_gain_latent", "reposition_best"),
+}
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("paper")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper_study, "QUICK", Size(2, scene_sessions=2, grid_sessions=0, trials=6))
+        patch.setattr(
+            paper_study,
+            "_grid",
+            lambda *_: {"a": paper_study._root_mean(np.array([[1e-6, 4e-6], [4e-6, 9e-6]]))},
+        )
+        page = study("paper").run(folder, quick=True)
+    assert page == folder / "index.html"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def jobs() -> list[PaperJob]:
+    felt = touch(Gel())
+    return [PaperJob(felt, Conditions(trials=4), (0, 1, number)) for number in range(3)]
+
+
+def test_every_policy_is_reported_with_what_a_reader_needs(out: Path) -> None:
+    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))
+    assert set(report["policies"]) == NAMES
+    for line in report["policies"].values():
+        assert {"accuracy", "ci", "per_depth", "probes", "seconds", "ece", "sessions"} <= set(line)
+        low, high = line["ci"]
+        assert 0.0 <= low <= line["accuracy"] <= high <= 1.0
+        assert set(line["per_depth"]) == {"2", "4", "8"}
+        assert line["sessions"] == 2
+
+
+def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
+    page = (out / "index.html").read_text(encoding="utf-8")
+    for number in ("3", "4", "5", "7(b)", "8", "9", "10", "11", "12"):
+        assert f"Figure {number}" in page
+    for words in (
+        "Tables 3 and 4",
+        "Table 5",
+        "Table 6",
+        "published numbers",
+        "reconstruction",
+    ):
+        assert words.lower() in page.lower()
+    pictures = sorted(path.stem for path in out.glob("*.png"))
+    assert len(pictures) >= 8
+    assert {path.stem for path in out.glob("*.csv")} == set(pictures)
+    assert all(f"{stem}.png" in page for stem in pictures)
+
+
+def test_every_analysis_stands_beside_what_the_paper_says_of_it(out: Path) -> None:
+    """The one over three experiments has the human's published trials, and all five fixed positions."""
+    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))["analyses_of_variance"]
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert len(report) == 3
+    for name, one in report.items():
+        assert one["paper"].split(";")[0].replace("<", "&lt;") in page
+        assert name in page
+    three = next(one for name, one in report.items() if name.startswith("human, fixed"))
+    groups = {t[side] for t in three["bonferroni"]["experiment"] for side in ("first", "second")}
+    assert groups == {"human", "fixed", "human strategy"}
+    assert "With 2 sessions no p among 11 comparisons can be below 1" in page
+    trials = 90 + 6 * 18  # the human's, and six for each of three depths and six policies
+    assert three["as_in_the_paper"]["residual_df"] == trials - 9
+
+
+def test_the_scenes_are_judged_at_equal_seconds(out: Path) -> None:
+    scenes = json.loads((out / "paper.json").read_text(encoding="utf-8"))["scenes"]
+    assert set(scenes) == {"easy", "noisy", "unknown_height", "noisy_re_homed"}
+    for one in scenes.values():
+        enough_s = one["information_gain_latent"]["seconds"]
+        assert one["best_fixed"]["seconds"] >= min(enough_s, 100.0) - 1e-6
+        low, high = one["difference_ci"]
+        assert low <= one["difference"] <= high
+        low, high = one["best_fixed"]["ci"]
+        assert low <= one["best_fixed"]["accuracy"] <= high
+
+
+def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None:
+    found = json.loads((out / "paper.json").read_text(encoding="utf-8"))["grid_31_depths_rmse_mm"]["a"]
+    assert found["value"] == pytest.approx([2.5**0.5, 6.5**0.5])
+    for low, value, high in zip(found["low"], found["value"], found["high"], strict=True):
+        assert low < value < high
+
+
+def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
+    here, there = (spread(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
+    by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
+    assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
+
+
+def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+        there = spread(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)
+    here = spread(paper_session, jobs, label="sessions")
+    by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
+    texts = [msgspec.json.encode(results(found, Gel().depths_m)) for found in by_name]
+    assert texts[0] == texts[1]
+
+
+def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(PalpError, match=r"pip install 'palp\[dask\]'"):
+        spread(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
+
+
+def test_no_worker_is_too_few() -> None:
+    with pytest.raises(PalpError, match="at least one process"):
+        spread(len, ["job"], label="jobs", workers=0)
+
+
+def test_a_study_that_cannot_use_workers_says_so(tmp_path: Path) -> None:
+    with pytest.raises(PalpError, match="leave out --workers and --dask"):
+        study("contact-validity").run(tmp_path, workers=2)
+
+
+def test_the_papers_counts_carry_its_statements_or_not() -> None:
+    found = {(one.text, one.assumption): one for one in statements()}
+    human = found["human: depth has no significant influence", ""]
+    assert human.p == pytest.approx(0.093, abs=1e-3)
+    same = found["human against fixed: no difference", "fixed 200 of 300 trials"]
+    assert same.p == pytest.approx(0.70, abs=0.01)
+    better = found["varied stiffness better than fixed", "fixed 200 of 300 trials, varied 271 of 300"]
+    assert better.p == pytest.approx(1e-12, rel=1.0)
+    assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
+    assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
+    assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds
+
+
+def test_the_matrices_have_a_scale_of_colours() -> None:
+    drawn = Figure()
+    figure_5().draw(drawn)
+    (bar,) = (axes for axes in drawn.axes if axes.get_ylabel() == "probability")
+    assert bar.get_ylim() == (0.0, 0.6)

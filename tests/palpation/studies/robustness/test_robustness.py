@@ -1,0 +1,245 @@
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import RectBivariateSpline
+
+from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.palpation.perception.belief.stopping import PaperVerbatim
+from palp_core.palpation.perception.strategy import figure5
+from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.studies.robustness import study as robustness_study
+from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, Cell, cells
+from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged
+from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, CellJob, promises, run_cell
+from palp_core.palpation.studies.robustness.study import Size
+from palp_core.palpation.studies.robustness.text import reasons
+from palp_core.palpation.studies.simulation.policies import begin
+from palp_core.palpation.studies.simulation.policies import run as run_policy
+from palp_core.palpation.studies.simulation.reading_table import ERRORS_M, Gel, Touch, touch
+
+PAPER = (("paper", DESIGNS["paper"]),)
+
+
+@pytest.fixture(scope="module")
+def felt() -> Touch:
+    return touch(Gel())
+
+
+def named(name: str, trials: int = 10) -> Cell:
+    return next(cell for cell in cells(trials=trials) if cell.name == name)
+
+
+def changed(cell: Cell) -> set[str]:
+    """What a cell has otherwise than the centre."""
+    found = {"chain"} if cell.chain != CENTRE.chain else set()
+    for part in ("gel", "conditions"):
+        own, usual = getattr(cell, part), getattr(CENTRE, part)
+        found |= {one.name for one in fields(own) if getattr(own, one.name) != getattr(usual, one.name)}
+    return found - {"height_reach_m"}
+
+
+def test_one_factor_is_varied_at_a_time() -> None:
+    found = cells()
+    assert len({cell.name for cell in found}) == len(found)
+    assert [cell.name for cell in found if not changed(cell)] == ["centre"]
+    for factor in FACTORS:
+        of_factor = [cell for cell in found if cell.factor == factor.name]
+        assert all(len(changed(cell)) == 1 for cell in of_factor)
+        assert len({frozenset(changed(cell)) for cell in of_factor if cell.factor != "training order"}) <= 1
+        assert len(of_factor) == len(factor.values) - 1
+        assert factor.centre in dict(factor.values)
+
+
+def test_quick_keeps_the_ends_of_every_factor() -> None:
+    quick = cells(quick=True, trials=7)
+    assert {cell.factor for cell in quick} == {"", *(factor.name for factor in FACTORS)}
+    assert {cell.conditions.trials for cell in quick} == {7}
+    assert {cell.name for cell in quick} <= {cell.name for cell in cells()}
+
+
+GELS = sorted({cell.gel for cell in cells() if cell.gel.rung != "l3"}, key=repr)
+
+
+@pytest.mark.parametrize("gel", GELS, ids=repr)
+def test_without_stiffness_and_weight_nothing_is_felt_in_any_gel(gel: Gel) -> None:
+    probe = Probe(friction=gel.friction, tip_radius_m=gel.tip_radius_m, tip_mass_kg=0.0)
+    for depth_m in gel.depths_m:
+        bead = replace(CENTRE, gel=gel).gel
+        model = rung_model(gel.rung or "l4", phantom_of(bead, depth_m), gel.tip_radius_m)
+        solved = solve(model, probe, 0.0, gel.indentation_m, -0.005, 0.02)
+        assert np.abs(solved.torque_n_m(np.linspace(-0.004, 0.019, 50))).max() < 1e-12
+
+
+def phantom_of(gel: Gel, depth_m: float) -> Any:
+    from palp_core.palpation.mechanics.phantom import Bead, Phantom
+
+    return Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa)
+
+
+CONDITIONS = sorted({cell.conditions for cell in cells(trials=40)}, key=repr)
+
+
+@pytest.mark.parametrize("number", range(len(CONDITIONS)))
+def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, felt: Touch) -> None:
+    nothing = RectBivariateSpline(ERRORS_M, felt.gel.heights_m, np.zeros((5, 5)))
+    flat = replace(
+        felt,
+        splines=tuple(nothing if i % 5 == 0 else one for i, one in enumerate(felt.splines)),
+        noise_sd=np.full_like(felt.noise_sd, 1e-5),
+        bias=np.zeros_like(felt.bias),
+    )
+    right = [
+        run_policy("fixed_0", begin(flat, CONDITIONS[number], (1, n)), PaperVerbatim()).correct.mean()
+        for n in range(6)
+    ]
+    assert np.mean(right) == pytest.approx(1 / 3, abs=0.07)  # 720 trials, four standard errors
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param("modulus: 5", marks=pytest.mark.slow), "modulus: 30", "friction: 0.8"]
+)
+def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
+    gel = replace(named(name).gel, rings_m=figure5.RINGS_M[1:])
+    steady = replace(CENTRE.conditions, repeatability_m=0.0, height_sd_m=0.0, trials=30)
+    session = begin(touch(gel, noisy_sweeps=8), steady, (2,))
+    for mm in (4, 8, 12, 16):
+        assert run_policy(f"fixed_{mm}", session, PaperVerbatim()).correct.mean() >= 0.99
+
+
+def test_intervals_shrink_with_sessions() -> None:
+    every = seeds(3, 1, 16)
+    groups = [every, *(every[i : i + 4] for i in range(0, 16, 4))]
+    many, *few = (run_cell(CellJob(named("centre"), PAPER, tuple(group)))["paper"] for group in groups)
+    for policy in ("fixed_8", "markov", "uniform"):
+        for key in ("accuracy_ci", "probes_ci", "seconds_ci", "ece_ci"):
+            assert np.ptp(many[policy][key]) < np.mean([np.ptp(lines[policy][key]) for lines in few])
+
+
+def test_the_best_fixed_position_is_no_worse_than_their_average_anywhere() -> None:
+    for name in ("centre", "repeatability: 0.6", "height sd: 0.4", "training: 5"):
+        lines = run_cell(CellJob(named(name, 20), PAPER, tuple(seeds(3, 1, 6))))["paper"]
+        assert lines["fixed_best"]["accuracy"] >= lines["fixed_average"]["accuracy"]
+
+
+def lines_of(shares: Mapping[str, Sequence[float]]) -> dict[str, dict[str, Any]]:
+    count = len(next(iter(shares.values())))
+    usual = {name: [0.5] * count for name in POLICIES}
+    return {name: {"per_session": list(own), "probes": 2.0} for name, own in (usual | dict(shares)).items()}
+
+
+def test_a_policy_that_is_worse_everywhere_is_said_to_be() -> None:
+    rng = np.random.default_rng(0)
+    worse = against_best(lines_of({"uniform": (0.7 + 0.01 * rng.random(16)).tolist()}), "information_gain")
+    even = against_best(lines_of({"information_gain": [0.5] * 16}), "information_gain")
+    found = judged([worse, even])
+    assert (worse["best"], found[0]["worse"], found[0]["suspected"]) == ("uniform", True, True)
+    assert worse["difference"] == pytest.approx(-0.205, abs=0.01)
+    assert (found[1]["worse"], found[1]["suspected"], even["difference"]) == (False, False, 0.0)
+
+
+def test_the_best_of_many_equals_is_not_taken_for_better() -> None:
+    rng = np.random.default_rng(1)
+    differences = []
+    for _ in range(60):
+        noise = {name: (0.8 + 0.05 * rng.standard_normal(8)).tolist() for name in POLICIES}
+        differences.append(against_best(lines_of(noise), "information_gain")["difference"])
+    assert np.mean(differences) == pytest.approx(0.0, abs=0.012)  # the largest mean is 0.03 above
+
+
+def test_each_claim_is_asked_with_changes_of_its_own() -> None:
+    for policy, design in CLAIMS:
+        names = [one.name for one in changes_of(policy, design)]
+        assert len(names) >= 2
+        assert ("the policy is told what stays" in names) == (policy == "information_gain")
+
+
+def test_a_full_promise_and_a_change_that_helps_are_reasons() -> None:
+    row = {"difference": -0.1, "ci": [-0.15, -0.05]}
+    helps = {"change": "the filter is told what stays", "difference": 0.0, "ci": [-0.01, 0.01]}
+    idle = {"change": "the policy is told what stays", "difference": -0.1, "ci": [-0.14, -0.06]}
+    full = {"8": {"bits": 1.584, "begin": 1.0}, "16": {"bits": 1.585, "begin": 0.0}}
+    found = reasons(row, [helps, idle], full)
+    assert len(found) == 2
+    assert "weighs them wrongly" in found[0]
+    assert "1.58 bits at 8, 16 mm alike" in found[1]
+    assert "one probe ahead" in reasons(row, [idle], {})[0]
+
+
+def test_a_ring_that_never_errs_in_training_fills_the_promise_of_every_position() -> None:
+    told = promises(named("repeatability: 0"), seeds(3, 1, 3), aware=False)
+    assert [ring for ring, one in told.items() if one["bits"] > 1.56] == ["4", "8", "12", "16"]
+    usual = promises(named("centre"), seeds(3, 1, 3), aware=False)
+    assert usual["4"]["bits"] < usual["16"]["bits"] < 1.58
+    assert sum(one["begin"] for one in usual.values()) == pytest.approx(1.0)
+
+
+def run_few(folder: Path, workers: int) -> None:
+    few = [named("centre", 6), named("training order: not re-homed", 6)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robustness_study, "cells", lambda **_: few)
+        patch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
+        study("robustness").run(folder, quick=True, workers=workers)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("robustness")
+    run_few(folder / "one", 1)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_workers_do_not_change_the_results(out: Path, tmp_path: Path) -> None:
+    run_few(tmp_path, 2)
+    one, two = ((folder / "robustness.json").read_bytes() for folder in (out / "one", tmp_path))
+    assert one == two
+
+
+def test_a_run_that_was_stopped_goes_on_with_what_it_has(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = [named("centre", 6), named("training order: not re-homed", 6)]
+    monkeypatch.setattr(robustness_study, "cells", lambda **_: few)
+    monkeypatch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
+    lines = (out / "one" / "cells.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
+    whole = (out / "one" / "robustness.json").read_bytes()
+    monkeypatch.setattr(robustness_study, "_family", lambda *_: json.loads(whole)["family"])
+    monkeypatch.setattr(robustness_study, "figure", lambda *_, **__: "")
+    ran: list[str] = []
+
+    def run_again(job: CellJob) -> Any:
+        ran.append(job.cell.name)
+        return run_cell(job)
+
+    monkeypatch.setattr(robustness_study, "run_cell", run_again)
+    study("robustness").run(tmp_path, quick=True)
+    assert ran == ["centre"]
+    assert (tmp_path / "robustness.json").read_bytes() == whole
+
+
+def test_the_study_writes_every_cell_its_charts_and_its_answer(out: Path) -> None:
+    report = json.loads((out / "one" / "robustness.json").read_text(encoding="utf-8"))
+    assert [cell["name"] for cell in report["cells"]] == ["centre", "training order: not re-homed"]
+    for cell in report["cells"]:
+        for design in DESIGNS:
+            assert set(cell["designs"][design]) == set(POLICIES)
+    assert [(c["policy"], c["design"]) for c in report["claims"]] == list(CLAIMS)
+    assert all(row["why"] and row["changed"] for row in report["worse"])
+    assert len(report["family"]["accuracy"]) == 3
+    assert {path.stem for path in (out / "one").glob("*.png")} >= {
+        "robustness_accuracy",
+        "robustness_differences",
+        "robustness_family",
+    }
+    page = (out / "one" / "index.html").read_text(encoding="utf-8")
+    assert "Where information gain is worse" in page
+    assert "no cell can be significant" in page  # three sessions: signs give 1 in 4 at the least

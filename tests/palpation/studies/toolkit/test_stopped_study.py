@@ -1,0 +1,191 @@
+"""Real processes: Ctrl-C, as a terminal sends it to a whole process group, and a killed parent."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.studies.toolkit.checkpoint import Kept, append_line, read_lines
+from palp_core.palpation.studies.toolkit.progress import progress
+
+PATIENCE_S = 240.0
+
+TOY = """
+import multiprocessing, os, threading
+from dataclasses import dataclass
+from pathlib import Path
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.studies.toolkit.checkpoint import Kept
+from palp_core.palpation.studies.toolkit.parallel import spread
+
+HERE = Path(os.environ["TOY"])
+if multiprocessing.parent_process():
+    (HERE / f"worker_{os.getpid()}").touch()
+    import numpy, scipy.signal  # what a worker is busy with when Ctrl-C comes early
+
+
+@dataclass(frozen=True)
+class Job:
+    number: int
+
+
+def work(job):
+    with (HERE / "worked").open("a") as file:
+        file.write(f"{job.number}\\n")
+    if job.number >= int(os.environ["TOY_DONE"]):
+        threading.Event().wait()
+    return {"square": job.number**2, "nothing": float("nan")}
+
+
+def run(out, *, quick, workers, dask):
+    kept = Kept(out / "cells.jsonl")
+    found = spread(work, [Job(n) for n in range(6)], label="cells", workers=workers, dask=dask, kept=kept)
+    page = out / "page"
+    page.write_text(" ".join(str(one["square"]) for one in found))
+    return page
+"""
+MAIN = (
+    "from palp_core.cli.main import main; from palp_core.palpation.studies.catalogue import STUDIES, Study; "
+    "STUDIES['toy'] = Study('toy', 'Does it stop?', 'toy:run', spreads=True, keeps='cells.jsonl'); main()"
+)
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+def wait_until(holds: Callable[[], object]) -> None:
+    pause, end_ns = threading.Event(), monotonic_ns() + round(PATIENCE_S * 1e9)
+    while not holds():
+        assert monotonic_ns() < end_ns
+        pause.wait(0.01)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    started: list[int] = []
+    (tmp_path / "toy.py").write_text(TOY, encoding="utf-8")
+
+    def begin(done: int, workers: int = 2) -> subprocess.Popen[str]:
+        path = os.pathsep.join([str(tmp_path), *sys.path])
+        more = {"TOY": str(tmp_path), "TOY_DONE": str(done), "PYTHONPATH": path}
+        command = [sys.executable, "-c", MAIN, "study", "run", "toy", "--out", str(tmp_path / "out")]
+        process = subprocess.Popen(
+            [*command, "--workers", str(workers)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | more,
+        )
+        started.append(process.pid)
+        return process
+
+    yield begin
+    for group in started:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(group, signal.SIGKILL)
+
+
+def running(group: int) -> list[str]:
+    """Processes of a group that still do something."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, its_group = stat.read_text(encoding="utf-8").rpartition(")")[2].split()[:3]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(its_group) == group and state not in "ZX":
+            found.append(stat.parent.name)
+    return found
+
+
+def ended(process: subprocess.Popen[str], number: int) -> tuple[list[str], list[str]]:
+    """Send a signal to the group; return the lines of standard output and error."""
+    os.killpg(process.pid, number)
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: not running(process.pid))
+    # progress is told where a loaded machine takes its time
+    return said.splitlines(), [line for line in errors.splitlines() if " done, about " not in line]
+
+
+def lines(file: Path) -> int:
+    return len(read_lines(file))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_in_the_middle_says_in_a_line_what_is_kept_and_the_next_run_goes_on(
+    start: Start, tmp_path: Path, workers: int
+) -> None:
+    file = tmp_path / "out" / "cells.jsonl"
+    process = start(done=3, workers=workers)
+    wait_until(lambda: lines(file) == 3)
+    wait_until(lambda: lines(tmp_path / "worked") == 3 + workers)
+    said, errors = ended(process, signal.SIGINT)
+    assert process.returncode == 130
+    assert said == []
+    assert errors == [
+        "toy: Does it stop?",
+        f"toy stopped: 3 cells are kept in {file}; the same command goes on from there",
+    ]
+    (tmp_path / "worked").unlink()
+    again = start(done=6, workers=workers)
+    again.communicate(timeout=PATIENCE_S)
+    assert again.returncode == 0
+    assert (tmp_path / "out" / "page").read_text(encoding="utf-8") == "0 1 4 9 16 25"
+    assert sorted(read_lines(tmp_path / "worked")) == ["3", "4", "5"]
+
+
+def test_ctrl_c_while_workers_start_is_as_quiet(start: Start, tmp_path: Path) -> None:
+    process = start(done=0)
+    wait_until(lambda: any(tmp_path.glob("worker_*")))
+    said, errors = ended(process, signal.SIGINT)
+    assert process.returncode == 130
+    assert said == []
+    assert errors == [
+        "toy: Does it stop?",
+        "toy stopped before anything was kept; the same command begins again",
+    ]
+
+
+def test_workers_do_not_outlive_a_killed_parent(start: Start, tmp_path: Path) -> None:
+    process = start(done=0)
+    wait_until(lambda: lines(tmp_path / "worked") == 2)
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: not running(process.pid))
+
+
+def test_a_line_cut_short_and_a_line_of_other_source_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "new" / "cells.jsonl"
+    kept = Kept(file)
+    assert kept.add("a", {"x": (1.5, 2)}) == {"x": [1.5, 2]}
+    with file.open("a", encoding="utf-8") as opened:
+        opened.write('{"code": "cut sh')
+    append_line(file, "[]")
+    kept = Kept(file)
+    assert len(kept) == 1
+    assert "a" in kept
+    assert "b" not in kept
+    assert kept["a"] == {"x": [1.5, 2]}
+    monkeypatch.setattr("palp_core.palpation.studies.toolkit.checkpoint.source_digest", lambda: "other")
+    assert len(Kept(file)) == 0
+
+
+def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+    time_ns = 0
+    with progress("cells", 10, done=4, now_ns=lambda: time_ns) as advance:
+        for _ in range(6):
+            time_ns += 8_000_000_000
+            advance()
+    assert capsys.readouterr().err.splitlines() == [
+        "cells: 7 of 10 done, about 24 s to go",
+        "cells: 10 of 10 done, about 0 s to go",
+    ]

@@ -1,0 +1,109 @@
+"""``launch/emulated.yaml`` on the machine's clock, and what it shares with ``rig.yaml`` and ``sim.yaml``."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from palp_core.graph.bag.reader import read
+from palp_core.graph.clock import monotonic_ns
+from tests.support.palp import PATIENCE_S, Palp
+
+ROOT = Path(__file__).parents[2]
+EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
+HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
+SMALL = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.015", "to_m:=0.02", "lift_mm:=5.0")
+# What depends on how fast the machine is: a busy one is no fault of the rig.
+LENIENT = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
+SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.012", "to_m:=0.012", "lift_mm:=5.0")
+
+
+def tree(path: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return loaded
+
+
+def until(holds: Callable[[], object], seconds: float) -> bool:
+    pause, end_ns = threading.Event(), monotonic_ns() + round(seconds * 1e9)
+    while not holds():
+        if monotonic_ns() > end_ns:
+            return False
+        pause.wait(0.05)
+    return True
+
+
+def rows_of(out: Path) -> list[dict[str, str]]:
+    table = out / "trials.csv"
+    if not table.exists():
+        return []
+    with table.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_it_takes_the_arguments_of_the_simulated_rig() -> None:
+    theirs = tree(SIM)["args"]
+    for path in (EMULATED, RIG):
+        ours = tree(path)["args"]
+        assert {name: ours[name] for name in theirs} == theirs
+
+
+def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
+    emulated, rig = tree(EMULATED), tree(RIG)
+    del emulated["args"]["host"]
+    for graph in (emulated, rig):
+        del graph["nodes"]["phantom"]
+        del graph["nodes"]["safety"]["params"]["stop_url"]
+        for name in ("stage", "actuator", "torque", "emg"):
+            del graph["nodes"][name]["params"]["options"]
+    assert emulated == rig
+
+
+def test_the_window_is_the_path_of_the_experiment() -> None:
+    nodes = tree(RIG)["nodes"]
+    for end in ("from_m", "to_m"):
+        assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
+
+
+def test_the_experiment_runs_on_emulated_wires_and_a_stop_is_in_the_bag(palp: Palp, tmp_path: Path) -> None:
+    out, bag = tmp_path / "out", tmp_path / "bag"
+    process = palp.start("launch", EMULATED, *SHORTEST, *LENIENT, f"out:={out}", "--record", bag)
+    came = until(lambda: rows_of(out) or process.poll() is not None, 240.0)
+    stopped = palp.run("stop")
+    status = palp.run("safety", "status", "--json")
+    left = until(lambda: palp.run("safety", "ack").returncode == 0, 120.0)
+    process.send_signal(signal.SIGINT)
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    assert came, said + errors
+    assert process.returncode == 130, said + errors
+    assert palp.all_gone()
+    first = rows_of(out)[0]
+    assert float(first["peak_n_m"]) > 0.0
+    assert first["phase"] == "training"
+    assert stopped.stdout.startswith("latched: operator"), stopped.stderr
+    assert not json.loads(status.stdout)["permits"]
+    assert left
+    (trip,) = [message.value for message in read(bag, ["/safety/trip"])]
+    assert trip.cause == "operator"
+    assert trip.load_time_s[-1] > trip.load_time_s[0]
+    assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
+
+
+@pytest.mark.slow
+def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = palp.start("launch", EMULATED, *SMALL, *LENIENT, f"out:={out}", "policy:=uniform")
+    said, errors = process.communicate(timeout=900.0)
+    assert process.returncode == 0, said + errors
+    result = json.loads((out / "result.json").read_text())
+    assert result["trials"] == 3
+    assert (out / "report.html").exists()
+    assert len(rows_of(out)) >= 15 + 3

@@ -1,0 +1,113 @@
+"""The rig in lockstep: the same bytes as processes, composed and under load, and a record worth having."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palp_core.palpation.session.result_json import without_times
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
+from tests.support.palp import ROOT, SIM, Palp
+
+ARGUMENTS = ("launch", SIM, "trials:=1", "training:=2", "seed:=1")
+
+
+def run(palp: Palp, out: Path, *extra: object) -> tuple[dict[str, object], dict[str, object]]:
+    digest, written = out.with_suffix(".digest"), out.parent / "written"  # one place: it is an argument too
+    done = palp.run(*ARGUMENTS, f"out:={written}", "--digest", digest, *extra)
+    assert done.returncode == 0, done.stderr
+    written.rename(out)
+    return json.loads(digest.read_text()), json.loads((out / "result.json").read_text())
+
+
+Session = tuple[Path, dict[str, object], dict[str, object]]
+
+
+@pytest.fixture(scope="module")
+def session(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A session in one process: its folder, its digest, its result."""
+    out = tmp_path_factory.mktemp("session") / "composed"
+    return out, *run(shared_palp, out, "--compose")
+
+
+def test_processes_composition_and_load_give_the_same_bytes_and_the_same_result(
+    palp: Palp, session: Session
+) -> None:
+    out, composed_digest, composed = session
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        loaded_digest, loaded = run(palp, out.with_name("loaded"))
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    assert composed_digest == loaded_digest
+    assert without_times(composed) == without_times(loaded)
+    same = ("trials.csv", "primitives.json")
+    for name in same:
+        first, second = out / name, out.with_name("loaded") / name
+        assert first.read_bytes() == second.read_bytes()
+    assert palp.all_gone()
+
+
+def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(session: Session) -> None:
+    _, digest, result = session
+    mechanics = json.loads(json.dumps(result["mechanics"]))
+    assert mechanics["bound"] <= mechanics["tolerance"]
+    assert {one["rung"] for one in mechanics["per_phantom"].values()} == {"l2"}
+    guards = {code: " ".join(one["guards"]) for code, one in mechanics["per_phantom"].items()}
+    assert "ring_m = 0.016: small strain" in guards["A"]
+    assert guards["C"] == ""
+    assert "/phantom/guard" in json.dumps(digest)
+
+
+def test_a_session_leaves_a_whole_record_and_a_report(session: Session) -> None:
+    out, _, result = session
+    rows = read_rows(out)
+    training = [row for row in rows if row.phase == "training"]
+    assert len(training) == 2 * 3 * 5
+    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(30, 33))
+    assert [row.row for row in rows] == list(range(len(rows)))
+    for row in rows:
+        torque_n_m, rate_hz = read_sweep(out, row.row)
+        assert rate_hz == 1000.0
+        assert len(torque_n_m) == 4000
+        assert row.start_ns < row.end_ns
+        assert row.true_ring_m is not None
+        assert abs(row.true_ring_m - row.ring_m) <= 0.3e-3 + 1e-12
+    for key in (
+        "policy", "seed", "trials", "accuracy", "probes_mean", "stop_rule", "verdicts", "calibration",
+        "protocol", "sim_time_s", "wall_time_s", "sweep_s_per_wall_s",
+    ):  # fmt: skip
+        assert key in result
+    page = (out / "report.html").read_text()
+    assert "this session only" in page
+    assert (out / "charts/accuracy.png").stat().st_size > 10_000
+
+
+def test_a_label_never_leaves_the_experiment_in_estimation(palp: Palp, tmp_path: Path) -> None:
+    from palp_core.graph.launch.graph import check_file
+
+    checked = check_file(SIM, [f"out:={tmp_path}"])
+    truths = {name: ends for name, ends in checked.edges.items() if name.endswith("/truth")}
+    readers = {node for ends in truths.values() for node, _ in ends}
+    assert readers == {"phantom", "experiment"}
+
+
+def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
+    for name in ("launch", "nodes", "msgs"):
+        shutil.copytree(ROOT / name, tmp_path / "rig" / name)
+    target = tmp_path / "rig" / "launch" / "contrast.yaml"
+    text = SIM.read_text()
+    assert "output: peak\n      tolerance: 0.02" in text
+    wanted = "output: contrast\n      tolerance: 0.001"
+    target.write_text(text.replace("output: peak\n      tolerance: 0.02", wanted))
+    done = palp.run("launch", target, f"out:={tmp_path / 'out'}", "trials:=1", "--compose")
+    assert done.returncode == 1
+    said = "phantom: on_configure failed: no contact method gives 'contrast' within 0.1%"
+    assert done.stderr.startswith(said)

@@ -1,0 +1,147 @@
+"""A graph of one node that a test speaks for: it loses messages, moves and restarts when it is told to."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgpack
+
+from palp_core import Message
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.supervision.launcher_node import GraphBus
+from palp_core.graph.transport.publisher_socket import Broadcast
+
+PATIENCE_NS = 60_000_000_000
+
+
+class Sample(Message):
+    """A number."""
+
+    index: int
+
+
+class FakeNode:
+    """A process of the node ``source``: one place to publish and to answer."""
+
+    publishing = True
+    send_pieces = None
+
+    def __init__(
+        self, graph: FakeGraph, place: str, *, depth: int, epoch: int = 0, port: str = "sample"
+    ) -> None:
+        self._graph = graph
+        self.at = endpoints(str(graph.directory.path), place)
+        self.broadcast = Broadcast(*self.at)
+        self.out = Outlet(f"/source/{port}", Sample, Qos(depth=depth), epoch, self, self.broadcast.send)
+        self.broadcast.offer([self.out], direct=True)
+        self.broadcast.answer(
+            "source",
+            {
+                "info": lambda _: {"outputs": {}},
+                "get_parameters": lambda _: {"parameters": {}},
+                "history": self._history,
+            },
+        )
+
+    def now_ns(self) -> int:
+        return self._graph.now_ns()
+
+    def resend(self, frame: bytes) -> None:
+        self.broadcast.send(frame)
+
+    def say(self, count: int) -> None:
+        for _ in range(count):
+            self.out.publish(Sample(index=self.out.sequence))
+
+    def lose(self, count: int) -> None:
+        """Publish messages that nobody hears."""
+        self.out.listened = False
+        self.say(count)
+        self.out.listened = True
+
+    def moved(self, phase: str, to: FakeNode) -> None:
+        payload = msgpack.packb({"phase": phase, "publish": to.at[0], "serve": to.at[1]})
+        out = self.out
+        self.broadcast.send(
+            pack(out.topic.encode(), Kind.MOVED, out.epoch, out.sequence, self.now_ns(), 0, payload)
+        )
+
+    def _history(self, request: dict[str, Any]) -> dict[str, Any]:
+        out = next(node.out for node in (self, *self._graph.nodes) if node.out.topic == request["topic"])
+        frames = out.kept(int(request["first"]), int(request["last"]), self.now_ns())
+        return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
+
+
+class FakeGraph:
+    """The launcher of that node."""
+
+    def __init__(self, workspace: Path) -> None:
+        self.directory = RunDirectory("fake")
+        self._start_ns = monotonic_ns()
+        self.bus = GraphBus(str(self.directory.path), self.now_ns)
+        facts = {"graph_yaml": "graph: fake\n", "nodes": [], "workspace": str(workspace)}
+        self.bus.answer("launch", lambda _: facts)
+        self.nodes: list[FakeNode] = []
+        self._said = ""
+
+    def now_ns(self) -> int:
+        return monotonic_ns() - self._start_ns
+
+    def node(self, place: str, *, depth: int, epoch: int = 0, port: str = "sample") -> FakeNode:
+        self.nodes.append(FakeNode(self, place, depth=depth, epoch=epoch, port=port))
+        return self.nodes[-1]
+
+    def announce(self, *nodes: FakeNode) -> None:
+        schema = schema_of(Sample)
+        told = ("Sample", f"{schema.type_hash:016x}", "source")
+        topics = [TopicEntry(n.out.topic, *told, n.at[0], json_schema(schema)) for n in nodes]
+        path = str(self.directory.path)
+        entries = [NodeEntry("source", "nodes.source:Source", 0, *nodes[0].at)]
+        serve = endpoints(path, "graph")[1]
+        self.bus.record = record_for(
+            "fake", "fake.yaml", "wall", serve, entries, topics + GraphBus.topics(path)
+        )
+        self.directory.write(self.bus.record)
+
+    def until(self, so: Callable[[], bool]) -> None:
+        """Answer whoever asks until something is so."""
+        end_ns = monotonic_ns() + PATIENCE_NS
+        while not so():
+            assert monotonic_ns() < end_ns
+            self.bus.poll()
+            for node in self.nodes:
+                node.broadcast.poll()
+            select.select((), (), (), 0.002)
+
+    def until_said(self, process: subprocess.Popen[str], start: str) -> None:
+        """Answer until a process's standard error says a line that begins so."""
+        assert process.stderr is not None
+        descriptor = process.stderr.fileno()
+        while True:
+            line, end, rest = self._said.partition("\n")
+            if end:
+                self._said = rest
+                if line.startswith(start):
+                    return
+                continue
+            self.until(lambda: bool(select.select((descriptor,), (), (), 0.0)[0]))
+            said = os.read(descriptor, 1 << 16)  # past the buffer of stderr, of which select knows nothing
+            assert said, f"it has ended: {self._said}"
+            self._said += said.decode()
+
+    def close(self) -> None:
+        self.bus.close()
+        for node in self.nodes:
+            node.broadcast.close()
+        self.directory.remove()

@@ -1,0 +1,248 @@
+"""Two hosts in one: users with run directories and keys of their own, and a workspace of small nodes."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.transport.publisher_socket import ask
+from tests.support.palp import PATIENCE_S, Palp
+
+TOYS = '''
+from palp_core import Message, Node, Params, Pub, Srv, State, Sub, every, on, serve
+
+
+class Tick(Message):
+    index: int
+    sent_ns: int = 0
+    data: bytes = b""
+
+
+class Tock(Message):
+    index: int
+
+
+class Rate(Params):
+    rate_hz: float = 100.0
+    size: int = 0
+    count: int = 0
+
+
+class Count(State):
+    index: int = 0
+
+
+class Ticker(Node):
+    """Count aloud."""
+
+    params: Rate
+    state: Count
+    tick = Pub(Tick)
+    reset = Srv(Tock, Tock)
+
+    @every("rate_hz")
+    def count(self):
+        self.state.index += 1
+        now_ns = self.now_ns()
+        self.tick.publish(Tick(index=self.state.index, sent_ns=now_ns, data=bytes(self.params.size)))
+        if self.state.index == self.params.count:
+            self.finish()
+
+    @serve(reset)
+    def begin_again(self, request):
+        before, self.state.index = self.state.index, request.index
+        return Tock(index=before)
+
+
+class Notes(Params):
+    notes: str = ""
+
+
+class Keeper(Node):
+    """Write down what comes and what happens to it."""
+
+    params: Notes
+    state: Count
+    tick = Sub(Tick)
+    heard = Pub(Tock)
+
+    def note(self, *words):
+        with open(self.params.notes, "a") as notes:
+            notes.write(" ".join(map(str, words)) + "\\n")
+
+    def on_activate(self):
+        self.note("active")
+
+    def on_deactivate(self):
+        self.note("safe")
+
+    @on(tick)
+    def take(self, tick):
+        self.note("tick", tick.index, tick.sent_ns, self.now_ns())
+        self.heard.publish(Tock(index=tick.index))
+'''
+
+LAUNCH = """
+graph: home
+clock: wall
+args:
+  notes: {default: "", help: of the keeper}
+  rate_hz: {default: 100.0, help: of the ticker}
+  size: {default: 0, help: bytes of a tick}
+nodes:
+  ticker: {run: "nodes.toys:Ticker", params: {rate_hz: $(var rate_hz), size: $(var size)}}
+  keeper:
+    run: nodes.toys:Keeper
+    params: {notes: $(var notes)}
+    inputs: {tick: {external: true}}
+"""
+
+
+class NoteBook:
+    """A named pipe into which a node writes; whoever reads waits for it."""
+
+    def __init__(self, path: Path) -> None:
+        os.mkfifo(path)
+        self.path = path
+        self._descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+        self._text = b""
+
+    def line(self) -> list[str]:
+        """Wait for the next line; return its words."""
+        while b"\n" not in self._text:
+            assert select.select((self._descriptor,), (), (), PATIENCE_S)[0], f"{self.path} remains empty"
+            self._text += os.read(self._descriptor, 1 << 16)
+        line, _, self._text = self._text.partition(b"\n")
+        return line.decode().split()
+
+    def until(self, word: str) -> list[str]:
+        """Wait for a line that begins with a word."""
+        while (line := self.line())[0] != word:
+            pass
+        return line
+
+    def close(self) -> None:
+        os.close(self._descriptor)
+
+
+class Host(Palp):
+    """A user on a host.
+
+    Args:
+        folder: For its keys, notes and workspace; short, for sockets have short paths.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.folder = folder
+        self.keys = KeyFolder(self.folder / "keys")
+        self.environment["PALP_KEYS"] = str(self.keys.path)
+        self.prefix: list[str] = []
+        self.books: list[NoteBook] = []
+        self._write("nodes/__init__.py", "")
+        self._write("nodes/toys.py", TOYS)
+        self.file = self._write("launch/home.yaml", LAUNCH)
+
+    def _write(self, name: str, text: str) -> Path:
+        path = self.folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def command(self, *arguments: object) -> list[str]:
+        return [*self.prefix, *super().command(*arguments)]
+
+    def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        here = Path.cwd()
+        os.chdir(self.folder)  # the workspace is the nearest folder that has nodes
+        try:
+            return super().run(*arguments)
+        finally:
+            os.chdir(here)
+
+    def start(self, *arguments: object) -> subprocess.Popen[str]:
+        here = Path.cwd()
+        os.chdir(self.folder)
+        try:
+            return super().start(*arguments)
+        finally:
+            os.chdir(here)
+
+    def book(self, name: str = "notes") -> NoteBook:
+        book = NoteBook(self.folder / name)
+        self.books.append(book)
+        return book
+
+    def launch(self, *arguments: object, listen: str = "tcp://127.0.0.1:0") -> Launched:
+        """Start the home graph; return when it runs."""
+        book = self.book("keeper")
+        process = self.start("launch", self.file, f"notes:={book.path}", "--listen", listen, *arguments)
+        graph = Launched(self, process, book)
+        book.until("active")
+        return graph
+
+    def close(self) -> None:
+        super().close()
+        while self.books:
+            self.books.pop().close()
+
+
+class Launched:
+    """A running home graph."""
+
+    def __init__(self, host: Host, process: subprocess.Popen[str], book: NoteBook) -> None:
+        self.host, self.process, self.book = host, process, book
+        self.address = self.said("listening on ").rpartition(" ")[2].strip()
+
+    def said(self, words: str) -> str:
+        """Wait until the launcher says a line with these words; return it."""
+        assert self.process.stderr is not None
+        lines = []
+        for line in self.process.stderr:
+            lines.append(line)
+            if words in line:
+                return line
+        raise AssertionError(f"ended without saying '{words}' but: {''.join(lines)}")
+
+    @property
+    def folder(self) -> Path:
+        (record,) = self.host.runtime_dir.glob("palp/*/graph.json")
+        return record.parent
+
+    def record(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.folder / "graph.json").read_bytes())
+        return found
+
+    def ask(self, node: str, **request: Any) -> dict[str, Any]:
+        """Ask a node, or the gateway."""
+        reply = ask(f"ipc://{self.folder}/{node}.srv", {"node": node, **request}, PATIENCE_S)
+        assert reply is not None, f"{node} does not answer"
+        return reply
+
+    def gateway(self) -> psutil.Process:
+        (found,) = self.host.running("palp_core.graph.network.gateway")
+        return found
+
+    def end(self) -> int:
+        """End it as Ctrl-C does."""
+        self.process.terminate()
+        return self.process.wait(PATIENCE_S)
+
+
+def trusting(home: Host, away: Host) -> None:
+    """Give both hosts keys, and let the second call the first."""
+    home.keys.generate("home")
+    home.keys.allow(away.keys.generate("away").public, "away")
+
+
+def joining(home: Host, graph: Launched, *arguments: object) -> list[object]:
+    """Return how a node of another host is run so that it joins."""
+    key = home.keys.path / "home.public"
+    return ["run", *arguments, "--join", graph.address, "--server-key", key]

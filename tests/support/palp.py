@@ -1,0 +1,157 @@
+"""Run ``palp`` as a user does, and find every process that it leaves behind."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.errors import PalpError
+from palp_core.graph.clock import monotonic_ns
+
+ROOT = Path(__file__).parents[2]
+CHAIN = ROOT / "examples/chain/launch/chain.yaml"
+SIM = ROOT / "launch/sim.yaml"
+PATIENCE_S = 240.0
+"""How long a test waits for what is to come: an upper bound, for a machine that others use too."""
+
+
+QUICK = {
+    *("node", "topic", "param", "lifecycle", "service", "swap", "logs"),
+    *(("bag", verb) for verb in ("info", "recover", "diff", "snapshot")),
+}
+"""Verbs that run in the test's own process: to start another takes longer than they do."""
+
+
+class Palp:
+    """The command line in an environment of its own, whose processes carry a mark."""
+
+    def __init__(self, runtime_dir: Path) -> None:
+        self._started: list[subprocess.Popen[str]] = []
+        self.mark = uuid.uuid4().hex
+        self.runtime_dir = runtime_dir
+        self.environment = {
+            **os.environ,
+            "XDG_RUNTIME_DIR": str(runtime_dir),
+            "PALP_TEST_MARK": self.mark,
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONPATH": str(ROOT / "src"),
+            "COLUMNS": "200",
+        }
+
+    def command(self, *arguments: object) -> list[str]:
+        return [sys.executable, "-m", "palp_core", *map(str, arguments)]
+
+    def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        if QUICK & {arguments[0], arguments[:2]}:
+            return self.here(*arguments)
+        return subprocess.run(
+            self.command(*arguments),
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+
+    def here(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Run a verb in this process."""
+        with pytest.MonkeyPatch.context() as patch:
+            for name in ("XDG_RUNTIME_DIR", "COLUMNS"):
+                patch.setenv(name, self.environment[name])
+            done = CliRunner().invoke(app, [str(word) for word in arguments], prog_name="palp")
+        if done.exception is not None and not isinstance(done.exception, PalpError | SystemExit):
+            raise done.exception
+        refused = isinstance(done.exception, PalpError)
+        errors = done.stderr + (f"{done.exception}\n" if refused else "")
+        return subprocess.CompletedProcess([], 2 if refused else done.exit_code, done.stdout, errors)
+
+    def start(self, *arguments: object) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            self.command(*arguments),
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._started.append(process)
+        return process
+
+    def close(self) -> None:
+        """Leave nothing behind, whatever the test did."""
+        for process in self.processes():
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        for started in self._started:
+            started.wait()
+            for pipe in (started.stdout, started.stderr):
+                if pipe is not None:
+                    pipe.close()
+
+    def processes(self) -> list[psutil.Process]:
+        """Every living process that carries the mark."""
+        found = []
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error):
+                if process.environ().get("PALP_TEST_MARK") == self.mark and (
+                    process.status() != psutil.STATUS_ZOMBIE
+                ):
+                    found.append(process)
+        return found
+
+    def running(self, word: str) -> list[psutil.Process]:
+        """Those in whose command there is that word."""
+        found = []
+        for process in self.processes():
+            with contextlib.suppress(psutil.Error):  # it may be gone by now
+                if any(word in part for part in process.cmdline()):
+                    found.append(process)
+        return found
+
+    def all_gone(self, within_s: float = PATIENCE_S) -> bool:
+        """Wait for the end of every marked process; tell whether it came in time."""
+        end_ns = monotonic_ns() + round(within_s * 1e9)
+        while alive := self.processes():
+            if monotonic_ns() > end_ns:
+                return False
+            psutil.wait_procs(alive, timeout=0.02)  # a zombie that init has yet to reap counts as gone
+        return True
+
+
+def wait_for_line(process: subprocess.Popen[str], start: str) -> None:
+    """Read what a process says until a line begins like that."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(start):
+            return
+    raise AssertionError(f"ended before '{start}': {process.stderr.read() if process.stderr else ''}")
+
+
+def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Wait for a process; return its status and what it said."""
+    output, errors = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, output + errors
+
+
+@pytest.fixture
+def palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
+    command = Palp(tmp_path_factory.mktemp("r"))
+    yield command
+    command.close()
+
+
+@pytest.fixture(scope="module")
+def shared_palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
+    """For what the tests of a file have in common."""
+    command = Palp(tmp_path_factory.mktemp("r"))
+    yield command
+    command.close()

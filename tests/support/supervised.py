@@ -1,0 +1,119 @@
+"""A running graph as a test sees it from outside: its folder, its events, its processes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import psutil
+
+from palp_core.graph.messages.builtin import GraphEvent
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.supervision.launcher_node import EVENTS
+from palp_core.graph.transport.publisher_socket import ask
+from palp_core.graph.transport.subscriber_socket import Subscriber
+from tests.support.palp import PATIENCE_S, Palp
+
+TALK = '''
+import ctypes, os, signal, sys
+from palp_core import Node, Params, Progress, Pub, every
+
+
+class TalkParams(Params):
+    deed: str = ""
+    rate_hz: float = 20.0
+
+
+class Talk(Node):
+    """Says something, and does a deed at its third tick."""
+
+    params: TalkParams
+    progress = Pub(Progress)
+    ticks = 0
+
+    @every("rate_hz")
+    def tick(self):
+        self.ticks += 1
+        self.progress.publish(Progress(stamp_ns=0, phase="ticks", done_count=self.ticks, total_count=10**9))
+        if self.ticks == 3 and self.params.deed:
+            getattr(self, self.params.deed)()
+
+    def mutter(self):
+        print("its last words, without an end of line", end="")
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def crash(self):
+        ctypes.string_at(0)
+
+    def flood(self):
+        for number in range(50_000):
+            print("line", number)
+        raise ValueError("enough")
+
+    def write_below_python(self):
+        os.write(1, b"from below\\n")
+        os.write(2, b"an error from below\\n")
+        raise ValueError("enough")
+'''
+
+LAUNCH = """
+graph: talk
+clock: wall
+args:
+  deed: {default: "", help: of the talker}
+nodes:
+  talker: {run: "nodes.talk:Talk", params: {deed: $(var deed)}}
+  other: {run: "nodes.talk:Talk"}
+"""
+
+
+class Running:
+    """The graph that a command line has started."""
+
+    def __init__(self, palp: Palp) -> None:
+        (record,) = (palp.runtime_dir / "palp").glob("*/graph.json")
+        self.folder = record.parent
+
+    @property
+    def record(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.folder / "graph.json").read_bytes())
+        return found
+
+    def process(self, node: str) -> psutil.Process:
+        return psutil.Process(next(n["pid"] for n in self.record["nodes"] if n["name"] == node))
+
+    def ask(self, operation: str, **fields: Any) -> dict[str, Any]:
+        reply = ask(f"ipc://{self.folder}/graph.srv", {"op": operation, **fields}, PATIENCE_S)
+        assert reply is not None
+        return reply
+
+    def events(self) -> list[GraphEvent]:
+        """What has happened so far."""
+        frames = self.ask("history", topic=EVENTS, first=1, last=1000)["frames"]
+        return [decode(GraphEvent, parse(frame).payload) for frame in frames]
+
+    def wait_for(self, kind: str, node: str) -> GraphEvent:
+        """Wait until something has happened to a node."""
+        news = Subscriber({EVENTS: f"ipc://{self.folder}/graph.pub"})
+        try:
+            while True:
+                for event in self.events():
+                    if (event.kind, event.node) == (kind, node):
+                        return event
+                assert news.wait(PATIENCE_S), f"no event {kind} of {node}"
+                news.receive()
+        finally:
+            news.close()
+
+    def wait_for_epoch(self, node: str, topic: str, epoch: int) -> None:
+        """Wait for a message of a node's process of that number."""
+        reader = Subscriber({topic: f"ipc://{self.folder}/{node}.pub"})
+        try:
+            while not any(parse(raw).epoch == epoch and parse(raw).payload for raw in reader.receive()):
+                assert reader.wait(PATIENCE_S)
+        finally:
+            reader.close()
+
+    def log(self, name: str) -> str:
+        return (self.folder / "log" / f"{name}.log").read_text()

@@ -1,0 +1,329 @@
+"""A workspace whose middle node is swapped under load, by classes that fail at every step in every way."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.graph.discovery.run_directory import RunRecord
+from palp_core.graph.discovery.running_graph import RunningGraph
+from tests.support.palp import PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import Running
+
+NODES = '''
+import os, signal
+from pathlib import Path
+from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, Srv, State, Sub, every, on, serve
+from palp_core import Swap
+
+
+class Num(Message):
+    index: int
+    by: str = ""
+
+
+class Word(Message):
+    text: str
+
+
+class SourceParams(Params):
+    rate_hz: float = 1000.0
+    count: int = 10**9
+
+
+class Count(State):
+    index: int = 0
+
+
+class Source(Node):
+    params: SourceParams
+    state: Count
+    out = Pub(Num)
+    progress = Pub(Progress)
+
+    @every("rate_hz")
+    def go(self):
+        if self.state.index >= self.params.count:
+            return
+        self.state.index += 1
+        self.out.publish(Num(index=self.state.index))
+        if self.state.index == 1:
+            self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
+
+
+class RelayState(State):
+    total: int = 0
+    drawn: list[float] = []
+
+    @classmethod
+    def adopt(cls, old):
+        return cls(total=old.values["total"])
+
+
+class RelayParams(Params):
+    gain: int = 1
+
+
+class Relay(Node):
+    """Passes numbers on, in their order, and knows how many there were."""
+
+    params: RelayParams
+    state: RelayState
+    num = Sub(Num, qos=Qos(reliability="best_effort", depth=100_000))
+    ask = Srv(Num, Num)
+    out = Pub(Num, qos=Qos(depth=1000))
+    other = Pub(Num)
+
+    @on(num)
+    def pass_on(self, num):
+        if self.state.total and num.index != self.state.total + 1:
+            raise ValueError(f"{num.index} came after {self.state.total}")
+        self.state.total = num.index
+        self.out.publish(Num(index=num.index, by=type(self).__name__))
+
+    @serve(ask)
+    def answer(self, num):
+        return Num(index=num.index * self.params.gain, by=type(self).__name__)
+
+
+class Other(Relay):
+    pass
+
+
+class Plain(Relay):
+    """Its state is another, and it has no way to take a stranger's."""
+
+    class PlainState(State):
+        total: int = 0
+        kind: str = ""
+
+    state: PlainState
+
+
+class NoOut(Node):
+    num = Sub(Num)
+
+    @on(num)
+    def take(self, num): ...
+
+
+class WrongType(Node):
+    num = Sub(Num)
+    out = Pub(Word)
+
+    @on(num)
+    def take(self, num): ...
+
+
+class Wants(Relay):
+    more = Sub(Num)
+
+    @on(more)
+    def take_more(self, num): ...
+
+
+class Mover(Relay):
+    moves = True
+
+
+class DeedParams(RelayParams):
+    deed: str = ""
+    step: str = ""
+    pid: int = 0
+
+
+DEEDS = {}
+
+
+def do(params):
+    if params.deed == "raise":
+        raise RuntimeError("as asked")
+    if params.deed == "exit":
+        raise SystemExit(3)
+    if params.deed == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if params.deed == "hang":
+        signal.pause()
+    if params.deed == "kill_other":
+        os.kill(params.pid, signal.SIGKILL)
+
+
+class FaultyState(RelayState):
+    @classmethod
+    def adopt(cls, old):
+        if DEEDS["params"].step == "state":
+            do(DEEDS["params"])
+        if DEEDS["params"].deed == "misfit":
+            return Count()
+        return cls(total=old.values["total"])
+
+
+class Faulty(Relay):
+    """Does a deed at a step of the swap that gives it the part."""
+
+    params: DeedParams
+    state: FaultyState
+
+    def on_configure(self):
+        DEEDS["params"] = self.params
+        if self.params.step == "configure":
+            do(self.params)
+
+    def on_resume(self):
+        if self.params.deed != "kill_other":
+            self.out.publish(Num(index=-1, by="too early"))
+        if self.params.step == "take over":
+            do(self.params)
+
+
+class SinkParams(Params):
+    out: str = ""
+
+
+class SinkState(State):
+    index: int = 0
+    bad: list[str] = []
+    makers: list[str] = []
+
+
+class Sink(Node):
+    """An independent reader: every number once and in order, or it says what was wrong."""
+
+    params: SinkParams
+    state: SinkState
+    num = Sub(Num, qos=Qos(reliability="best_effort", depth=100_000))
+    judge = Srv(Num, Word)
+
+    @on(num)
+    def take(self, num):
+        state = self.state
+        if num.index != state.index + 1:
+            state.bad.append(f"{num.index} after {state.index}")
+        state.index = max(num.index, state.index)
+        if not state.makers or state.makers[-1] != num.by:
+            state.makers.append(num.by)
+
+    @serve(judge)
+    def tell(self, _):
+        state = self.state
+        return Word(text=f"{state.index}|{','.join(state.bad)}|{','.join(state.makers)}")
+
+
+class PlannerParams(Params):
+    rate_hz: float = 10.0
+    run: str = "swap_toys:Other"
+    params: str = '{"gain": 5}'
+
+
+class Planner(Node):
+    params: PlannerParams
+    state: Count
+    swap = Pub(Swap)
+
+    @every("rate_hz")
+    def go(self):
+        self.state.index += 1
+        if self.state.index == 3:
+            run = self.params.run
+            self.swap.publish(Swap(stamp_ns=self.now_ns(), node="relay", run=run, params=self.params.params))
+        if self.state.index == 6:
+            self.finish()
+
+
+class AskerParams(Params):
+    rate_hz: float = 200.0
+
+
+class AskerState(State):
+    asked: int = 0
+    answers: list[int] = []
+
+
+class Asker(Node):
+    """Calls the node that is swapped, all the time."""
+
+    params: AskerParams
+    state: AskerState
+    ask = Client(Num, Num, timeout_ms=20_000.0, retries=2)
+
+    @every("rate_hz")
+    def go(self):
+        self.state.asked += 1
+        self.ask.call(Num(index=self.state.asked))
+
+    @on(ask)
+    def hear(self, num):
+        self.state.answers.append(num.index)
+'''
+
+LAUNCH = """
+graph: swapping
+clock: {clock}
+args:
+  run: {{default: "swap_toys:Relay", help: of the middle node}}
+  rate_hz: {{default: 1000.0, help: of the numbers}}
+{args}nodes:
+  source: {{run: "swap_toys:Source", params: {{rate_hz: $(var rate_hz)}}}}
+  relay: {{run: $(var run), inputs: {{num: source/out}}}}
+  sink: {{run: "swap_toys:Sink", inputs: {{num: relay/out}}}}
+  asker: {{run: "swap_toys:Asker", inputs: {{ask: relay/ask}}}}
+{more}
+"""
+PLANNED = """
+  params: {default: '{"gain": 5}', help: of the node that takes over}
+"""
+PLANNER = """
+  planner: {run: "swap_toys:Planner", params: {params: $(var params)}, on_exit: shutdown}
+"""
+
+
+def workspace(folder: Path) -> Path:
+    """Write the workspace; return its launch folder."""
+    (folder / "nodes").mkdir(parents=True)
+    (folder / "launch").mkdir()
+    (folder / "swap_toys.py").write_text(NODES)
+    (folder / "launch/wall.yaml").write_text(LAUNCH.format(clock="wall", more="", args=""))
+    (folder / "launch/sim.yaml").write_text(LAUNCH.format(clock="sim", more=PLANNER, args=PLANNED))
+    return folder / "launch"
+
+
+class Stage(Running):
+    """The running graph, and what its independent reader has to say."""
+
+    def __init__(self, palp: Palp, launch: Path, *arguments: object) -> None:
+        self.launcher: subprocess.Popen[str] = palp.start("launch", launch, *arguments)
+        wait_for_line(self.launcher, "numbers: 1/2")
+        super().__init__(palp)
+        record = (self.folder / "graph.json").read_bytes()
+        self.graph = RunningGraph(msgspec.json.decode(record, type=RunRecord))
+
+    def patience_s(self) -> float:
+        """How long a swap may take here and now, at the most: many times what one has taken."""
+        return round(2.0 + 10.0 * float(self.swap("Relay")["report"]["duration_s"]), 3)
+
+    def swap(self, run: str, *, timeout_s: float = PATIENCE_S, **params: Any) -> dict[str, Any]:
+        """Swap the middle node; return the report, or what failed."""
+        run = run if ":" in run else f"swap_toys:{run}"
+        return self.graph.swap("relay", run, timeout_s=timeout_s, params=params)
+
+    def process_of(self, node: str) -> int:
+        """Process number of a node."""
+        return int(next(entry["pid"] for entry in self.record["nodes"] if entry["name"] == node))
+
+    def judgement(self) -> tuple[int, str, list[str]]:
+        """The reader's last number, what was wrong, and whose numbers they were."""
+        reply = self.graph.ask(
+            "sink", "call", service="judge", request={"index": 0, "by": ""}, timeout_s=PATIENCE_S
+        )
+        index, bad, makers = reply["reply"]["text"].split("|")
+        return int(index), bad, makers.split(",")
+
+    def passes(self, count: int) -> int:
+        """Wait until so many more numbers have come through; return the last."""
+        first = self.judgement()[0]
+        while (last := self.judgement()[0]) < first + count:
+            assert self.launcher.poll() is None, "the graph has ended"
+        return last

@@ -1,0 +1,191 @@
+"""A small running graph with everything that the command line can ask for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support.palp import Palp, wait_for_line
+
+MSGS = '''
+from palp_core import Message
+from palp_core.units import Count, Nanoseconds, Newtons, NewtonMetresArray
+
+
+class Sample(Message):
+    """A numbered block."""
+
+    stamp_ns: Nanoseconds
+    index: Count
+    name: str
+    torque_n_m: NewtonMetresArray
+
+
+class Load(Message):
+    """A weight put on from outside."""
+
+    load_n: Newtons
+    samples: NewtonMetresArray
+    note: str = "none"
+
+
+class Seen(Message):
+    """What the reader has been told."""
+
+    load_n: Newtons
+    note: str
+
+
+class WeighRequest(Message):
+    """How often to multiply."""
+
+    factor: Count = 1
+
+
+class WeighReply(Message):
+    """The load, multiplied, and how often anybody asked."""
+
+    load_n: Newtons
+    asked_count: Count
+'''
+
+NODES = '''
+import select
+
+from msgs.talk import Load, Sample, Seen, WeighReply, WeighRequest
+from palp_core import Node, Params, Progress, Pub, Qos, Srv, State, Sub, every, on, serve
+from palp_core.graph.node.node import ReadOnly
+from palp_core.units import HertzPositive
+
+import numpy as np
+
+
+class SourceParams(Params):
+    """Set in the launch file."""
+
+    rate_hz: HertzPositive = 100.0
+    rare_hz: HertzPositive = 0.001
+    name: str = "block"
+    device: ReadOnly[str] = "sim"
+
+
+class SourceState(State):
+    index: int = 0
+
+
+class Source(Node):
+    """Publish blocks, some kept for late joiners, some rare."""
+
+    params: SourceParams
+    state: SourceState
+    sample = Pub(Sample, qos=Qos(durability="transient_local", depth=20))
+    rare = Pub(Sample)
+    progress = Pub(Progress)
+
+    def block(self):
+        name, index = self.params.name, self.state.index
+        torque = np.arange(3.0) + index % 100
+        return Sample(stamp_ns=self.now_ns(), index=index, name=name, torque_n_m=torque)
+
+    @every("rate_hz")
+    def send(self):
+        self.sample.publish(self.block())
+        self.state.index += 1
+        if self.state.index == 1:
+            self.progress.publish(Progress(stamp_ns=0, phase="talk", done_count=1, total_count=1))
+
+    @every("rare_hz")
+    def send_rarely(self):
+        self.rare.publish(self.block())
+
+
+class ScaleState(State):
+    load_n: float = 0.0
+    note: str = ""
+    asked_count: int = 0
+
+
+class Scale(Node):
+    """Take a load from outside, tell what it is."""
+
+    params: Params
+    state: ScaleState
+    sample = Sub(Sample)
+    load = Sub(Load)
+    seen = Pub(Seen)
+    weigh = Srv(WeighRequest, WeighReply)
+
+    @on(sample)
+    def ignore(self, sample):
+        pass
+
+    @on(load)
+    def bear(self, load):
+        self.state.load_n, self.state.note = load.load_n + float(load.samples.sum()), load.note
+        self.seen.publish(Seen(load_n=self.state.load_n, note=load.note))
+
+    @serve(weigh)
+    def answer(self, request):
+        self.state.asked_count += 1
+        if request.factor > 100:
+            select.select((), (), (), 3.0)  # longer than its caller waits
+        return WeighReply(load_n=self.state.load_n * request.factor, asked_count=self.state.asked_count)
+'''
+
+LAUNCH = """
+graph: talk
+clock: $(var clock)
+args: {clock: {default: wall}, rate_hz: {default: 100.0}}
+nodes:
+  source:
+    run: nodes.talk:Source
+    params: {rate_hz: $(var rate_hz)}
+  scale:
+    run: nodes.talk:Scale
+    inputs: {sample: source/sample, load: {external: true}}
+"""
+
+
+class Talk:
+    """The graph, running, and the command line beside it."""
+
+    def __init__(self, palp: Palp, folder: Path, *arguments: str) -> None:
+        for name, text in (("msgs/talk.py", MSGS), ("nodes/talk.py", NODES), ("launch/talk.yaml", LAUNCH)):
+            file = folder / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+            (file.parent / "__init__.py").touch()
+        self.palp = palp
+        self.folder = folder
+        self.process = palp.start("launch", folder / "launch" / "talk.yaml", *arguments)
+        wait_for_line(self.process, "talk: ")
+
+    def run(self, *words: object) -> subprocess.CompletedProcess[str]:
+        """Run a verb."""
+        return self.palp.here(*words)
+
+    def said(self, *words: object) -> str:
+        """What a verb says on standard output; it succeeds."""
+        done = self.run(*words)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def refused(self, *words: object) -> str:
+        """What a verb says on standard error; it ends with status 2 and prints nothing else."""
+        done = self.run(*words)
+        assert done.returncode == 2, (done.stdout, done.stderr)
+        assert "Traceback" not in done.stderr
+        return done.stderr
+
+    def told(self, *words: object) -> object:
+        """What a verb says to machines, the last line of it."""
+        return json.loads(self.said(*words, "--json").splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def talk(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Talk:
+    """One graph for all the tests of a file that only look."""
+    return Talk(shared_palp, tmp_path_factory.mktemp("talk"))

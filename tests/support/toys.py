@@ -1,0 +1,193 @@
+"""A workspace of nodes that do what no node should."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+from pathlib import Path
+
+from tests.support.palp import PATIENCE_S, Palp, wait_for_line
+
+TOYS = '''
+import os, select, signal, subprocess, sys
+from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
+
+
+class Blob(Message):
+    index: int
+    data: bytes = b""
+
+
+class SourceParams(Params):
+    rate_hz: float = 100.0
+    size: int = 0
+    count: int = 20
+
+
+class Count(State):
+    index: int = 0
+
+
+class Source(Node):
+    params: SourceParams
+    state: Count
+    blob = Pub(Blob)
+    progress = Pub(Progress)
+
+    @every("rate_hz")
+    def send(self):
+        if self.state.index < self.params.count:
+            self.blob.publish(Blob(index=self.state.index, data=bytes(self.params.size)))
+            self.state.index += 1
+            done, total = self.state.index, self.params.count
+            self.progress.publish(Progress(stamp_ns=0, phase="blobs", done_count=done, total_count=total))
+
+
+class BadParams(Params):
+    deed: str = ""
+    notes: str = ""
+    ready: str = ""
+
+
+class Bad(Node):
+    """Does a deed at the fourth message, and notes what it went through."""
+
+    params: BadParams
+    blob = Sub(Blob)
+    passed = Pub(Blob)
+
+    def note(self, text):
+        with open(self.params.notes, "a") as notes:
+            notes.write(text + "\\n")
+
+    def on_configure(self):
+        self.note("configure")
+        begun = open(self.params.notes).read().count("configure")
+        if self.params.deed == "flaky" and begun in (2, 3):
+            raise OSError("the device is not back yet")
+
+    def on_deactivate(self):
+        self.note("deactivate")
+
+    @on(blob)
+    def take(self, blob):
+        deed = self.params.deed
+        if deed == "slow":
+            select.select((), (), (), 0.02)
+        if blob.index == 3 and deed:
+            self.note("deed")
+            if self.params.ready:
+                with open(self.params.ready, "w") as ready:
+                    ready.write("!")
+            getattr(self, deed, int)()
+        self.passed.publish(blob)
+
+    def fork(self):
+        if os.fork() == 0:
+            signal.pause()
+
+    def fork_and_die(self):
+        self.fork()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def daemon(self):
+        subprocess.Popen(["sleep", "1000"], start_new_session=True)
+
+    def interrupt(self):
+        raise KeyboardInterrupt
+
+    def loop(self):
+        while True:
+            pass
+
+    def flaky(self):
+        if open(self.params.notes).read().count("configure") == 1:
+            raise OSError("the device is gone")
+
+
+class SinkParams(Params):
+    count: int = 20
+
+
+class Sink(Node):
+    params: SinkParams
+    blob = Sub(Blob)
+    order = Pub(Blob)
+
+    @on(blob)
+    def take(self, blob):
+        if blob.index == self.params.count - 1:
+            self.order.publish(Blob(index=0, data="".join({"a", "b", "c", "d", "e"}).encode()))
+            self.finish()
+
+
+class Odd(Node):
+    def on_activate(self):
+        self.finish(256)
+'''
+
+LAUNCH = """
+graph: hostile
+clock: $(var clock)
+args:
+  clock: {default: sim, choices: [sim, wall], help: clock}
+  deed: {default: "", help: of the bad node}
+  notes: {default: "", help: file}
+  ready: {default: "", help: pipe to write to before the deed}
+  count: {default: 20, help: messages}
+  size: {default: 0, help: bytes of a message}
+  rate_hz: {default: 100.0, help: messages per second}
+  max_restarts: {default: 0, help: of the bad node}
+nodes:
+  source:
+    run: nodes.toys:Source
+    params: {count: $(var count), size: $(var size), rate_hz: $(var rate_hz)}
+  bad:
+    run: nodes.toys:Bad
+    params: {deed: $(var deed), notes: $(var notes), ready: $(var ready)}
+    inputs: {blob: source/blob}
+    restart: {when: on_failure, max_restarts: $(var max_restarts), backoff_s: 0.05}
+  sink: {run: "nodes.toys:Sink", params: {count: $(var count)}, inputs: {blob: bad/passed}, on_exit: shutdown}
+"""
+
+
+class Hostile:
+    """A workspace of toys."""
+
+    def __init__(self, palp: Palp, folder: Path) -> None:
+        self.palp = palp
+        self.folder = folder
+        self.file = folder / "launch/hostile.yaml"
+        self.notes = folder / "notes"
+        self.write("nodes/__init__.py", "")
+        self.write("nodes/toys.py", TOYS)
+        self.write("launch/hostile.yaml", LAUNCH)
+
+    def write(self, name: str, text: str) -> Path:
+        path = self.folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return self.palp.run("launch", self.file, f"notes:={self.notes}", *arguments)
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start and wait for the first message."""
+        process = self.palp.start("launch", self.file, f"notes:={self.notes}", *arguments)
+        wait_for_line(process, "blobs: 1/")
+        return process
+
+
+class Pipe:
+    """A named pipe by which a node says that it has come to some point."""
+
+    def __init__(self, path: Path) -> None:
+        os.mkfifo(path)
+        self.path = path
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+
+    def wait(self) -> None:
+        assert select.select((self._descriptor,), (), (), PATIENCE_S)[0], f"{self.path} remains empty"
+        os.close(self._descriptor)
