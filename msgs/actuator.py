@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, Metres, Nanoseconds
 
-__all__ = ["RingCommand", "RingState", "RingTruth"]
-
 
 class RingCommand(Message):
     """Go to a ring position; ``rehome`` drives to the stop and back to the present target instead."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Nanoseconds, Ratio, RatioArray, VoltsArray
 
-__all__ = ["CoContraction", "EmgBlock", "EmgReport"]
-
 
 class EmgBlock(Message):
     """Raw EMG of flexor (FDS) and extensor (EDC) at ``start_ns`` + i / rate.

@@ -17,8 +17,6 @@ from palp_core.units import (
     RatioArray,
 )
 
-__all__ = ["Belief", "Palpation", "PrimitivesLearnt"]
-
 
 class Palpation(Message):
     """One sweep: its torque over the phantom as measured, and the peak of the de-noised torque."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, Metres, Nanoseconds, Probability
 
-__all__ = ["Mount", "MountedReply", "MountedRequest", "PhantomTruth", "Trial", "TrialResult"]
-
 
 class Mount(Message):
     """A phantom is put on the rig, anew even if it is the same one; ``remount`` counts from 0."""

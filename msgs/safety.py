@@ -15,19 +15,6 @@ from palp_core.units import (
     RatioArray,
 )
 
-__all__ = [
-    "AcknowledgeReply",
-    "AcknowledgeRequest",
-    "LoadReport",
-    "RingReport",
-    "SafetyBeat",
-    "StageReport",
-    "StatusReply",
-    "StatusRequest",
-    "StopRequest",
-    "Trip",
-]
-
 
 class LoadReport(Message):
     """Loads at the sensor since the last report: the largest of any axis; sent even if nothing came.

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Metres, MetresArray, Nanoseconds
 
-__all__ = ["StagePose", "SweepGoal", "SweepStatus"]
-
 
 class SweepGoal(Message):
     """Sweep once over an interval at the scanning speed, or stop where you are (``cancel``)."""

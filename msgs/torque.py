@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Metres, Nanoseconds, NewtonMetresArray
 
-__all__ = ["Contact", "ContactGuard", "TorqueBlock"]
-
 
 class Contact(Message):
     """True torque about x at the sensor, at ``start_ns`` + i / rate; simulation only."""

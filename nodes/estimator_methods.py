@@ -21,8 +21,6 @@ from palp_core.units import (
     Seconds,
 )
 
-__all__ = ["EstimatorParams", "checks", "mistakes"]
-
 
 class EstimatorParams(Params):
     """Set in the launch file; the names are those of the methods register.

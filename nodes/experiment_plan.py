@@ -20,8 +20,6 @@ from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeata
 if TYPE_CHECKING:
     from nodes.experiment import ExperimentParams
 
-__all__ = ["believed", "classes_of", "design_of", "is_right", "mistakes", "plan_of"]
-
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
     """Return the depth of each phantom that has a bead, by code."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from msgs.estimation import Belief, Palpation, PrimitivesLearnt
     from nodes.experiment import ExperimentParams, ExperimentState
 
-__all__ = ["primitives_of", "progress_of", "result_of", "row_of", "trial_of"]
-
 
 def row_of(
     params: ExperimentParams, state: ExperimentState, palpation: Palpation, belief: Belief | None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["name_of", "planned"]
-
 
 def planned(text: str) -> dict[int, str]:
     """Return the class by the number of the trial in which it takes over, counted from 1.

@@ -6,8 +6,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.mechanics.scene import phantom_file
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 
-__all__ = ["file_mistakes"]
-
 
 def file_mistakes(params: object) -> dict[str, str]:
     """Return what is wrong with the files of ``scene``, ``phantoms`` and ``noise``, by parameter.

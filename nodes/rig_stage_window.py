@@ -22,8 +22,6 @@ from palp_core.units import (
     MillimetresPositive,
 )
 
-__all__ = ["RigStageParams", "driver_options", "mistakes", "require_clearance"]
-
 
 class RigStageParams(StageParams):
     """Set in the launch file.

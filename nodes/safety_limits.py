@@ -22,8 +22,6 @@ from palp_core.units import (
     NewtonsPositive,
 )
 
-__all__ = ["ONE_LINK", "DeadlineMilliseconds", "SafetyParams", "limits_of", "mistakes"]
-
 DeadlineMilliseconds = Annotated[float, msgspec.Meta(ge=1.0, le=10_000.0, extra_json_schema={"x-unit": "ms"})]
 """A longest time without a word: under a millisecond nothing is heard, over 10 s nothing is guarded."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from msgs.safety import LoadReport, RingReport, StageReport, Trip
 from palp_core.units import Float64Array
 
-__all__ = ["LastSecond"]
-
 KEEP_NS = 1_000_000_000
 
 

@@ -15,40 +15,6 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-__all__ = [
-    "Count",
-    "CountPositive",
-    "Float64Array",
-    "Hertz",
-    "HertzPositive",
-    "Kilograms",
-    "Metres",
-    "MetresArray",
-    "MetresPerSecond",
-    "MetresPerSecondPositive",
-    "Millimetres",
-    "MillimetresNonNegative",
-    "MillimetresPositive",
-    "MillisecondsPositive",
-    "Nanoseconds",
-    "NewtonMetres",
-    "NewtonMetresArray",
-    "NewtonMillimetresNonNegative",
-    "NewtonMillimetresPositive",
-    "Newtons",
-    "NewtonsPositive",
-    "Pascals",
-    "Probability",
-    "ProbabilityArray",
-    "Radians",
-    "Ratio",
-    "RatioArray",
-    "RatioNonNegative",
-    "Seconds",
-    "SecondsPositive",
-    "VoltsArray",
-]
-
 Float64Array = NDArray[np.float64]
 
 

@@ -10,8 +10,6 @@ import typer
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-__all__ = ["fields", "graphs", "nodes", "parameters", "services", "topics", "types"]
-
 
 def _running(context: typer.Context) -> RunningGraph | None:
     from palp_core.graph.discovery.running_graph import RunningGraph

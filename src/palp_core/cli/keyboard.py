@@ -8,8 +8,6 @@ import termios
 import tty
 from typing import Any, Self
 
-__all__ = ["Keyboard"]
-
 _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 
 

@@ -18,9 +18,6 @@ import typer.main
 
 from palp_core.errors import PalpError
 
-__all__ = ["LazyGroup", "Verb", "lazy_app", "load"]
-
-
 HUNG_UP = 141
 
 

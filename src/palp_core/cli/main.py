@@ -12,8 +12,6 @@ from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.errors import PalpError
 
-__all__ = ["app", "main"]
-
 _CLI = "palp_core.cli"
 
 

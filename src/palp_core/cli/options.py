@@ -10,19 +10,6 @@ import typer
 
 from palp_core.cli import completion
 
-__all__ = [
-    "GraphOption",
-    "HiddenOption",
-    "JsonOption",
-    "NodeArgument",
-    "OptionalNodeArgument",
-    "ServiceArgument",
-    "TimeoutOption",
-    "TopicArgument",
-    "TopicsArgument",
-    "until_ctrl_c",
-]
-
 INTERRUPTED = 130
 
 GraphOption = Annotated[

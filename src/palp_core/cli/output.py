@@ -6,8 +6,6 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-__all__ = ["note", "print_json", "print_table", "print_text", "table_lines", "yaml_text"]
-
 
 def print_text(text: str) -> None:
     """Write a line to standard output, unwrapped."""

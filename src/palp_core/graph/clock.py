@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
-__all__ = ["Clock", "SimClock", "WallClock", "monotonic_ns", "unix_ns"]
-
 
 def monotonic_ns() -> int:
     """Return the machine's monotonic time, in ns; common to all processes of a host."""

@@ -7,8 +7,6 @@ import itertools
 import math
 from array import array
 
-__all__ = ["RECENT", "Latency"]
-
 SUB_BUCKETS = 16
 BATCH = 1024
 RECENT = 10_000

@@ -10,8 +10,6 @@ import msgspec
 
 from palp_core.errors import GraphError
 
-__all__ = ["GraphProblems", "Mark", "Problem", "Problems", "hint", "nearest"]
-
 
 class Mark(NamedTuple):
     """A place in a file; line and column count from 1."""

@@ -26,8 +26,6 @@ from typing import Any, TypeVar
 
 from palp_core.errors import MethodError
 
-__all__ = ["Bound", "Choice", "Method", "Quantities", "choose", "find", "method", "methods"]
-
 T = TypeVar("T")
 Range = tuple[float, float]
 Quantities = Mapping[str, float | tuple[float, ...]]

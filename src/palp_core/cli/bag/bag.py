@@ -19,8 +19,6 @@ from palp_core.cli.output import print_text
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Recordings.", no_args_is_help=True, rich_markup_mode=None)
 app.command("record")(record)
 app.command("snapshot")(snapshot)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.bag.topic import Topic
 
-__all__ = ["play"]
-
 
 def play(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],

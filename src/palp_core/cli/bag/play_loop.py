@@ -16,8 +16,6 @@ from palp_core.graph.replay.play import Sink
 from palp_core.graph.replay.playback import Playback
 from palp_core.units import Nanoseconds
 
-__all__ = ["CLOCK_TOPIC", "BagClock", "PlayLoop", "clock_topic"]
-
 CLOCK_TOPIC = "/player/clock"
 FASTER = 1.1
 BACK_NS = 5_000_000_000

@@ -13,8 +13,6 @@ from palp_core.cli.options import GraphOption
 from palp_core.cli.output import note, print_text
 from palp_core.errors import BagError
 
-__all__ = ["CompressionName", "record", "snapshot"]
-
 
 class CompressionName(StrEnum):
     """Of a bag's chunks."""

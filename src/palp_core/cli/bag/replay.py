@@ -9,8 +9,6 @@ import typer
 
 from palp_core.cli.output import print_text
 
-__all__ = ["replay"]
-
 
 def replay(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],

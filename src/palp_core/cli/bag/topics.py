@@ -7,8 +7,6 @@ from pathlib import Path
 
 from palp_core.errors import BagError
 
-__all__ = ["check_topics"]
-
 
 def check_topics(topics: Collection[str], *bags: Path) -> None:
     """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before.

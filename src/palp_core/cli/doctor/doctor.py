@@ -12,8 +12,6 @@ from palp_core.cli.output import print_json, print_text
 if TYPE_CHECKING:
     from palp_core.cli.doctor.finding import Finding
 
-__all__ = ["doctor"]
-
 _ORDER = ("error", "warning", "note", "ok")
 
 

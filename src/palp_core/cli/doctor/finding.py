@@ -6,8 +6,6 @@ from typing import Literal
 
 import msgspec
 
-__all__ = ["Finding", "Level", "error", "fine", "remark", "warning"]
-
 Level = Literal["ok", "note", "warning", "error"]
 
 

@@ -19,8 +19,6 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.qos import Qos, incompatibility
 from palp_core.graph.transport.publisher_socket import ask
 
-__all__ = ["examine_graph"]
-
 ASK_S = 2.0
 HEALTH_S = 1.6
 LONGEST_PAUSE_S = 0.005

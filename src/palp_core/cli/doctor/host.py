@@ -16,8 +16,6 @@ import psutil
 from palp_core.cli.doctor.finding import Finding, error, fine, remark, warning
 from palp_core.graph.discovery.run_directory import base_folder
 
-__all__ = ["examine_host"]
-
 FEWEST_FILES = 1024
 LEAST_DISK_BYTES = 200e6
 LEAST_MEMORY_PART = 0.1

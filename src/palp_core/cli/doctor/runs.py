@@ -11,8 +11,6 @@ import psutil
 from palp_core.cli.doctor.finding import Finding, error, fine, remark
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, base_folder, runs
 
-__all__ = ["examine_runs"]
-
 
 def examine_runs() -> Iterator[Finding]:
     """Yield findings about the runs of this user."""

@@ -16,8 +16,6 @@ from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.transport.subscriber_socket import Subscriber
 
-__all__ = ["EdgeRow", "HealthReader", "NodeRow", "Snapshot", "rows", "snapshot"]
-
 HEALTH = "/graph/health"
 ASK_S = 1.0
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from palp_core.cli.doctor.snapshot import EdgeRow, NodeRow
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-__all__ = ["top"]
-
 HEALTH_PATIENCE_S = 2.5
 NODE_TITLES = ("NODE", "STATE", "CPU %", "MEMORY", "RATE Hz", "P99 ms", "LOST", "OVERRUNS", "MISSED", "PID")
 EDGE_TITLES = (

@@ -9,8 +9,6 @@ import typer
 
 from palp_core.cli.output import print_text
 
-__all__ = ["graph"]
-
 
 def graph(
     file: Annotated[Path, typer.Argument(help="Launch file.")],

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.lockstep.conductor import Observer
 
-__all__ = ["launch"]
-
 
 def launch(
     file: Annotated[Path, typer.Argument(help="Launch file.")],

@@ -11,8 +11,6 @@ from palp_core.cli.options import GraphOption, OptionalNodeArgument, until_ctrl_
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError
 
-__all__ = ["logs"]
-
 
 def logs(
     node: OptionalNodeArgument = None,

@@ -10,8 +10,6 @@ import typer
 from palp_core.cli.output import note
 from palp_core.errors import GraphError, NodeError
 
-__all__ = ["pairs", "run", "value_of"]
-
 
 def run(
     target: Annotated[

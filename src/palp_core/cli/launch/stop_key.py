@@ -11,8 +11,6 @@ import tty
 from collections.abc import Callable
 from typing import Any
 
-__all__ = ["KEY", "StopKey"]
-
 KEY = b" "
 
 

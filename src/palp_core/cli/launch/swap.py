@@ -12,8 +12,6 @@ from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgu
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import GraphError
 
-__all__ = ["swap"]
-
 FIRST_STEP = 10
 
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from palp_core.graph.description.checked import CheckedGraph
 
-__all__ = ["LaunchView"]
-
 REDRAW_NS = 100_000_000
 PLAIN_NS = 5_000_000_000
 

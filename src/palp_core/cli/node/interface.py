@@ -13,8 +13,6 @@ from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import print_json, print_text
 from palp_core.errors import GraphError
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Types of messages and services.", no_args_is_help=True, rich_markup_mode=None)
 
 WorkspaceOption = Annotated[

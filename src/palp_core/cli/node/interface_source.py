@@ -15,8 +15,6 @@ from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import enter_workspace
 
-__all__ = ["KnownType", "known_types"]
-
 BUILTIN = "palp_core.graph.messages.builtin"
 ASK_S = 2.0
 

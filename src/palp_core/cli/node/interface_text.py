@@ -6,8 +6,6 @@ from typing import Any
 
 from palp_core.cli.text.message_text import is_array
 
-__all__ = ["ros_form", "struct_form"]
-
 _STRUCT = {"boolean": "bool", "integer": "int", "number": "float", "string": "str"}
 _ROS = {"boolean": "bool", "integer": "int64", "number": "float64", "string": "string"}
 

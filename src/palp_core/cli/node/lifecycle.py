@@ -9,8 +9,6 @@ import typer
 from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, OptionalNodeArgument, TimeoutOption
 from palp_core.cli.output import note, print_json, print_text
 
-__all__ = ["app"]
-
 app = typer.Typer(help="States of running nodes.", no_args_is_help=True, rich_markup_mode=None)
 
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]

@@ -9,8 +9,6 @@ import typer
 from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, NodeArgument, TimeoutOption
 from palp_core.cli.output import print_json, print_text
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Nodes of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
 

@@ -13,8 +13,6 @@ from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, Optiona
 from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.errors import GraphError
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Parameters of running nodes.", no_args_is_help=True, rich_markup_mode=None)
 
 NameArgument = Annotated[

@@ -9,8 +9,6 @@ from typing import Any
 from palp_core.graph.description.yaml_tree import Entry, Mapping, parse_tree, plain_tree
 from palp_core.graph.problems import GraphProblems, Problem, Problems, hint
 
-__all__ = ["read_parameter_file"]
-
 EVERY_NODE = "/**"
 HEADING = "ros__parameters"
 

@@ -17,8 +17,6 @@ from palp_core.cli.options import (
 from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.errors import GraphError
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Services of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
 

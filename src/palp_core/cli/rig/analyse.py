@@ -10,8 +10,6 @@ import typer
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 
-__all__ = ["analyse"]
-
 
 def analyse(
     outs: Annotated[

@@ -8,8 +8,6 @@ import typer
 
 from palp_core.cli.output import print_json, print_text
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Set-ups of contact models, kept on disk.", no_args_is_help=True)
 
 JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]

@@ -7,8 +7,6 @@ from dataclasses import MISSING, dataclass, fields
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.registry import back_end, known_devices
 
-__all__ = ["ORDER", "Description", "describe", "kind_of"]
-
 ORDER = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
 _LINKS = {
     "aerotech": "Aerotech ASCII (Ensemble, Soloist): serial or TCP 8000",

@@ -25,8 +25,6 @@ from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verifi
 from palp_core.palpation.devices.wire import aerotech as wire
 from palp_core.palpation.devices.wire import maestro as maestro_wire
 
-__all__ = ["probe", "unverified", "watch"]
-
 _LONGEST_S = 5.0
 _LISTEN_S = 0.5
 

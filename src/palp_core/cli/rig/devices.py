@@ -13,8 +13,6 @@ from palp_core.cli.options import JsonOption, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import DeviceError
 
-__all__ = ["app"]
-
 app = typer.Typer(
     help="Devices: which there are, try them, emulate them.", no_args_is_help=True, rich_markup_mode=None
 )

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.launch.graph import Graph
 
-__all__ = ["app", "stop", "stop_key", "stop_motion"]
-
 app = typer.Typer(help="The safety node of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
 STOPS, ACKNOWLEDGES = "stop", "acknowledge"

@@ -13,8 +13,6 @@ from palp_core.cli.output import note, print_json, print_table, print_text
 if TYPE_CHECKING:
     from palp_core.palpation.mechanics.scene.choice import SceneChoice
 
-__all__ = ["app"]
-
 app = typer.Typer(help="Scenes: which model, why, and what comes out.", no_args_is_help=True)
 
 

@@ -15,8 +15,6 @@ from palp_core.cli.text.message_text import is_array
 from palp_core.errors import GraphError
 from palp_core.graph.problems import hint
 
-__all__ = ["message_filter"]
-
 LONGEST = 1000  # characters
 DEEPEST = 50  # nested expressions
 MESSAGE = "m"

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 from palp_core.errors import GraphError
 from palp_core.graph.problems import hint
 
-__all__ = ["Shortening", "csv_line", "decoded", "is_array", "parse_path", "pick", "readable", "shortened"]
-
 Path = tuple[str | int, ...]
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(-?\d+)\]")
 

@@ -9,8 +9,6 @@ from palp_core.cli.text.message_text import is_array
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.problems import Problems, hint
 
-__all__ = ["message_from_yaml", "packed", "parse_yaml"]
-
 _KINDS: dict[str, type] = {"boolean": bool, "integer": int, "number": float, "string": str}
 INT64 = range(-(2**63), 2**63)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from palp_core.errors import GraphError
 
-__all__ = ["type_and_message", "type_name"]
-
 
 def type_name(text: str) -> str:
     """Return the name in a type as ROS 2 and palp write it.

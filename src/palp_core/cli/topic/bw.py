@@ -9,8 +9,6 @@ import typer
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import print_json, print_text
 
-__all__ = ["bw"]
-
 
 def bw(
     topics: TopicsArgument,

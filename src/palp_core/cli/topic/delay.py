@@ -9,8 +9,6 @@ import typer
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 
-__all__ = ["delay"]
-
 PERIOD_S = 1.0
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.run_directory import TopicEntry
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-__all__ = ["echo", "requested_depth"]
-
 Profile = Literal["default", "sensor_data", "latched"]
 SILENCE_NS = 3_000_000_000
 

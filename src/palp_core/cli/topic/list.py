@@ -11,8 +11,6 @@ from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
-__all__ = ["find", "info", "list_topics", "type_"]
-
 
 def list_topics(
     *,

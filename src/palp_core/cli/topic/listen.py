@@ -15,8 +15,6 @@ from palp_core.graph.node.sequence_account import EdgeCounter
 from palp_core.graph.transport.migration import Following, Turns
 from palp_core.graph.transport.subscriber_socket import Subscriber
 
-__all__ = ["Heard", "Listener"]
-
 TICK_S = 0.1
 HISTORY_TIMEOUT_S = 2.0
 LOOK_AT_LAUNCHER_NS = 500_000_000

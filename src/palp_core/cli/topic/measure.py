@@ -15,8 +15,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import TopicEntry
 from palp_core.graph.discovery.running_graph import Edge, RunningGraph
 
-__all__ = ["Window", "account", "measure", "reader_lines", "readers"]
-
 REPORT_NS = 1_000_000_000
 COUNTS = ("received", "lost", "repeated", "late", "dropped", "filled")
 ASK_S = 2.0

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from palp_core.cli.topic.listen import Heard
     from palp_core.graph.discovery.run_directory import TopicEntry
 
-__all__ = ["plot"]
-
 REDRAW_NS = 100_000_000
 PLAIN_SIZE = (100, 30)
 

@@ -16,8 +16,6 @@ from palp_core.errors import GraphError
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-__all__ = ["pub"]
-
 RETRY_S = 0.1
 MANY_LATE = 10
 

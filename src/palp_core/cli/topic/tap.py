@@ -10,8 +10,6 @@ from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, until_ctrl_c
 from palp_core.cli.output import note
 
-__all__ = ["tap"]
-
 
 def tap(
     topics: Annotated[

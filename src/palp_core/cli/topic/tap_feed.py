@@ -16,8 +16,6 @@ import zmq
 from palp_core.errors import SecurityError
 from palp_core.graph.network.listen_address import host_and_port, resolve
 
-__all__ = ["TIME", "TapFeed", "points"]
-
 TIME = "timestamp"
 LONGEST_LIST = 100
 SEND_QUEUE = 10_000

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from palp_core.cli.lazy import Verb, lazy_app
 
-__all__ = ["app"]
-
 _CLI = "palp_core.cli"
 
 app = lazy_app(

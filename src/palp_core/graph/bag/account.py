@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["EpochAccount", "Gap", "TopicAccount"]
-
 
 class Gap(msgspec.Struct, frozen=True):
     """Missing messages ``first`` to ``last`` of an epoch, both missing."""

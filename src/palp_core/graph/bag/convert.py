@@ -17,8 +17,6 @@ from palp_core.graph.bag.topic import Stream
 from palp_core.graph.bag.values import decoder_for, is_array, plain
 from palp_core.graph.bag.writer import BagWriter
 
-__all__ = ["json_form", "rows", "table_name", "to_csv", "to_json", "to_parquet"]
-
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
 PARQUET_ROWS = 8192
 

@@ -14,8 +14,6 @@ import numpy as np
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.values import decoder_for, plain
 
-__all__ = ["Difference", "TopicDiff", "diff_bags", "first_difference"]
-
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
     """Where two bags first differ on a topic; ``field`` is "" where one of the messages is not there."""

@@ -13,8 +13,6 @@ from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.topic import Stream
 from palp_core.graph.bag.writer import BagWriter
 
-__all__ = ["copy_messages", "filter_bag", "merge_bags", "split_bag"]
-
 
 def filter_bag(
     bag: str | Path,

@@ -12,8 +12,6 @@ from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.recorder import SUMMARY_NAME, RecordingSummary
 
-__all__ = ["VERSIONS_NAME", "BagInfo", "TopicReport", "bag_info"]
-
 T = TypeVar("T")
 VERSIONS_NAME = "palp/versions.json"
 

@@ -21,8 +21,6 @@ from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.schema import schema_of
 from palp_core.units import Float64Array
 
-__all__ = ["message_class"]
-
 _SCALARS: dict[str, Any] = {"boolean": bool, "integer": int, "number": float, "string": str}
 
 

@@ -13,8 +13,6 @@ import yaml
 from palp_core.errors import BagError
 from palp_core.graph.bag.topic import Topic
 
-__all__ = ["FILE_NAME", "FilePart", "bag_files", "in_order", "write_metadata"]
-
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 

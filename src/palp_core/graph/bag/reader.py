@@ -25,8 +25,6 @@ from palp_core.graph.bag.metadata import bag_files
 from palp_core.graph.bag.topic import Stream, Topic
 from palp_core.graph.bag.values import decoder_for
 
-__all__ = ["Bag", "BagMessage", "RecordedMessage", "read", "to_numpy"]
-
 
 class RecordedMessage(NamedTuple):
     """A message as it was recorded.

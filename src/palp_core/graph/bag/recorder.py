@@ -17,8 +17,6 @@ from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent,
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
 from palp_core.graph.messages.schema import json_schema, schema_of
 
-__all__ = ["SUMMARY_NAME", "BagRecorder", "RecordingSummary", "TopicRecording"]
-
 SUMMARY_NAME = "palp/recording.json"
 _KEY_BYTES = 9
 """NUL, version, kind, reserved and epoch: with the topic before them, what tells one stream from another."""

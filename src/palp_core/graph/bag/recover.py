@@ -16,8 +16,6 @@ from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.topic import Stream
 from palp_core.graph.bag.writer import BagWriter
 
-__all__ = ["RecoverReport", "recover"]
-
 
 class RecoverReport(msgspec.Struct, kw_only=True):
     """What was saved and what was not.

@@ -16,8 +16,6 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
 from palp_core.graph.bag.values import decoder_for, is_array
 
-__all__ = ["PACKAGE", "message_texts", "to_ros2"]
-
 PACKAGE = "palp_msgs"
 _SCALARS = {"boolean": "bool", "integer": "int64", "number": "float64", "string": "string"}
 _NUMBERS: dict[str, Any] = {"boolean": np.bool_, "integer": np.int64, "number": np.float64}

@@ -13,8 +13,6 @@ import msgspec
 
 from palp_core.graph.bag.reader import Bag
 
-__all__ = ["NODES_ATTACHMENT", "Rounds"]
-
 NODES_ATTACHMENT = "palp/nodes.json"
 
 

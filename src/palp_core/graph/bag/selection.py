@@ -7,8 +7,6 @@ from collections.abc import Callable, Collection
 
 from palp_core.errors import BagError
 
-__all__ = ["topic_selection"]
-
 
 def topic_selection(
     topics: Collection[str] = (), regex: str | None = None, exclude_regex: str | None = None

@@ -9,8 +9,6 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.messages.frame import Kind, parse
 
-__all__ = ["Snapshot"]
-
 
 class Snapshot:
     """An observer that remembers frames for a while; latched values it remembers for good.

@@ -14,8 +14,6 @@ import msgspec
 
 from palp_core.graph.bag.mcap.records import Channel, Schema
 
-__all__ = ["ANY_SCHEMA", "Stream", "Topic"]
-
 ANY_SCHEMA: dict[str, Any] = {"type": "object"}
 MESSAGE_ENCODING = "msgpack"
 SCHEMA_ENCODING = "jsonschema"

@@ -14,8 +14,6 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
 from palp_core.units import Float64Array
 
-__all__ = ["decoder_for", "is_array", "plain", "type_from_schema"]
-
 FLOAT64 = np.dtype("<f8")
 _SCALARS: dict[str, Any] = {"boolean": bool, "integer": int, "number": float, "string": str}
 

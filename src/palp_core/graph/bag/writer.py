@@ -17,8 +17,6 @@ from palp_core.graph.bag.mcap.records import Attachment, Metadata
 from palp_core.graph.bag.metadata import FilePart, write_metadata
 from palp_core.graph.bag.topic import Stream, Topic
 
-__all__ = ["BagWriter"]
-
 _NEVER = 1 << 63
 MAX_CHANNELS = 0xFFFF
 

@@ -11,8 +11,6 @@ from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, parse_
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
-__all__ = ["Argument", "Given", "assign", "declare", "from_command_line", "show", "unknown_keys"]
-
 _KEYS = ("default", "choices", "help")
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 

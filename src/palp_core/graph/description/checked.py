@@ -11,8 +11,6 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.recording.recorder_node import RECORDER
 
-__all__ = ["CheckedGraph", "Reading", "TopicInfo", "recorders_apart", "resolved_yaml"]
-
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     """What a topic carries.

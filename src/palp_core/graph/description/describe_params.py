@@ -14,8 +14,6 @@ from palp_core.graph.node.param_description import ParamDescription, describe_pa
 from palp_core.graph.node.params import load_params
 from palp_core.graph.problems import hint, nearest
 
-__all__ = ["param_errors"]
-
 
 def param_errors(node: Declaration, given: Mapping[str, Any]) -> dict[str, str]:
     """Return what is wrong with given parameters: the first mistake of each, by name.

@@ -12,8 +12,6 @@ from palp_core.graph.description.layout import GAP_X, HEAD, LANE, WIDTH, Box, La
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_png", "mermaid"]
-
 _TRUTH = "truth"
 _INK, _PAPER = "#222222", "#fbfbf9"
 _COLOURS = (

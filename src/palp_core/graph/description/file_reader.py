@@ -24,8 +24,6 @@ from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree, read_tre
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
-__all__ = ["read"]
-
 _KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen")
 _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _REPORT = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")

@@ -11,8 +11,6 @@ from palp_core.graph.description.values import NAME, flat, read_flag, read_numbe
 from palp_core.graph.description.yaml_tree import Entry, Mapping
 from palp_core.graph.problems import Problems, nearest
 
-__all__ = ["read_wire"]
-
 _CHOICES = {
     "reliability": ("best_effort", "reliable"),
     "durability": ("volatile", "transient_local"),

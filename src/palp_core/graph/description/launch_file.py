@@ -11,17 +11,6 @@ from palp_core.graph.description.substitution import UNKNOWN
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.problems import Mark, Problem
 
-__all__ = [
-    "Description",
-    "GraphNode",
-    "InputEntry",
-    "Located",
-    "Restart",
-    "Variant",
-    "arguments_text",
-    "find_workspace",
-]
-
 
 @dataclass(frozen=True)
 class Located:

@@ -12,8 +12,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["Box", "Layout", "Wire", "arrange"]
-
 WIDTH, GAP_X, GAP_Y, ROW, HEAD, LANE = 2.7, 1.3, 0.4, 0.27, 0.66, 0.26
 _SWEEPS = 12
 

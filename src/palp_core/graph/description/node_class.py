@@ -31,8 +31,6 @@ from palp_core.graph.node.params import load_params
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
 
-__all__ = ["DescribeRequest", "NodeDescription", "PortDescription", "TypeDescription", "describe"]
-
 _LIBRARY = Path(__file__).resolve().parents[2]
 
 

@@ -15,8 +15,6 @@ from palp_core.graph.description.values import NAME, flat, read_flag, read_numbe
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
 from palp_core.graph.problems import Problems, nearest
 
-__all__ = ["NodeReader"]
-
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
 _KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
 _RESTART = ("never", "on_failure")

@@ -12,8 +12,6 @@ from palp_core.graph.description.substitution import UNKNOWN, Scope, sole_variab
 from palp_core.graph.description.yaml_tree import Mapping, Tree
 from palp_core.graph.problems import Problems, hint, nearest
 
-__all__ = ["SELECT", "Choice", "Selection", "assignments", "read_selection"]
-
 SELECT = "select"
 T = TypeVar("T")
 

@@ -11,8 +11,6 @@ from typing import Any, Final
 from palp_core.graph.description.yaml_tree import Mapping, Scalar, Sequence, Tree, parse_scalar
 from palp_core.graph.problems import Mark, Problems, hint
 
-__all__ = ["UNKNOWN", "Scope", "evaluate", "sole_variable"]
-
 
 class _Unknown:
     """Stands for a value whose mistake has been reported already."""

@@ -9,8 +9,6 @@ from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
 from palp_core.graph.description.yaml_tree import Tree
 from palp_core.graph.problems import Problems, nearest
 
-__all__ = ["NAME", "flat", "read_flag", "read_number", "read_word"]
-
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 T = TypeVar("T", int, float)
 

@@ -15,19 +15,6 @@ import yaml
 
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
 
-__all__ = [
-    "Entry",
-    "Mapping",
-    "Plain",
-    "Scalar",
-    "Sequence",
-    "Tree",
-    "parse_scalar",
-    "parse_tree",
-    "plain_tree",
-    "read_tree",
-]
-
 Plain: TypeAlias = str | int | float | bool | None
 
 

@@ -18,18 +18,6 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.problems import hint
 
-__all__ = [
-    "NodeEntry",
-    "RunDirectory",
-    "RunRecord",
-    "TopicEntry",
-    "base_folder",
-    "find_running",
-    "locked",
-    "running",
-    "runs",
-]
-
 KEEP_ENDED = 10
 LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
 

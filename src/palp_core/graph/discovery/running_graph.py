@@ -12,8 +12,6 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, find_running, locked
 from palp_core.graph.problems import hint
 
-__all__ = ["LAUNCHER", "REPLY_TIMEOUT_S", "Answers", "Edge", "RunningGraph", "Service", "hidden"]
-
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
 CHANGES_OF_HANDS = 10

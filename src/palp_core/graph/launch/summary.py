@@ -11,8 +11,6 @@ import msgspec
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.node.loading import load_module
 
-__all__ = ["RunSummary", "report_function", "summary_of"]
-
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     """How a run went; handed to the launch file's report function.

@@ -12,8 +12,6 @@ from palp_core.graph.swap.swap import SwapCrew
 if TYPE_CHECKING:
     from palp_core.graph.lockstep.composition import Composition
 
-__all__ = ["swap_crew"]
-
 
 def swap_crew(
     crew: Crew | Composition, folder: Path, workspace: Path, elapse: Callable[[int], None]

@@ -20,8 +20,6 @@ from palp_core.graph.process.node_services import CHANGING, NodeCommands
 from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.transport.publisher_socket import Broadcast
 
-__all__ = ["Composition", "composed"]
-
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
 

@@ -17,8 +17,6 @@ from palp_core.errors import GraphError, PalpError
 from palp_core.graph.messages.frame import sequence_of, topic_of
 from palp_core.graph.process.channel import Done, Round
 
-__all__ = ["MAX_ROUNDS", "Conductor", "Crew", "Observer"]
-
 MAX_ROUNDS = 1000
 
 Observer = Callable[[int, bytes], None]

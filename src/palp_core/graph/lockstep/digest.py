@@ -7,8 +7,6 @@ from typing import Any
 
 from palp_core.graph.messages.frame import parse
 
-__all__ = ["TopicDigest"]
-
 
 class TopicDigest:
     """Observes frames and hashes each topic's sequence numbers, stamps and payloads."""

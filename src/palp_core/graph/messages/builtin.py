@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core.graph.messages.message import Message
 from palp_core.units import Count, Nanoseconds, Probability, Seconds
 
-__all__ = ["EdgeHealth", "GraphEvent", "GraphHealth", "NodeEvent", "NodeHealth", "Order", "Progress", "Swap"]
-
 
 class Progress(Message):
     """How far a run is; shown by the launch view.

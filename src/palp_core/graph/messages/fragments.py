@@ -16,8 +16,6 @@ import numpy as np
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
 
-__all__ = ["CUT_FROM", "Pieces", "cut", "decode_pieces"]
-
 CUT_FROM = 512 * 1024  # bytes; below, copying is faster than the handing over of memory between threads
 _STAND_IN = np.frombuffer(b"palp: cut here!!", dtype="<f8")
 _STAND_IN_BIN = b"\xc4\x10palp: cut here!!"

@@ -18,23 +18,6 @@ from typing import NamedTuple
 
 from palp_core.errors import SchemaMismatch
 
-__all__ = [
-    "HEADER_BYTES",
-    "IN_PIECES",
-    "PLAIN_DATA",
-    "VERSION",
-    "Frame",
-    "Kind",
-    "checked_pieces",
-    "pack",
-    "parse",
-    "quick_header",
-    "quick_pack",
-    "raw_of",
-    "sequence_of",
-    "topic_of",
-]
-
 VERSION = 1
 _HEADER = struct.Struct("<BBHIQqQ")
 _QUICK = struct.Struct("<IIQqQ")

@@ -16,16 +16,6 @@ import numpy as np
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.schema import MessageMeta, schema_of
 
-__all__ = [
-    "DECODE_ERRORS",
-    "Message",
-    "decode",
-    "decode_any",
-    "encode",
-    "encode_any",
-    "plain_decoder",
-]
-
 T = TypeVar("T")
 M = TypeVar("M", bound="Message")
 FLOAT64 = np.dtype("<f8")

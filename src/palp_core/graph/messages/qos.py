@@ -6,8 +6,6 @@ from typing import Literal
 
 import msgspec
 
-__all__ = ["Qos", "incompatibility", "on_edge", "strictest"]
-
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a publisher offers or a reader requests; 0 means "none stated".

@@ -11,8 +11,6 @@ import numpy as np
 
 from palp_core.errors import SchemaMismatch
 
-__all__ = ["Field", "MessageMeta", "Schema", "json_schema", "ros_text", "schema_of"]
-
 
 class MessageMeta(msgspec.StructMeta):
     """Makes every message frozen and keyword-only."""

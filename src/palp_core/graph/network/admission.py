@@ -9,8 +9,6 @@ from palp_core.graph.messages.qos import incompatibility
 from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
 from palp_core.graph.problems import hint
 
-__all__ = ["RESERVED", "objections"]
-
 RESERVED = frozenset({"graph", "gateway", "composition"})
 _MOST_PORTS = 256
 

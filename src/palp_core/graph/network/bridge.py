@@ -60,8 +60,6 @@ from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Exchange
 from palp_core.graph.process.channel import Line, Link, LinkClosed
 
-__all__ = ["Bridge", "main"]
-
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0
 ANSWER_WITHIN_S = 20.0

@@ -7,11 +7,6 @@ import msgspec
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.process.channel import Line
 
-__all__ = [
-    "Admitted", "Apply", "Call", "Doing", "FromBridge", "Goodbye", "Lost", "Reached", "Runs",
-    "ToBridge", "bridge_decoder", "joiner_decoder",
-]  # fmt: skip
-
 
 class Call(Line, frozen=True):
     """Call a gateway; absent nodes get their endpoints in ``run_dir``. Without CURVE the key is ""."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-__all__ = ["Offset", "OffsetEstimate"]
-
 
 class Offset(NamedTuple):
     """The other clock minus this one, and the most that can be wrong about it, both in ns."""

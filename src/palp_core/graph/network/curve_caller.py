@@ -21,8 +21,6 @@ from palp_core.graph.network.curve_listener import (
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
 from palp_core.graph.network.keys import OwnKeys
 
-__all__ = ["Caller"]
-
 _LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
 _CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
 

@@ -22,17 +22,6 @@ from palp_core.errors import GraphError
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
 from palp_core.graph.network.keys import OwnKeys
 
-__all__ = [
-    "FAILED",
-    "HANDSHAKE_MS",
-    "OTHER_MECHANISM",
-    "Listener",
-    "Received",
-    "Sent",
-    "configure",
-    "is_large",
-]
-
 DOMAIN = b"palp"
 HANDSHAKE_MS = 5_000
 HIGH_WATER_MARK = 100_000

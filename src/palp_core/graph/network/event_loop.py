@@ -7,8 +7,6 @@ from typing import Any
 
 import zmq
 
-__all__ = ["MOST_AT_ONCE", "Reactor"]
-
 MOST_AT_ONCE = 200  # messages taken from one socket before the others have their turn
 
 

@@ -43,8 +43,6 @@ from palp_core.graph.network.remote_nodes import Guests
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import Line, Link, LinkClosed
 
-__all__ = ["Gateway", "main"]
-
 MEMORY_BYTES = 1 << 30
 PR_SET_PDEATHSIG = 1
 _LOG = logging.getLogger("palp.gateway")

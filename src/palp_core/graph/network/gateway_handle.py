@@ -32,8 +32,6 @@ from palp_core.graph.network.listen_address import Plan, plan
 from palp_core.graph.process.channel import LinkClosed
 from palp_core.graph.supervision.sidecar import Companion
 
-__all__ = ["Door", "open_door", "view_of"]
-
 START_TIMEOUT_S = 20.0
 MOST_RESTARTS = 5
 _LOG = logging.getLogger("palp.gateway")

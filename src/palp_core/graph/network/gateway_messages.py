@@ -7,11 +7,6 @@ import msgspec
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.process.channel import Line
 
-__all__ = [
-    "Activated", "Begin", "CannotListen", "Ending", "FromGateway", "GuestDoes", "GuestIn", "GuestOut",
-    "Listening", "Opened", "ToGateway", "TurnedAway", "gateway_decoder", "launcher_decoder",
-]  # fmt: skip
-
 
 class Begin(Line, frozen=True):
     """Listen; ``epochs`` says how often each name has joined so far."""

@@ -13,31 +13,6 @@ from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
 
-__all__ = [
-    "Active",
-    "Beat",
-    "Clock",
-    "GraphView",
-    "GraphWord",
-    "Health",
-    "Hello",
-    "Input",
-    "Join",
-    "JoinRequest",
-    "Joined",
-    "Leave",
-    "NodeView",
-    "Refused",
-    "Reply",
-    "Request",
-    "Subscribe",
-    "Unsubscribe",
-    "Word",
-    "decode_word",
-    "encode_word",
-    "is_frame",
-]
-
 PROTOCOL = 1
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats

@@ -17,8 +17,6 @@ from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import hint
 
-__all__ = ["alone", "join_request", "outputs_of", "wired"]
-
 
 def outputs_of(name: str, described: NodeDescription, external: Collection[str] = ()) -> dict[str, TopicInfo]:
     """Return what a node publishes, by topic.

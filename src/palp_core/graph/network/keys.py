@@ -25,8 +25,6 @@ import zmq
 
 from palp_core.errors import SecurityError
 
-__all__ = ["KeyFolder", "OwnKeys", "is_key"]
-
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
 _FIELD = re.compile(r'^\s*(public-key|secret-key|name)\s*=\s*"([^"]*)"\s*$', re.MULTILINE)

@@ -11,8 +11,6 @@ from typing import NamedTuple
 from palp_core.errors import SecurityError
 from palp_core.graph.network.keys import KeyFolder
 
-__all__ = ["Plan", "host_and_port", "plan", "resolve"]
-
 _ADDRESS = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5}|\*)")
 
 

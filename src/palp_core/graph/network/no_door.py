@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from palp_core.graph.messages.builtin import NodeHealth
     from palp_core.graph.network.join_protocol import JoinRequest
 
-__all__ = ["NoDoor"]
-
 
 class NoDoor:
     """Stands where a :class:`~palp_core.graph.network.gateway_handle.Door` would."""

@@ -17,8 +17,6 @@ from palp_core.graph.network.join_protocol import (
 )
 from palp_core.graph.process.health import PULSE_NS
 
-__all__ = ["Peer"]
-
 _LOG = logging.getLogger("palp.gateway")
 
 

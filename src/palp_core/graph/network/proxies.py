@@ -20,8 +20,6 @@ from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Following, Turns
 
-__all__ = ["Desk", "StandIn", "Tap"]
-
 HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10
 LARGEST_REQUEST_BYTES = 1 << 20

@@ -6,8 +6,6 @@ from collections import OrderedDict
 
 import msgspec
 
-__all__ = ["Refusal", "Refusals"]
-
 MOST_ENTRIES = 256
 BURST = 10
 PERIOD_NS = 1_000_000_000

@@ -42,8 +42,6 @@ from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Exchange
 from palp_core.graph.process.channel import Line
 
-__all__ = ["Guests"]
-
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
 # What another host may ask the launcher itself: to look, never to start or stop anything.

@@ -19,8 +19,6 @@ from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.proxies import Desk, StandIn, Tap
 from palp_core.graph.node.loading import endpoints
 
-__all__ = ["Exchange"]
-
 MOST_PENDING = 4096
 MOST_TOPICS = 1024
 MOST_NAMES = 256

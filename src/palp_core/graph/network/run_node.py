@@ -42,8 +42,6 @@ from palp_core.graph.supervision.run_record import announcement_of_one
 from palp_core.graph.supervision.sidecar import Companion
 from palp_core.graph.supervision.supervisor import Supervisor
 
-__all__ = ["Address", "run_node"]
-
 Say = Callable[[str], None]
 
 

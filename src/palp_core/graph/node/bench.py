@@ -27,8 +27,6 @@ from palp_core.graph.node.service_client import CallEnd, Pending
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.process.node_services import set_parameters
 
-__all__ = ["Bench"]
-
 MAX_ROUNDS = 1000
 
 N = TypeVar("N", bound=Node)

@@ -23,8 +23,6 @@ from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import CallInput, Input, ReplyInput
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
-__all__ = ["Bindings", "Owner", "TimedEnd"]
-
 Guard = Callable[[str, Callable[..., Any]], Callable[..., Any]]
 TimedEnd = TimerEnd | AlarmEnd | EventEnd | CallEnd
 SERVICE = Qos(depth=100)

@@ -14,8 +14,6 @@ from palp_core.graph.messages.builtin import NodeEvent
 from palp_core.graph.node.publisher import Outlet
 from palp_core.graph.node.qos_events import QosEvent, is_worth_saying
 
-__all__ = ["EVENTS_PORT", "EventLog"]
-
 EVENTS_PORT = "_events"
 
 

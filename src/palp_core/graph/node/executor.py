@@ -35,8 +35,6 @@ from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import Input
 from palp_core.graph.node.succession import hand_over_of, leave, snapshot, take_over
 
-__all__ = ["Executor"]
-
 
 class Executor:
     """One node between its driver and its handlers.

@@ -11,8 +11,6 @@ from palp_core.graph.node.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from palp_core.graph.node.executor import Executor
 
-__all__ = ["Failing"]
-
 
 class Failing:
     """Turns whatever a node's code raises into the node's failure.

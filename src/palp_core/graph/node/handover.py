@@ -16,14 +16,6 @@ from palp_core.graph.node.node import State
 from palp_core.graph.node.sequence_account import EdgeCounter
 from palp_core.graph.node.service_client import Pending
 
-__all__ = [
-    "VERSION",
-    "HandOver",
-    "Predecessor",
-    "adopt_state",
-    "first_state",
-]
-
 VERSION = 2
 
 

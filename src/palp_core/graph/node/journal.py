@@ -10,8 +10,6 @@ from palp_core.graph.messages.builtin import Order
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.publisher import Outlet
 
-__all__ = ["ORDER_PORT", "OUTSIDE", "PARAMETERS", "TRANSITIONS", "OrderLog"]
-
 ORDER_PORT = "_order"
 PARAMETERS = "parameters"
 OUTSIDE = "outside:"

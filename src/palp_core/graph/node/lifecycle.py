@@ -6,8 +6,6 @@ from enum import StrEnum
 
 from palp_core.errors import LifecycleError
 
-__all__ = ["Lifecycle", "Transition", "successor"]
-
 
 class Lifecycle(StrEnum):
     """Primary states."""

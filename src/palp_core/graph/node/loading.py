@@ -15,8 +15,6 @@ from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
 from palp_core.graph.node.spec import NodeSpec
 
-__all__ = ["NodeProcess", "endpoints", "enter_workspace", "load_class", "load_module"]
-
 
 class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
     """What a node's process is told when it is born.

@@ -20,8 +20,6 @@ from palp_core.graph.node.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, P
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Declaration", "Node", "Params", "ReadOnly", "State", "class_name", "declaration_of"]
-
 
 class _ParamsMeta(msgspec.StructMeta):
     def __new__(mcls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> _ParamsMeta:

@@ -8,8 +8,6 @@ import msgspec
 
 from palp_core.graph.node.node import Params
 
-__all__ = ["ParamDescription", "describe_params"]
-
 
 class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
     """One parameter.

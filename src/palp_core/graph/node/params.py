@@ -11,8 +11,6 @@ from palp_core.errors import GraphError
 from palp_core.graph.node.node import Declaration, Params
 from palp_core.graph.node.param_description import describe_params
 
-__all__ = ["changed_params", "load_params"]
-
 SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
 

@@ -13,8 +13,6 @@ from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.qos_events import QosEvent
 
-__all__ = ["Alarm", "Client", "Port", "Pub", "Srv", "Sub", "Timer", "every", "on", "on_event", "serve"]
-
 M = TypeVar("M", bound=Message)
 Request = TypeVar("Request", bound=Message)
 Reply = TypeVar("Reply", bound=Message)

@@ -13,8 +13,6 @@ from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
 
-__all__ = ["Outlet"]
-
 M = TypeVar("M", bound=Message)
 
 

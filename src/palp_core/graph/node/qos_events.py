@@ -7,8 +7,6 @@ from typing import Literal, Protocol
 
 import msgspec
 
-__all__ = ["EventEnd", "EventKind", "QosEvent", "is_worth_saying"]
-
 EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "call_timeout"]
 
 _TEXT = {

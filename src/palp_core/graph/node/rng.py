@@ -7,8 +7,6 @@ import json
 
 import numpy as np
 
-__all__ = ["rng_from_text", "rng_of", "rng_to_text"]
-
 
 def rng_of(seed: int, name: str) -> np.random.Generator:
     """Return the generator of a node; other names and seeds give independent streams."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["EdgeCounter"]
-
 
 class EdgeCounter(msgspec.Struct):
     """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).

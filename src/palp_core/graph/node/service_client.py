@@ -10,8 +10,6 @@ import msgspec
 from palp_core.graph.messages.message import Message
 from palp_core.graph.node.publisher import Outlet
 
-__all__ = ["CallEnd", "Pending"]
-
 
 class Pending(msgspec.Struct):
     """One call on its way.

@@ -8,8 +8,6 @@ import msgspec
 
 from palp_core.graph.messages.qos import Qos
 
-__all__ = ["NodeSpec", "topic"]
-
 
 def topic(node: str, port: str) -> str:
     """Return the name of the topic that a port publishes."""

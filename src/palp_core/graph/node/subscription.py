@@ -16,8 +16,6 @@ from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.sequence_account import EdgeCounter
 from palp_core.graph.node.service_client import CallEnd
 
-__all__ = ["CallInput", "Input", "ReplyInput"]
-
 
 class Input:
     """A subscription.

@@ -18,8 +18,6 @@ from palp_core.graph.node.rng import rng_from_text, rng_to_text
 if TYPE_CHECKING:
     from palp_core.graph.node.executor import Executor
 
-__all__ = ["adopt", "fitting", "hand_over_of", "leave", "snapshot", "take_over"]
-
 
 def snapshot(executor: Executor) -> HandOver:
     """Return the hand-over without inbox and histories."""

@@ -7,8 +7,6 @@ import operator
 from collections.abc import Callable
 from typing import Any, Protocol
 
-__all__ = ["AlarmEnd", "TimerEnd"]
-
 
 class _Owner(Protocol):
     node: Any

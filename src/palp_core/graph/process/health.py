@@ -12,8 +12,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
 from palp_core.graph.messages.message import encode
 
-__all__ = ["PULSE_NS", "HealthProbe"]
-
 PULSE_NS = 500_000_000
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 

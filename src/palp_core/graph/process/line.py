@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["Line"]
-
 
 class Line(msgspec.Struct, frozen=True, array_like=True, tag=True):
     """Base of what travels on a line."""

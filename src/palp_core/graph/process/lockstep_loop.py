@@ -28,8 +28,6 @@ from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
 from palp_core.graph.process.swap_participant import Changeover
 from palp_core.graph.transport.publisher_socket import Broadcast
 
-__all__ = ["LockstepMain", "follow_round"]
-
 
 class LockstepMain:
     """The loop of a lockstep node."""

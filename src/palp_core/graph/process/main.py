@@ -17,8 +17,6 @@ from palp_core.graph.process.channel import Failed, Hello, LinkClosed, node_end
 from palp_core.graph.process.lockstep_loop import LockstepMain
 from palp_core.graph.process.wall_loop import WallMain
 
-__all__ = ["run_node"]
-
 
 def run_node(birth: NodeProcess) -> int:
     """Run one node until the supervisor ends it, and return the exit status of its process."""

@@ -26,8 +26,6 @@ from palp_core.graph.node.params import changed_params
 from palp_core.graph.node.timers import TimerEnd
 from palp_core.graph.transport.request_server import Operation
 
-__all__ = ["CHANGING", "NodeCommands", "read_request", "serve_outside", "set_parameters"]
-
 CHANGING = ("set_parameters", "call", "transition", "publish")
 """Operations that change the node or publish something."""
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from palp_core.graph.messages.frame import Frame, Kind, parse
 
-__all__ = ["Comparison", "array_fields"]
-
 MOST_WAITING = 100_000
 
 

@@ -9,30 +9,6 @@ from __future__ import annotations
 
 from palp_core.graph.process.line import Line
 
-__all__ = [
-    "Announced",
-    "EndShadow",
-    "FromSwapped",
-    "Go",
-    "HandIn",
-    "HandedIn",
-    "Leave",
-    "Listening",
-    "Meet",
-    "Met",
-    "Place",
-    "Rehearse",
-    "Rehearsed",
-    "Resume",
-    "Shadow",
-    "Shadowed",
-    "Stay",
-    "TakeOver",
-    "ToSwapped",
-    "TookOver",
-    "Working",
-]
-
 
 class Place(Line, frozen=True):
     """To the predecessor: readers should listen to a second place too, from where the node will go on."""

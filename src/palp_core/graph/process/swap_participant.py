@@ -45,8 +45,6 @@ from palp_core.graph.transport.moves import Move
 from palp_core.graph.transport.publisher_socket import Broadcast
 from palp_core.graph.transport.subscriber_socket import Subscriber
 
-__all__ = ["Changeover", "Heard"]
-
 READERS_NS = 300_000_000
 """How long readers that are no nodes of the graph may take to listen to a second place (assumed: a terminal
 that is stopped must not keep a node from its swap)."""

@@ -33,8 +33,6 @@ from palp_core.graph.transport.publisher_socket import Broadcast
 from palp_core.graph.transport.receiver import Intake
 from palp_core.graph.transport.wakeup import ENDPOINT, Doorbell
 
-__all__ = ["WallMain"]
-
 HEARTBEAT_NS = 100_000_000
 SLICE_NS = 500_000
 

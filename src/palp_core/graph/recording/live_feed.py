@@ -23,8 +23,6 @@ from palp_core.graph.transport.migration import Following, Unordered
 from palp_core.graph.transport.requester_socket import Inquirer
 from palp_core.graph.transport.subscriber_socket import Subscriber
 
-__all__ = ["Feed", "Taker", "renewed"]
-
 QUEUE = 100_000
 SLICE_NS = 20_000_000
 ANSWER_NS = 4_000_000_000

@@ -21,8 +21,6 @@ from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, li
 from palp_core.graph.recording.provenance import attachments
 from palp_core.graph.recording.record_options import RecordOptions
 
-__all__ = ["LiveRecorder"]
-
 WAIT_MS = 50
 LOOK_NS = 100_000_000
 ALIVE_NS = 500_000_000

@@ -11,8 +11,6 @@ from palp_core.graph.bag.snapshot import Snapshot
 from palp_core.graph.bag.topic import Topic
 from palp_core.graph.messages.frame import Frame, Kind, parse
 
-__all__ = ["SnapshotTaker"]
-
 
 class SnapshotTaker:
     """Keeps frames for a while, and accounts for all of them.

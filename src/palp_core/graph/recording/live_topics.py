@@ -14,8 +14,6 @@ from palp_core.graph.node.journal import ORDER_PORT
 from palp_core.graph.node.spec import topic
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
 
-__all__ = ["ASK_S", "LiveTopic", "is_order", "live_topics"]
-
 ASK_S = 3.0
 _LATCHED = {EVENTS: 100, HEALTH: 1}
 _HIDDEN: dict[str, type[Message]] = {EVENTS_PORT: builtin.NodeEvent, ORDER_PORT: builtin.Order}

@@ -12,8 +12,6 @@ from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.recording.provenance import attachments, launch_facts
 from palp_core.graph.recording.record_options import RecordOptions
 
-__all__ = ["RunRecorder"]
-
 TICK_FRAMES = 64
 
 

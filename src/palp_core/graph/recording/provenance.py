@@ -13,8 +13,6 @@ import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
 
-__all__ = ["attachments", "launch_facts"]
-
 PACKAGES = ("palp", "numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq")
 _YAML, _NODES, _WORKSPACE = "graph_yaml", "nodes", "workspace"
 

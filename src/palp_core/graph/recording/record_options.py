@@ -6,8 +6,6 @@ from typing import Literal
 
 import msgspec
 
-__all__ = ["RecordOptions"]
-
 
 class RecordOptions(msgspec.Struct, frozen=True, kw_only=True):
     """What to record, and how.

@@ -8,17 +8,6 @@ from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.process.channel import Line
 from palp_core.graph.recording.record_options import RecordOptions
 
-__all__ = [
-    "FromRecorder",
-    "Record",
-    "Recorded",
-    "Recording",
-    "Refused",
-    "Said",
-    "from_recorder",
-    "to_recorder",
-]
-
 
 class Record(Line, frozen=True):
     """Record this graph."""

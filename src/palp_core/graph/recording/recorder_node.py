@@ -13,8 +13,6 @@ from msgspec import Meta
 from palp_core.graph.node.node import Node, Params, ReadOnly
 from palp_core.units import Count, Seconds
 
-__all__ = ["RECORDER", "Recorder", "RecorderParams"]
-
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
 
 

@@ -27,8 +27,6 @@ from palp_core.graph.recording.recorder_messages import (
 )
 from palp_core.graph.recording.recorder_run import RecordRun
 
-__all__ = ["main"]
-
 
 class _Led(RecordRun):
     """A recording that a launcher ends."""

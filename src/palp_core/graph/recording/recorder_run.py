@@ -19,8 +19,6 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.record_options import RecordOptions
 
-__all__ = ["RecordRun", "record_until_asked", "save_snapshots"]
-
 FOLDER = "recorders"
 ANSWER_NS = 30_000_000_000
 

@@ -31,8 +31,6 @@ from palp_core.graph.supervision.sidecar import Companion
 if TYPE_CHECKING:
     from palp_core.graph.recording.lockstep_recorder import RunRecorder
 
-__all__ = ["Recordings"]
-
 DEFAULT_NAME = "recorder"
 FINISH_NS = 60_000_000_000
 _LOG = logging.getLogger("palp.supervisor")

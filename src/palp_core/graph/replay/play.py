@@ -26,8 +26,6 @@ from palp_core.graph.replay.player import Replayed, replayed_class
 from palp_core.graph.supervision.launcher_node import NAME, GraphBus
 from palp_core.graph.transport.publisher_socket import Broadcast
 
-__all__ = ["GraphSink", "PlayRun", "Sink"]
-
 GRAPH = "play"
 PROCESS = "player"
 BEAT_NS = 100_000_000

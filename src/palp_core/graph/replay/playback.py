@@ -13,8 +13,6 @@ from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.latency import Latency
 from palp_core.graph.replay.player import span_ns
 
-__all__ = ["FASTEST", "SLOWEST", "Playback"]
-
 SLOWEST, FASTEST = 1e-2, 1e3
 
 

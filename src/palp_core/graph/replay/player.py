@@ -24,8 +24,6 @@ from palp_core.graph.node.ports import Alarm, Pub, on
 from palp_core.graph.node.publisher import Outlet
 from palp_core.units import Count, Seconds
 
-__all__ = ["Player", "Replayed", "playable", "replayed_class", "span_ns"]
-
 Rate = Annotated[float, Meta(ge=1e-3, le=1e3)]
 LAUNCHER = "graph"
 TOGETHER_NS = 1_000_000_000

@@ -8,8 +8,6 @@ import msgspec
 
 from palp_core.graph.messages.message import decode_any
 
-__all__ = ["Divergence", "NodeReplay", "differing_fields"]
-
 
 class Divergence(msgspec.Struct, frozen=True, kw_only=True):
     """The first output that differs, and what the node had consumed before it: last, and the last few."""

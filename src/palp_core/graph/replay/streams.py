@@ -8,8 +8,6 @@ from collections.abc import Iterator
 
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 
-__all__ = ["InOrder", "Inputs", "key_of"]
-
 LATE_NS = 5_000_000_000
 """How much later than its successors a message may stand in a bag: what was missed is asked for at once."""
 

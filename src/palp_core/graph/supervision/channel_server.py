@@ -15,8 +15,6 @@ import msgspec
 
 from palp_core.graph.process.channel import FromNode, Hello, Link, LinkClosed, ToNode, supervisor_end
 
-__all__ = ["Switchboard"]
-
 
 class Switchboard:
     """Lines to named nodes, numbered by their place in the list.

@@ -39,8 +39,6 @@ from palp_core.graph.supervision.patience import Patience
 from palp_core.graph.supervision.restarts import Keeper
 from palp_core.graph.supervision.standby import Understudies, Understudy
 
-__all__ = ["ProcessCrew"]
-
 LADDER = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
 _LOG = logging.getLogger("palp.supervisor")
 

@@ -16,8 +16,6 @@ from typing import NoReturn
 
 from palp_core.graph.node.spec import NodeSpec
 
-__all__ = ["become", "take_place"]
-
 PR_SET_PDEATHSIG = 1
 
 

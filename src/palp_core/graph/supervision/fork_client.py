@@ -19,8 +19,6 @@ from palp_core.graph.supervision.fork_server import Describe, Exited, News, Requ
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 
-__all__ = ["ForkServer"]
-
 CLOSE_TIMEOUT_S = 5.0
 
 

@@ -33,8 +33,6 @@ from palp_core.graph.supervision.fork_child import become, take_place
 from palp_core.graph.supervision.logs import LogKeeper
 from palp_core.graph.supervision.preload import Announcer, import_announced, preload
 
-__all__ = ["Describe", "Exited", "Signal", "Spawn", "Started", "main"]
-
 GRACE_NS = 600_000_000
 PR_SET_CHILD_SUBREAPER = 36
 LOOKING = ""

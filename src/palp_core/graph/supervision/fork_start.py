@@ -8,8 +8,6 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-__all__ = ["ServerProcess", "start_fork_server"]
-
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 

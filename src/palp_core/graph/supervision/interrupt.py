@@ -14,8 +14,6 @@ from typing import Any, Self
 
 from palp_core.graph.clock import monotonic_ns
 
-__all__ = ["Interrupt", "Interrupted"]
-
 INSIST_NS = 500_000_000
 
 

@@ -23,8 +23,6 @@ from palp_core.graph.node.spec import topic
 from palp_core.graph.transport.publisher_socket import Broadcast
 from palp_core.graph.transport.request_server import Operation
 
-__all__ = ["EVENTS", "HEALTH", "NAME", "GraphBus"]
-
 NAME = "graph"
 EVENTS = topic(NAME, "events")
 HEALTH = topic(NAME, "health")

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 
 from palp_core.graph.messages.builtin import NodeHealth
 
-__all__ = ["GIVE_UP_NS", "HANG_NS", "Watch"]
-
 HANG_NS = 3_000_000_000
 """Silence after which a node is called unresponsive (assumed): six pulses missed. A loaded host delays one or
 two; a handler that takes this long has missed every deadline of a rig, and a person will want to know."""

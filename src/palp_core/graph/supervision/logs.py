@@ -14,8 +14,6 @@ from pathlib import Path
 
 from palp_core.graph.clock import unix_ns
 
-__all__ = ["KEEP_BYTES", "MERGED", "LogKeeper", "note", "tail"]
-
 MERGED = "merged"
 KEEP_BYTES = 16 << 20  # of a file before it becomes the old one; assumed: a day of a talkative node
 LONGEST_LINE = 1 << 16  # bytes; a longer one is merged in pieces

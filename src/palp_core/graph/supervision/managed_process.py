@@ -10,8 +10,6 @@ import msgspec
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.supervision.logs import note, tail
 
-__all__ = ["FORGIVE_NS", "Member", "how_it_ended"]
-
 LOG_LINES = 20
 FORGIVE_NS = 30_000_000_000
 """Work without failure after which earlier restarts count no more (assumed: no crash loop takes so long)."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.supervision.interrupt import Interrupt
 
-__all__ = ["KILL_NS", "Patience"]
-
 KILL_NS = 5_000_000_000
 """From the friendly request to the next, less friendly one."""
 

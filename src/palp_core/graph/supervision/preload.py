@@ -13,8 +13,6 @@ import os
 import sys
 from collections.abc import Sequence
 
-__all__ = ["HEAVY", "Announcer", "import_announced", "preload"]
-
 LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
 HEAVY = frozenset(
     {

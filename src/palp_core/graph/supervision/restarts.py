@@ -18,8 +18,6 @@ from palp_core.graph.supervision.managed_process import Member
 from palp_core.graph.supervision.patience import KILL_NS
 from palp_core.graph.transport.matched_readers import WAIT_NS
 
-__all__ = ["READY_NS", "Hands", "Keeper"]
-
 READY_NS = 60_000_000_000
 """In which a process must have configured its node (assumed: no device takes longer to answer)."""
 

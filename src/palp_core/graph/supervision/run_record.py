@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import Door
     from palp_core.graph.network.no_door import NoDoor
 
-__all__ = ["announcement", "announcement_of_one"]
-
 
 def announcement(
     checked: CheckedGraph,

@@ -15,8 +15,6 @@ import msgspec
 
 from palp_core.graph.process.channel import Line, Link
 
-__all__ = ["Companion"]
-
 CLOSE_TIMEOUT_S = 2.0
 Received = TypeVar("Received")
 

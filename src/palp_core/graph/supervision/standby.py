@@ -17,8 +17,6 @@ from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.fork_server import LOOKING, Describe, News, Started
 from palp_core.graph.supervision.managed_process import Member, how_it_ended
 
-__all__ = ["Understudies", "Understudy"]
-
 
 class Understudy:
     """One such process.

@@ -21,8 +21,6 @@ from palp_core.graph.supervision.managed_process import Member
 from palp_core.graph.supervision.restarts import READY_NS
 from palp_core.graph.supervision.standby import Understudy
 
-__all__ = ["Supervisor"]
-
 PATIENCE_S = 10.0
 _LOG = logging.getLogger("palp.supervisor")
 

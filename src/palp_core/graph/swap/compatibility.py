@@ -13,8 +13,6 @@ from palp_core.graph.messages.qos import incompatibility, on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import hint
 
-__all__ = ["objections", "replaced"]
-
 
 def objections(checked: CheckedGraph, spec: NodeSpec, described: NodeDescription) -> list[str]:
     """Return every reason why a class cannot take a node's place: wires that it would tear; none if it can.

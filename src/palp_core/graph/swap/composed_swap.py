@@ -16,8 +16,6 @@ from palp_core.graph.node.succession import fitting, hand_over_of
 from palp_core.graph.process.channel import Done
 from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
 
-__all__ = ["ComposedSwaps"]
-
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
 
 

@@ -42,8 +42,6 @@ from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import Replacement, SwapReport, unfit
 from palp_core.graph.swap.swap_talk import SwapTalk
 
-__all__ = ["ProcessSwaps"]
-
 SEE_OFF_NS = 1_000_000_000
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""

@@ -25,8 +25,6 @@ from palp_core.graph.process.channel import Done
 from palp_core.graph.process.shadow import Comparison, array_fields
 from palp_core.graph.swap.compatibility import objections, replaced
 
-__all__ = ["STEPS", "Replacement", "SwapCrew", "SwapFailed", "SwapReport", "SwapRequest", "Swapper", "unfit"]
-
 TIMEOUT_S = 10.0
 STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over", "take over")
 """In their order; after the last the new node works."""

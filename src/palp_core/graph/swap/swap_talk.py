@@ -16,8 +16,6 @@ from palp_core.graph.supervision.standby import Understudy
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import Replacement, SwapFailed
 
-__all__ = ["SwapTalk"]
-
 Answer = TypeVar("Answer", bound=Line)
 
 

@@ -15,8 +15,6 @@ import msgspec
 
 from palp_core.graph.clock import monotonic_ns
 
-__all__ = ["READER", "WAIT_NS", "Audience"]
-
 READER = b"~"
 WAIT_NS = 1_000_000_000
 """For how long readers are waited for: a hundred attempts to connect, and as long as a gap waits."""

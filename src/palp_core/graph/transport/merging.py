@@ -10,8 +10,6 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.subscription import Input
 from palp_core.graph.transport.reorder_buffer import Reception
 
-__all__ = ["merged"]
-
 
 def merged(
     inbox: deque[Frame],

@@ -9,8 +9,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.transport.moves import read_move
 
-__all__ = ["Following", "Ordered", "Turns", "Unordered"]
-
 PATIENCE_NS = 5_000_000_000
 """How long what comes from a new place waits for the old one's word (assumed: no host is busier)."""
 

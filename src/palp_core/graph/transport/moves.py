@@ -7,8 +7,6 @@ import msgspec
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.message import decode_any
 
-__all__ = ["Move", "read_move"]
-
 
 class Move(msgspec.Struct, frozen=True):
     """Payload of a frame of kind MOVED.

@@ -11,8 +11,6 @@ import struct
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["Ledger"]
-
 _SLOT = struct.Struct("<qQ")
 
 

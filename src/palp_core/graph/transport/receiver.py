@@ -31,8 +31,6 @@ from palp_core.graph.transport.reorder_buffer import Reception
 from palp_core.graph.transport.requester_socket import Inquirer
 from palp_core.graph.transport.subscriber_socket import Subscriber
 
-__all__ = ["Intake"]
-
 MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 256 << 20
 RATE_WINDOW_NS = 1_000_000_000

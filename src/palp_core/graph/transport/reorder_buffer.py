@@ -19,8 +19,6 @@ from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import EdgeCounter
 
-__all__ = ["FILL_NS", "Reception"]
-
 FILL_NS = 1_000_000_000
 
 

@@ -10,8 +10,6 @@ import msgpack
 
 from palp_core.errors import GraphError, NodeError, in_words
 
-__all__ = ["Operation", "RequestDesk"]
-
 Operation = Callable[[dict[str, Any]], dict[str, Any]]
 REMEMBERED = 256
 LONGEST_ID = 128

@@ -9,8 +9,6 @@ from typing import Any
 import msgpack
 import zmq
 
-__all__ = ["RECONNECT_MS", "Inquirer", "ask", "readable"]
-
 RECONNECT_MS = 10
 _EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)  # an enum costs a microsecond a call
 

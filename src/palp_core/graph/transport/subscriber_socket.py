@@ -12,8 +12,6 @@ from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
 from palp_core.graph.transport.wakeup import RING
 
-__all__ = ["Subscriber"]
-
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 _NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
 

@@ -15,8 +15,6 @@ from typing import Any
 
 import zmq
 
-__all__ = ["ENDPOINT", "RING", "Doorbell"]
-
 RING = b"\0"
 ENDPOINT = "inproc://doorbell"
 

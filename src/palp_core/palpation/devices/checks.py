@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from palp_core.errors import DeviceError
 
-__all__ = ["check_range"]
-
 
 def check_range(where: str, quantity: str, value: float, low: float, high: float) -> float:
     """Return ``value`` if it lies in [``low``, ``high``]; NaN never does.

@@ -6,8 +6,6 @@ import threading
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["HEALTHY", "Condition", "Health", "Watch"]
-
 
 class Condition(StrEnum):
     """Named states of a device and its link; the table in ``docs/devices.md`` says what leads out of each."""

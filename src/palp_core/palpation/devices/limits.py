@@ -14,8 +14,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.checks import check_range
 from palp_core.units import Float64Array
 
-__all__ = ["CLEARANCE_M", "DutyCycle", "Level", "TravelLimits", "WrenchLimits", "check_lift"]
-
 CLEARANCE_M = 0.5e-3
 """Least gap between raised probe and gel; assumed: five standard deviations of a mounting's height."""
 

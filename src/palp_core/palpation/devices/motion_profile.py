@@ -12,8 +12,6 @@ from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.units import Float64Array
 
-__all__ = ["MotionProfile"]
-
 _NS = 1e9
 _ROUNDING_M = 1e-12
 _LIMIT = 1e3  # m, m/s, m/s^2: far beyond any stage, to refuse infinity and mistaken units

@@ -23,21 +23,6 @@ from numpy.typing import NDArray
 from palp_core.palpation.devices.health import Health
 from palp_core.units import Float64Array
 
-__all__ = [
-    "BoolArray",
-    "ClockFit",
-    "EmgBlock",
-    "EmgSource",
-    "Int64Array",
-    "RingDevice",
-    "RingReading",
-    "StageDevice",
-    "StageReading",
-    "SweepTimes",
-    "TorqueBlock",
-    "TorqueSensor",
-]
-
 Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 S = TypeVar("S", contravariant=True)

@@ -12,8 +12,6 @@ import msgspec
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
 
-__all__ = ["back_end", "device_mistakes", "known_devices", "open_device"]
-
 _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
     "stage": {
         "sim": "palp_core.palpation.devices.sim.stage:SimStage",

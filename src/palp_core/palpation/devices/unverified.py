@@ -7,8 +7,6 @@ from collections.abc import Collection, Mapping
 
 from palp_core.errors import DeviceError
 
-__all__ = ["UnverifiedWarning", "not_verified", "warn_unverified"]
-
 
 class UnverifiedWarning(UserWarning):
     """A parameter rests on documents or memory; check it on the device and name it in ``verified``."""

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from palp_core.errors import OutOfRange
 from palp_core.units import Float64Array
 
-__all__ = ["finite_offsets", "require"]
-
 
 def require(quantity: str, value: float, low: float, high: float, advice: str) -> None:
     """Check that a quantity is a number within inclusive bounds.

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.limits import require
 
-__all__ = ["Bead", "Phantom"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Bead:

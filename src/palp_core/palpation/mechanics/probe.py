@@ -11,8 +11,6 @@ from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.limits import require
 from palp_core.units import Float64Array
 
-__all__ = ["GRAVITY_M_S2", "Probe"]
-
 GRAVITY_M_S2 = 9.80665
 
 

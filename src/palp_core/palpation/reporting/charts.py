@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["GREY", "INK", "Chart", "depth_style", "ring_colours", "save", "tidy"]
-
 INK, GREY = "#222222", "#8a8a8a"
 
 # Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again.

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from palp_core.palpation.reporting.charts import Chart, save
 
-__all__ = ["figure", "paragraph", "table", "write_page"]
-
 _CSS = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;

@@ -22,8 +22,6 @@ from palp_core.palpation.reporting.html_page import paragraph, table, write_page
 from palp_core.palpation.session.reanalysis import Again, Decided, Methods, redecide
 from palp_core.palpation.session.recorded_sweeps import StoredSession
 
-__all__ = ["analyse", "combinations", "rows_of", "write_analysis"]
-
 _SEED = 1
 _TASKS = ("smoother", "feature", "filter", "likelihood", "stop")
 

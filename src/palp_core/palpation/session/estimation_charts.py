@@ -16,8 +16,6 @@ from palp_core.units import Float64Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["accuracy_chart", "belief_chart", "calibration_chart", "rings_chart"]
-
 
 def belief_chart(session: Session) -> Chart | None:
     """Return the expected depth against iteration, Figures 10 and 11; None without a trial."""

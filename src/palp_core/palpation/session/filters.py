@@ -15,8 +15,6 @@ from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, trial_filter
 from palp_core.units import Float64Array
 
-__all__ = ["filter_of", "height_slope"]
-
 _HEIGHT_STEP_M = 1e-4
 _STAGE_STEP_M = 2e-5  # one sample at 20 mm/s and 1 kHz
 

@@ -6,8 +6,6 @@ seed, or of the software, such as the length of a block.
 
 from __future__ import annotations
 
-__all__ = ["BASIS", "SCENE", "basis_of"]
-
 BASIS = {
     "experiment.wait_s": "choice: the wait of the plan 'repeatability'",
     "experiment.plan": "choice: the paper's experiment, or how well the rig repeats itself",

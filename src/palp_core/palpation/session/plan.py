@@ -19,21 +19,6 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
 
-__all__ = [
-    "Design",
-    "Mount",
-    "Palpate",
-    "Phantom",
-    "Plan",
-    "Rehome",
-    "Reply",
-    "Step",
-    "Trial",
-    "Wait",
-    "experiment",
-    "resume",
-]
-
 Phase = Literal["training", "estimation", "stay", "reposition", "remount", "hour"]
 """The experiment's two, and the conditions of the plan ``repeatability``."""
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session.plan import Mount, Palpate, Phase, Plan, Rehome, Trial, Wait
 
-__all__ = ["CONDITIONS", "RepeatDesign", "repeatability", "sweep_count"]
-
 CONDITIONS: tuple[Phase, ...] = ("stay", "reposition", "remount", "hour")
 
 

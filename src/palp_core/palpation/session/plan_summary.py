@@ -9,8 +9,6 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session.plan import Design, Mount, Palpate, Rehome, Reply, Trial, experiment
 
-__all__ = ["Pace", "Summary", "summarise"]
-
 
 @dataclass(frozen=True)
 class Pace:

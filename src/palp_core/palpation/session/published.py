@@ -6,8 +6,6 @@ efficacy of haptic perception?", IEEE Transactions on Haptics.
 
 from __future__ import annotations
 
-__all__ = ["FIXED", "HUMAN_STRATEGY", "HUMAN_STRATEGY_TEXT"]
-
 FIXED = {"2": 0.80, "4": 0.60, "8": 0.60, "overall": 0.667}
 """Accuracy at a fixed ring position by depth in mm, average over the five positions."""
 

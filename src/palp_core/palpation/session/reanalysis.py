@@ -23,8 +23,6 @@ from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSwe
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 
-__all__ = ["Again", "Decided", "Methods", "learn", "readings", "redecide"]
-
 
 @dataclass(frozen=True)
 class Methods:

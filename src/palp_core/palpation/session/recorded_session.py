@@ -17,8 +17,6 @@ from palp_core.palpation.perception.belief.primitives import Primitives, fit, qu
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 
-__all__ = ["Session", "Trial", "mm", "read_session"]
-
 _RESOLUTION_N_M = 1e-3 / 64  # the maker's figure for a Nano17 SI-12-0.12; the floor where none was recorded
 
 

@@ -16,8 +16,6 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
 
-__all__ = ["StoredSession", "StoredSweep", "read_sessions", "read_stored"]
-
 _TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
 _RING = "/actuator/ring_state"
 _TRUTH = "/phantom/truth"

@@ -26,15 +26,6 @@ from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSwe
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Repeatability",
-    "headline",
-    "is_repeatability",
-    "measure_repeatability",
-    "sample_noise",
-    "write_repeatability",
-]
-
 _GAUSSIAN_MAD = 0.6744897501960817
 
 

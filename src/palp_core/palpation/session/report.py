@@ -31,8 +31,6 @@ from palp_core.palpation.session.training_charts import primitives_chart, sweeps
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import RunSummary
 
-__all__ = ["session"]
-
 
 def session(summary: RunSummary) -> str:
     """Write the result, the charts and the page beside the record that a run has just left.

@@ -11,8 +11,6 @@ from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 from palp_core.palpation.session.result_json import policy_label
 
-__all__ = ["headline", "page"]
-
 _CSS = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;

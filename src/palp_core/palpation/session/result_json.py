@@ -28,8 +28,6 @@ from palp_core.palpation.session.recorded_session import Session, Trial, mm
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import RunSummary
 
-__all__ = ["TIME_KEYS", "build", "out_of", "policy_label", "read_result", "without_times", "write_result"]
-
 TIME_KEYS = (
     "composed",
     "launch_file",

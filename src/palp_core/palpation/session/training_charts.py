@@ -18,8 +18,6 @@ from palp_core.units import Float64Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["primitives_chart", "sweeps_chart"]
-
 MOST_SWEEPS = 25
 """Training sweeps per ring position that the chart of sweeps reads, the published number."""
 _ZOOM_M = 0.006

@@ -27,8 +27,6 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.units import Float64Array
 
-__all__ = ["Record", "Row", "read_rows", "read_sweep"]
-
 OWN_FILES = (
     "trials.csv",
     "sweeps",

@@ -10,8 +10,6 @@ from pathlib import Path
 from palp_core.errors import PalpError
 from palp_core.palpation.studies.toolkit.checkpoint import read_lines
 
-__all__ = ["STUDIES", "Study", "study"]
-
 
 @dataclass(frozen=True)
 class Study:

@@ -10,8 +10,6 @@ from palp_core.graph.bag.mcap.compression import decompress
 from palp_core.graph.bag.mcap.index_records import ChunkIndex
 from palp_core.graph.bag.mcap.records import MESSAGE, MESSAGE_BYTES, RECORD, RECORD_BYTES, Cursor, Op
 
-__all__ = ["ChunkHead", "RawMessage", "open_chunk", "read_chunk_head", "split_chunk"]
-
 RawMessage = tuple[int, int, int, int, bytes]
 """Channel, sequence, log time, publish time, payload."""
 ChunkHead = tuple[int, int, int, int, str, memoryview]

@@ -10,8 +10,6 @@ import zstandard
 
 from palp_core.errors import BagError
 
-__all__ = ["COMPRESSIONS", "Compression", "compressor", "decompress"]
-
 Compression = Literal["zstd", "lz4", "none"]
 COMPRESSIONS: tuple[Compression, ...] = ("zstd", "lz4", "none")
 MAX_CHUNK_BYTES = 1 << 30

@@ -27,8 +27,6 @@ from palp_core.graph.bag.mcap.records import (
     Schema,
 )
 
-__all__ = ["ChunkPlace", "FileReader"]
-
 T = TypeVar("T", Attachment, Metadata)
 _FOOTER_BYTES = RECORD_BYTES + 20
 _PEEK_BYTES = RECORD_BYTES + 6

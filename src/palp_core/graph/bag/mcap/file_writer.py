@@ -33,8 +33,6 @@ from palp_core.graph.bag.mcap.records import (
     text,
 )
 
-__all__ = ["CHUNK_BYTES", "CHUNK_NS", "FileWriter"]
-
 CHUNK_BYTES = 1 << 20
 CHUNK_NS = 500_000_000
 _DEFINED_TIMES = 2

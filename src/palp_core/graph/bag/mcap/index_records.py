@@ -8,8 +8,6 @@ import msgspec
 
 from palp_core.graph.bag.mcap.records import Cursor, Op, record, text
 
-__all__ = ["AttachmentIndex", "ChunkIndex", "MetadataIndex", "Statistics"]
-
 
 class ChunkIndex(msgspec.Struct, frozen=True):
     """Where a chunk is and what times and channels it holds."""

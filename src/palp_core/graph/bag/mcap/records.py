@@ -13,23 +13,6 @@ from enum import IntEnum
 
 import msgspec
 
-__all__ = [
-    "MAGIC",
-    "MESSAGE",
-    "MESSAGE_BYTES",
-    "RECORD",
-    "RECORD_BYTES",
-    "Attachment",
-    "Channel",
-    "Cursor",
-    "Metadata",
-    "Op",
-    "Schema",
-    "mapping",
-    "record",
-    "text",
-]
-
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
 RECORD_BYTES = RECORD.size

@@ -24,8 +24,6 @@ from palp_core.graph.bag.mcap.records import (
     Schema,
 )
 
-__all__ = ["Salvage", "salvage"]
-
 _CHUNK = re.compile(
     rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
     re.DOTALL,

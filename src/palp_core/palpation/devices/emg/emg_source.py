@@ -14,8 +14,6 @@ from palp_core.palpation.devices.link.receiver import Receiver, Session
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import EmgBlock
 
-__all__ = ["EmgSourceState", "EmgStream"]
-
 
 class EmgSourceState(msgspec.Struct):
     """What outlives the driver: how many samples were numbered."""

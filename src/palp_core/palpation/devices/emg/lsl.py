@@ -17,8 +17,6 @@ from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import EmgBlock
 
-__all__ = ["LslEmg"]
-
 _VOLT = {"microvolts": 1e-6, "uV": 1e-6, "millivolts": 1e-3, "mV": 1e-3, "volts": 1.0, "V": 1.0, "": 1e-6}
 _PULL_S = 0.1
 

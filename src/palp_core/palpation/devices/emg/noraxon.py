@@ -19,8 +19,6 @@ from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import EmgBlock
 from palp_core.palpation.devices.unverified import warn_unverified
 
-__all__ = ["NoraxonEmg"]
-
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
 _TRIES = 3
 

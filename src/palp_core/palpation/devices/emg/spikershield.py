@@ -18,8 +18,6 @@ from palp_core.palpation.devices.protocols import EmgBlock
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import spikershield as wire
 
-__all__ = ["SpikerShieldEmg"]
-
 _BOOT_LINE = b"StartUp!\r\n"
 
 

@@ -25,8 +25,6 @@ from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig
 from palp_core.palpation.devices.emulator.settings import RigSettings
 from palp_core.palpation.devices.emulator.world import World, WorldSettings
 
-__all__ = ["main", "serve"]
-
 
 def serve(rig: EmulatedRig, lines: Iterable[str], out: TextIO) -> None:
     """Obey commands until there are no more, or ``quit``."""

@@ -9,8 +9,6 @@ from itertools import count
 from palp_core.palpation.devices.emulator.axis import Axis
 from palp_core.palpation.devices.emulator.world import World
 
-__all__ = ["Aerotech"]
-
 _WORDS = re.compile(r"([A-Z@]+\d*)\s*(-?[\d.]+)")
 _QUESTION = re.compile(
     r"(AXISSTATUS|AXISFAULT|PFBKPROG|PCMDPROG|VFBK|PLANESTATUS|GETPARM)\(([@A-Z0-9]+)(?:,\s*(\d+))?\)"

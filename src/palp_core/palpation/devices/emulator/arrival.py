@@ -6,8 +6,6 @@ import socket
 import struct
 import time
 
-__all__ = ["receive", "stamp_arrivals"]
-
 _SO_TIMESTAMPNS = 35  # of asm-generic/socket.h; the module `socket` does not name it
 _TIMESPEC = struct.Struct("@qq")
 _OLDEST_NS = 1_000_000_000  # an older stamp says that the wall clock was set, not that bytes waited

@@ -9,8 +9,6 @@ import numpy as np
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire.aerotech import Fault, Status
 
-__all__ = ["Axis", "AxisSettings"]
-
 
 @dataclass(frozen=True)
 class AxisSettings:

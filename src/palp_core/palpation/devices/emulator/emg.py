@@ -13,8 +13,6 @@ from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.protocols import EmgBlock
 from palp_core.palpation.devices.sim.emg import EmgState
 
-__all__ = ["Muscles", "Noraxon", "SpikerShield"]
-
 
 class Muscles:
     """The simulated subject, sampled at a rate by a clock of the device's own.

@@ -8,8 +8,6 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 
-__all__ = ["CHECKED_FAULTS", "WIRE_FAULTS", "Faults"]
-
 WIRE_FAULTS = ("garbage", "truncation", "delay", "silence")
 CHECKED_FAULTS = ("checksum",)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-__all__ = ["Http"]
-
 
 class Http:
     """Answer requests with the bytes that a page function returns; None is 404.

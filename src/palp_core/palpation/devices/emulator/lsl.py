@@ -13,8 +13,6 @@ from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.world import World
 
-__all__ = ["LslOutlet"]
-
 _CHUNK_NS = 10_000_000
 
 

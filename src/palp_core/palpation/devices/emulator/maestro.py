@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire.maestro import SPEED_UNIT_US_PER_S, Error, crc7
 
-__all__ = ["Maestro", "MaestroSettings"]
-
 _LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0x93: 1, 0xA1: 1, 0xA2: 1}
 _L12_M_PER_S = 6.5e-3
 

@@ -9,8 +9,6 @@ import numpy as np
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.units import Float64Array
 
-__all__ = ["NANO17_N_PER_V", "Netcanoem", "SocketCand"]
-
 NANO17_N_PER_V = np.array(
     [
         [-0.00458, -0.00979, 0.03928, -1.58147, -0.02651, 1.57113],

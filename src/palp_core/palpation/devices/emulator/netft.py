@@ -13,8 +13,6 @@ from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire.rdt import SATURATION
 
-__all__ = ["NetFt", "configuration_page"]
-
 _COUNTS = 1_000_000
 _SLICE_NS = 1_000_000
 

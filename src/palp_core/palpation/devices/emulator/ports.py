@@ -15,8 +15,6 @@ from palp_core.palpation.devices.emulator.arrival import receive, stamp_arrivals
 from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.reactor import Reactor
 
-__all__ = ["PtyPort", "Speaker", "TcpPort"]
-
 _STREAM_SLICE_NS = 1_000_000
 
 

@@ -20,8 +20,6 @@ from typing import TypeVar
 
 from palp_core.errors import DeviceError
 
-__all__ = ["Reactor", "Readable"]
-
 T = TypeVar("T")
 Readable = int | socket.socket
 

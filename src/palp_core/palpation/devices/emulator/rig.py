@@ -27,8 +27,6 @@ from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
 from palp_core.palpation.devices.wire import spikershield as spikershield_wire
 
-__all__ = ["DEVICES", "EmulatedRig"]
-
 DEVICES = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
 _FOR_EVER = 1 << 60
 _DEVICE_FAULTS = {

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from palp_core.palpation.devices.emulator.maestro import MaestroSettings
 from palp_core.palpation.devices.emulator.world import WorldSettings
 
-__all__ = ["RigSettings"]
-
 
 @dataclass(frozen=True)
 class RigSettings:

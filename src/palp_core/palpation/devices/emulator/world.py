@@ -23,8 +23,6 @@ from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.units import Float64Array
 
-__all__ = ["GuardMet", "World", "WorldSettings"]
-
 _STEP_M = 50e-6
 _LOWEST_RING_M = -0.6e-3  # twice the actuator's repeatability; the joint is unstable from -1 mm on
 _LOG_LENGTH = 100_000

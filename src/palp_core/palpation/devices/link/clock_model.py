@@ -19,8 +19,6 @@ from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.protocols import ClockFit, Int64Array
 from palp_core.units import Float64Array
 
-__all__ = ["ClockModel"]
-
 _NS = 1e9
 
 

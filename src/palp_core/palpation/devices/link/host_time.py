@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-__all__ = ["HostTime"]
-
 
 class HostTime:
     """Tell the caller's time from the machine's monotonic clock.

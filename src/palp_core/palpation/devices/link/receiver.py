@@ -11,8 +11,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition, Watch
 from palp_core.palpation.devices.link.host_time import HostTime
 
-__all__ = ["Receiver", "Session"]
-
 
 class Session(Protocol):
     """One connection to a device, used by one thread."""

@@ -8,8 +8,6 @@ from typing import Generic, Protocol, TypeVar
 
 from palp_core.errors import DeviceError
 
-__all__ = ["Reconnection"]
-
 
 class Closable(Protocol):
     """A connection."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-__all__ = ["Patience"]
-
 
 class Patience:
     """How long an answer may still be in coming.

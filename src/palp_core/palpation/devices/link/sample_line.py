@@ -11,8 +11,6 @@ from palp_core.palpation.devices.link.clock_model import ClockModel
 from palp_core.palpation.devices.protocols import BoolArray, ClockFit, Int64Array
 from palp_core.units import Float64Array
 
-__all__ = ["SampleLine", "Stretch"]
-
 _NS = 1e9
 
 

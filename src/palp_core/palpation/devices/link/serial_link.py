@@ -13,8 +13,6 @@ import serial
 from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.palpation.devices.link.reply_timeout import Patience
 
-__all__ = ["LinkLost", "SerialLink"]
-
 _LOST = (OSError, TypeError, termios.error)  # TypeError: pyserial on a port that another thread closed
 _SLICE_S = 0.02  # how long one read waits; changing a port's own time-out is costly, so it is set once
 

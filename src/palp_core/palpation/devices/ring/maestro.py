@@ -25,8 +25,6 @@ from palp_core.palpation.devices.ring.maestro_motion import RodMotion
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import maestro as wire
 
-__all__ = ["MaestroRing", "MaestroState"]
-
 _TOP_SPEED_M_PER_S = 6.5e-3  # L12-50-210-06 without load
 
 

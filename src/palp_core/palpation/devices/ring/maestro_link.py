@@ -9,8 +9,6 @@ from palp_core.errors import DeviceTimeout
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.wire import maestro as wire
 
-__all__ = ["MaestroLink"]
-
 _BAUD = 115200  # ignored by the USB command port
 _SILENCE_S = 0.1
 _LONGEST_TALK_S = 1.0

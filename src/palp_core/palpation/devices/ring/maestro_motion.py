@@ -13,8 +13,6 @@ from palp_core.palpation.devices.link.serial_link import LinkLost
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
 from palp_core.palpation.devices.wire import maestro as wire
 
-__all__ = ["RodMotion"]
-
 _TRIES = 3
 _PROGRESS_M = 0.15e-3  # two counts of the feedback
 _BEYOND_M = 3e-3  # how far past its ends a calibrated rod may seem to be (assumed)

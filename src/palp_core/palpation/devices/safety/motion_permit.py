@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from palp_core.palpation.devices.checks import check_range
 
-__all__ = ["Leash"]
-
 
 class Leash:
     """Permission to move, which ends by itself.

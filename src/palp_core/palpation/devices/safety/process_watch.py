@@ -12,8 +12,6 @@ import os
 from collections import deque
 from pathlib import Path
 
-__all__ = ["Siblings"]
-
 _STOPPED = ("T", "t")
 _ENDED = ("", "Z", "X")
 _COUNTS = 10  # a node that changes hands has two processes for some of them

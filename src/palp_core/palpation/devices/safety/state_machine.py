@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-__all__ = ["TABLE", "Action", "Cause", "Event", "SafetyMachine", "SafetyState"]
-
 
 class SafetyState(StrEnum):
     """Where the safety machine stands."""

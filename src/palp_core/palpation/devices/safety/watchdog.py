@@ -13,8 +13,6 @@ from palp_core.palpation.devices.limits import Level, TravelLimits, WrenchLimits
 from palp_core.palpation.devices.safety.state_machine import Cause
 from palp_core.units import Float64Array
 
-__all__ = ["Finding", "Load", "Stage", "WatchLimits", "Watchdog"]
-
 _GOOD = ("ok", "")
 _LINK = ("link lost", "stale", "garbled")
 

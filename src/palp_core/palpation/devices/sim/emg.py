@@ -23,8 +23,6 @@ from palp_core.palpation.devices.health import HEALTHY, Health
 from palp_core.palpation.devices.protocols import EmgBlock
 from palp_core.units import Float64Array
 
-__all__ = ["EmgState", "SimEmg"]
-
 _NS = 1e9
 _ORDER = 2  # of the low-pass prototype: a band-pass of twice this order
 _MUSCLES = 2

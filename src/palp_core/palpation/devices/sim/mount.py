@@ -8,8 +8,6 @@ import numpy as np
 
 from palp_core.palpation.devices.checks import check_range
 
-__all__ = ["ALWAYS_THE_SAME", "BY_HAND", "Mount", "MountVariation"]
-
 
 @dataclass(frozen=True)
 class Mount:

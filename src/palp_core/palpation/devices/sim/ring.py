@@ -14,8 +14,6 @@ from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import HEALTHY, Health
 from palp_core.palpation.devices.protocols import RingReading
 
-__all__ = ["RingState", "SimRing"]
-
 _NS = 1e9
 _NO_LOAD_M_PER_S = 6.5e-3  # L12-50-210-06: no-load speed of the maker's present data sheet
 

@@ -19,8 +19,6 @@ from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
 from palp_core.units import Float64Array
 
-__all__ = ["SimStage", "StageState"]
-
 _TOLERANCE_M = 1e-12  # rounding of a double, far below the resolution
 
 

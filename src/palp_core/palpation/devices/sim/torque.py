@@ -14,8 +14,6 @@ from palp_core.palpation.devices.health import HEALTHY, Health
 from palp_core.palpation.devices.protocols import Int64Array, TorqueBlock
 from palp_core.units import Float64Array
 
-__all__ = ["SimTorque", "TorqueState"]
-
 
 class TorqueState(msgspec.Struct):
     """What the sensor carries from block to block.

@@ -27,8 +27,6 @@ from palp_core.palpation.devices.stage.aerotech_motion import Motion
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import aerotech as wire
 
-__all__ = ["AerotechStage", "AerotechState"]
-
 _PLACE_M = 50e-6  # how close to a place counts as being there
 _NO_WAY_M = _PLACE_M / 10  # a shorter leg is none
 

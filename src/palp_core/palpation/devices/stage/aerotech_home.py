@@ -11,8 +11,6 @@ from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
-__all__ = ["home"]
-
 
 def home(link: AerotechLink, axes: Sequence[str], host: HostTime, timeout_s: float, period_s: float) -> None:
     """Home one axis after another; whatever ends it early also stops it, as nobody would watch it then.

@@ -10,8 +10,6 @@ from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire import aerotech as wire
 
-__all__ = ["Leg", "condition_of", "duration_s", "in_segments"]
-
 
 @dataclass(frozen=True)
 class Leg:

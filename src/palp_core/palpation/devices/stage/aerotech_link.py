@@ -10,8 +10,6 @@ from palp_core.palpation.devices.link.reply_timeout import Patience
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
-__all__ = ["AerotechLink", "Refused"]
-
 _LONGEST = 64
 _ALPHABET = b"%!#$0123456789+-.eE \r\n"
 

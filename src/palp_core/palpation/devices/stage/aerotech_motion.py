@@ -18,8 +18,6 @@ from palp_core.palpation.devices.stage.position_history import PositionHistory
 from palp_core.palpation.devices.wire import aerotech as wire
 from palp_core.units import Float64Array
 
-__all__ = ["Motion"]
-
 _TRIES = 3
 _REST_S = 2.0
 _THERE_MM = 0.1  # how far off a leg may end (assumed; a controller in position is much closer)

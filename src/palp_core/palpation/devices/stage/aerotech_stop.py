@@ -11,8 +11,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
-__all__ = ["AerotechStop", "AxisReport", "StopTimes"]
-
 _KEPT = 100  # reports that nobody has asked for yet
 
 

@@ -8,8 +8,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.units import Float64Array
 
-__all__ = ["crossing_ns"]
-
 
 def crossing_ns(times_ns: Int64Array, place_m: Float64Array, wanted_m: float) -> int:
     """Return when a place was passed, linear between two samples; the last time if it was passed often.

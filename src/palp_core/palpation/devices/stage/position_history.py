@@ -10,8 +10,6 @@ from palp_core.errors import DeviceTimeout
 from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.units import Float64Array
 
-__all__ = ["PositionHistory"]
-
 _LENGTH = 4096
 
 

@@ -20,8 +20,6 @@ from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_fr
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
 
-__all__ = ["AtiTorque"]
-
 
 @dataclass
 class AtiTorque:

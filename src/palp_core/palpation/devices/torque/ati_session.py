@@ -20,8 +20,6 @@ from palp_core.palpation.devices.torque.socketcand import open_socketcand
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.units import Float64Array
 
-__all__ = ["AtiSession", "Calibration", "RawSample"]
-
 RawSample = tuple[int, int, bool, bytes, bytes]
 """Host time, number, gap, and the data of both frames."""
 

@@ -20,8 +20,6 @@ from palp_core.palpation.devices.protocols import TorqueBlock
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.wire import rdt
 
-__all__ = ["NetFtTorque"]
-
 _FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
 _WAIT_S = 0.05
 _SILENCE_STEPS = 3

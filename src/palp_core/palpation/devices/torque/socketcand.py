@@ -8,8 +8,6 @@ from typing import Any
 
 from can.interfaces.socketcand import SocketCanDaemonBus
 
-__all__ = ["PatientBus", "open_socketcand"]
-
 _GREETING_S = 1.0
 _LONGEST = 64
 

@@ -9,8 +9,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import BoolArray, ClockFit, Int64Array, TorqueBlock
 from palp_core.units import Float64Array
 
-__all__ = ["WrenchState", "bias_from", "check_axis", "torque_block"]
-
 _COLUMNS = {"x": 3, "y": 4, "z": 5}
 
 

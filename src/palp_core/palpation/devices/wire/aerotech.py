@@ -7,19 +7,6 @@ from enum import IntFlag
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.wire.bits import Bits
 
-__all__ = [
-    "ACKNOWLEDGED",
-    "END",
-    "REPLIES",
-    "Fault",
-    "Parameter",
-    "Plane",
-    "Status",
-    "command",
-    "mask",
-    "move",
-]
-
 END = b"\n"
 ACKNOWLEDGED = b"%"
 REPLIES = {b"%": "done", b"!": "invalid command", b"#": "could not be executed", b"$": "timed out"}

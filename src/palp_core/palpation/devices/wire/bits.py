@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import IntFlag
 
-__all__ = ["Bits"]
-
 
 class Bits(IntFlag):
     """A word of flags, of which the documents may name only some."""

@@ -5,20 +5,6 @@ from __future__ import annotations
 from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.wire.bits import Bits
 
-__all__ = [
-    "LARGEST_INPUT",
-    "LONGEST_US",
-    "SPEED_UNIT_US_PER_S",
-    "Error",
-    "crc7",
-    "get_errors",
-    "get_position",
-    "set_accel",
-    "set_speed",
-    "set_target",
-    "with_crc",
-]
-
 SPEED_UNIT_US_PER_S = 25.0
 """One step of speed: 0.25 us in 10 ms."""
 

@@ -9,17 +9,6 @@ import numpy as np
 from palp_core.palpation.devices.wire.bits import Bits
 from palp_core.units import Float64Array
 
-__all__ = [
-    "AXES",
-    "CRITICAL",
-    "FORCE_UNIT_N",
-    "SATURATED",
-    "TORQUE_UNIT_N_M",
-    "Operation",
-    "Status",
-    "gauges",
-]
-
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _POUND_N, _INCH_M = 4.4482216152605, 0.0254
 FORCE_UNIT_N = {1: _POUND_N, 2: 1.0, 3: 1e3 * _POUND_N, 4: 1e3, 5: 9.80665, 6: 9.80665e-3}

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from palp_core.errors import DeviceError
 
-__all__ = ["PORT", "RECORD", "RECORD_BYTES", "SATURATION", "START", "STOP", "records", "request"]
-
 PORT = 49152
 START, STOP = 2, 0
 SATURATION = 0x00020000

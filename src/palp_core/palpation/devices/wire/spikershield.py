@@ -8,8 +8,6 @@ import numpy as np
 
 from palp_core.units import Float64Array
 
-__all__ = ["BAUD", "Decoder", "configuration"]
-
 BAUD = 230400
 _ESCAPE = re.compile(rb"\xff\xff\x01\x01\x80\xff.*?\xff\xff\x01\x01\x81\xff", re.DOTALL)
 _ESCAPE_BEGIN = b"\xff\xff\x01\x01\x80\xff"

@@ -19,8 +19,6 @@ from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eige
 from palp_core.palpation.perception.emg.sweep import sweep
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
 
-__all__ = ["run_folder", "sweep_trial", "write_batch", "write_trial"]
-
 _LEVEL_COUNT = 5
 _SPECIAL = ("mvc", "rest")
 

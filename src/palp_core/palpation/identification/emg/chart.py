@@ -13,8 +13,6 @@ from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["trial_chart"]
-
 
 def trial_chart(trial: Trial) -> Chart:
     """Return the chart; its numbers are the bursts."""

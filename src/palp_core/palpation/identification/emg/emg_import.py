@@ -11,8 +11,6 @@ from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.identification.emg.guess import is_voltage, muscles
 from palp_core.palpation.identification.emg.trial import Choices
 
-__all__ = ["write_plain"]
-
 
 def write_plain(path: Path, out: Path, choices: Choices) -> None:
     """Write ``time_s``, FDS and EDC as CSV, in volts where the unit is a voltage; a lost sample is ``nan``.

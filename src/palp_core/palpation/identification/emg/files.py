@@ -14,8 +14,6 @@ from pathlib import Path
 from palp_core.errors import PalpError
 from palp_core.units import Float64Array
 
-__all__ = ["SUFFIXES", "UNIT", "Column", "EmgFile", "is_recording", "read_emg", "split_unit"]
-
 
 @dataclass(frozen=True, eq=False)
 class Column:

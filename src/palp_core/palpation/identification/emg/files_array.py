@@ -13,8 +13,6 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import Column, EmgFile, split_unit
 
-__all__ = ["read_hdf5", "read_matlab", "read_numpy"]
-
 _RATE = re.compile(
     r"(^|[._/])(fs|srate|sf|freq|frequency|(sampl\w*_?)?rate(_hz)?|samp\w*_?freq\w*)$", re.IGNORECASE
 )

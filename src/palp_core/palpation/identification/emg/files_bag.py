@@ -12,8 +12,6 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.identification.emg.files import Column, EmgFile
 from palp_core.units import Float64Array
 
-__all__ = ["read_bag"]
-
 _MOST_LOST = 10  # grid over samples; beyond it the blocks are not one recording
 
 

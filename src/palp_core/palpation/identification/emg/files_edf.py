@@ -16,8 +16,6 @@ from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import Column, EmgFile
 from palp_core.units import Float64Array
 
-__all__ = ["read_edf"]
-
 _LEAST_PADDING = 8  # samples; EMG does not stay that long at one value
 _MAIN = 256  # bytes of the main header, and of the header of each signal
 _WIDTHS = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)  # label, transducer, unit, ranges (4), filter, samples, reserved

@@ -11,8 +11,6 @@ from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import UNIT, Column, EmgFile, split_unit
 from palp_core.units import Float64Array
 
-__all__ = ["read_text"]
-
 _DELIMITERS = {";": ";", "\t": "tab", ",": ",", " ": "blanks"}
 _RATE = re.compile(
     r"(?:sampl\w*\s*(?:rate|freq\w*)|frequency|rate|\bfs\b)[^0-9\n]{0,20}([0-9]+(?:[.,][0-9]+)?)\s*(k?)",

@@ -13,8 +13,6 @@ from palp_core.palpation.identification.emg.files import Column, EmgFile
 from palp_core.palpation.perception.emg.quality import on_grid
 from palp_core.units import Float64Array
 
-__all__ = ["Guess", "guess", "is_voltage", "muscles", "strength"]
-
 _FDS = re.compile(r"fds|flexor|\bflex", re.IGNORECASE)
 _EDC = re.compile(r"edc|extensor|\bext", re.IGNORECASE)
 _TIME = re.compile(

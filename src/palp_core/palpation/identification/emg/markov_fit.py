@@ -25,8 +25,6 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
 )
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
 
-__all__ = ["SETTINGS", "Fit", "FittedChain", "Source", "chain_file", "fit", "fit_record", "source_of"]
-
 SETTINGS = EmgSettings(window_s=0.15, distance_s=0.4)
 """Settings for counting bursts: a shorter window's scatter (8 % of the value at 50 ms) counts as bursts."""
 

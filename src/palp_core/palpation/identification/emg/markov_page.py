@@ -16,8 +16,6 @@ from palp_core.palpation.reporting.html_page import figure, paragraph, table, wr
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write_fit"]
-
 _SCALE_END = 0.6  # of the published Figure 5; a chain with a larger entry gets its own
 
 

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-__all__ = ["COLUMNS", "emg_page"]
-
 COLUMNS = (
     "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "cocontraction_mean",
     "lambda_2", "mvc_ratio", "clipped", "lost", "longest_gap_s", "above_mvc", "clamped", "flags", "error",

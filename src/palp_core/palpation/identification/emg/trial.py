@@ -15,8 +15,6 @@ from palp_core.palpation.identification.emg.guess import Guess, guess, is_voltag
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse, second_eigenvalue
 from palp_core.units import Float64Array
 
-__all__ = ["Choices", "Trial", "import_report", "run_trial", "series_rows", "trial_record"]
-
 MUSCLES = ("fds", "edc")
 _STATED = ("the file", "--unit")
 # An MVC is at most 1000 times an idle muscle, and no trial 50 times its MVC; units differ by a thousand.

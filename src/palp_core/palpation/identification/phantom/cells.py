@@ -12,8 +12,6 @@ from palp_core.palpation.perception.signal.smoothers import SavitzkyGolay
 from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
 from palp_core.units import Float64Array
 
-__all__ = ["Cell", "gather"]
-
 _SMOOTH = SavitzkyGolay(50, 3)
 _NOISE_GAIN = 0.15  # of that window and degree: the root sum of its squared weights at the middle
 _POINT_STEP_M = 0.002

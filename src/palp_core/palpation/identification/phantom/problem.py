@@ -17,8 +17,6 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.units import Float64Array
 
-__all__ = ["NAMES", "UNIT", "Problem", "costliest"]
-
 NAMES = ("modulus_pa", "friction", "indentation_m")
 _LOW = np.array([np.log(1e3), 0.0, 5e-4])
 _HIGH = np.array([np.log(2e5), 1.5, 1e-2])

@@ -16,8 +16,6 @@ from palp_core.palpation.session.recorded_sweeps import StoredSession
 from palp_core.palpation.session.repeatability import sample_noise
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 
-__all__ = ["ASSUMED", "fit_sources", "record_of", "scene_text"]
-
 ASSUMED = RigNoise(
     sample_sd_n_m=Component(RESOLUTION_N_M),
     sweep_sd_n_m=Component(RESOLUTION_N_M),

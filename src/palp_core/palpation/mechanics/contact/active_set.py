@@ -9,8 +9,6 @@ from scipy.linalg import cho_factor, cho_solve
 from palp_core.errors import MechanicsError
 from palp_core.units import Float64Array
 
-__all__ = ["touch"]
-
 _PATIENCE = 8  # block exchanges without progress before single exchanges take over
 _ROUNDS = 2000
 

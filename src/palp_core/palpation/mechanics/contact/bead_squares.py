@@ -12,8 +12,6 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from palp_core.units import Float64Array
 
-__all__ = ["BeadTerm", "Progress"]
-
 Progress = Callable[[int, int, str], None]
 """Called with (steps done, steps in all as far as known, what is being done)."""
 

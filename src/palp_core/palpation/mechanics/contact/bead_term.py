@@ -24,8 +24,6 @@ from palp_core.palpation.mechanics.contact.section_mesh import bead_section
 from palp_core.palpation.mechanics.contact.trace import Trace
 from palp_core.units import Float64Array
 
-__all__ = ["bead_term"]
-
 _SQUARES = 1e-7  # of the largest stiffening: smaller squares are left out
 _HARMONICS = 1e-4  # of the largest stiffening: the last two harmonics are smaller than this
 _HIGHEST = 60

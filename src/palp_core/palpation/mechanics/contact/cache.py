@@ -25,8 +25,6 @@ import numpy as np
 
 from palp_core.errors import MechanicsError
 
-__all__ = ["CacheInfo", "cached", "clear", "code", "info", "location"]
-
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
 
 _LAYOUT = 1  # changes when entries are laid out differently

@@ -34,19 +34,6 @@ from palp_core.palpation.mechanics.contact.section_mesh import slab_section
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.units import Float64Array
 
-__all__ = [
-    "coarse_cells",
-    "critical_step_s",
-    "explicit_growth",
-    "finite_strain_error",
-    "iterations_of_conjugate_gradients",
-    "residual_of_direct_solution",
-    "small_strain_excess",
-    "softness_error_of_linear_triangles",
-    "softness_error_of_taylor_hood",
-    "truncation_error",
-]
-
 _HEIGHT_M = 0.030
 _DISC_M = 0.005
 _MOST_ITERATIONS = 3000

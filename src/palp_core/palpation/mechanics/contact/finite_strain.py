@@ -25,8 +25,6 @@ from palp_core.palpation.mechanics.contact.section_mesh import Section, bead_sec
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
 
-__all__ = ["PressedSolid", "pressed_solid"]
-
 _NEWTON = 20
 _SMALLEST_STEP = 1.0 / 64.0
 _CONVERGED = 1e-8  # of the ball's radius

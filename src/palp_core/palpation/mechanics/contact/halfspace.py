@@ -8,8 +8,6 @@ import numpy as np
 
 from palp_core.units import Float64Array
 
-__all__ = ["love_centre", "love_mean"]
-
 
 def _potential(x: Float64Array, y: Float64Array) -> Float64Array:
     """Return the mixed second antiderivative of 1 / sqrt(x^2 + y^2)."""

@@ -23,8 +23,6 @@ from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector
 from palp_core.palpation.mechanics.contact.section_mesh import Section
 from palp_core.units import Float64Array
 
-__all__ = ["HarmonicSolid"]
-
 
 def _strain(u: Any, r: Float64Array) -> tuple[list[Float64Array], list[Float64Array]]:
     """Return the strain as e + m f, rows rr, tt, zz, then the shears rt, rz, tz halved by sqrt(2)."""

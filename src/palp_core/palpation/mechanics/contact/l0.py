@@ -17,8 +17,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["Bump", "FittedBump", "fit_bump", "fit_to"]
-
 _WORKING_POINT = (0.55, 1.0)  # share of the nominal indentation that a yielding joint leaves, and all of it
 _NOMINAL_M = 0.004
 

@@ -13,8 +13,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
-__all__ = ["POISSON_MAX", "ElasticFoundation"]
-
 POISSON_MAX = 0.4995
 """Beyond it the confined modulus is over 300 times Young's, and the rung has nothing to say."""
 

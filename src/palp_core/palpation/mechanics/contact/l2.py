@@ -15,8 +15,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["LayeredHertz", "layer_series"]
-
 _ITERATIONS = 60
 _LAST_STEP = 1e-9  # of the indentation: Newton squares it, and is then at round-off
 _THIN = 4.0  # the series is convex and grows with chi up to here

@@ -18,8 +18,6 @@ from collections.abc import Mapping
 
 from palp_core.palpation.methods import Bound
 
-__all__ = ["BOUNDS"]
-
 _Range = tuple[float, float]
 _Box = Mapping[str, _Range]
 

@@ -19,8 +19,6 @@ from palp_core.units import Float64Array
 if TYPE_CHECKING:
     from palp_core.palpation.mechanics.contact.plane import PlaneSolid
 
-__all__ = ["PlaneContact"]
-
 
 @method(
     task="contact",

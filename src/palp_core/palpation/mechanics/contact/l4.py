@@ -21,8 +21,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["HarmonicContact"]
-
 _ROOTS = 12  # indentations in the table, uniform in their square roots
 _UNIT_M = 0.005  # sqrt(R delta), about the contact's radius, at which the cells have their nominal size
 _LARGEST = 1.5  # cells over their nominal size

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from palp_core.palpation.methods import Bound
 
-__all__ = ["BOUNDS"]
-
 _GEL = (500.0, 500e3)
 _CROSSED = {"margin_m": (0.02, 1e9)}  # nearer the bead a path ends before the peak, or under it
 _PUBLISHED = {

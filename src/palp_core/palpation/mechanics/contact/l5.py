@@ -20,8 +20,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
-__all__ = ["FiniteStrainContact"]
-
 _ROOTS = 12  # indentations up to the ball's radius, uniform in their square roots
 _FIRST = 3  # below this one the contact spans too few facets; small strain (L4) is the limit
 _FEWEST = 5

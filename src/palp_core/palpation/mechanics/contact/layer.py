@@ -23,8 +23,6 @@ from scipy.special import j0, j1
 
 from palp_core.units import Float64Array
 
-__all__ = ["BondedLayer", "hankel_nodes"]
-
 
 def hankel_nodes(
     k_max_1_m: float, longest_m: float, per_wave: float = 3.5

@@ -6,8 +6,6 @@ from typing import Protocol
 
 from palp_core.units import Float64Array
 
-__all__ = ["ContactModel"]
-
 
 class ContactModel(Protocol):
     """Elastic, frictionless contact of the ball with a phantom, as a function of where the ball is.

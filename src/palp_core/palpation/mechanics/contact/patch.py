@@ -21,8 +21,6 @@ from palp_core.palpation.mechanics.contact.halfspace import love_mean
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.units import Float64Array
 
-__all__ = ["Patch", "Pressed"]
-
 _MARGIN = 1.45  # patch radius over sqrt(R delta): the overlap of the undeformed bodies ends at sqrt(2)
 _GROWTHS = 12  # times that the patch may grow by a quarter
 

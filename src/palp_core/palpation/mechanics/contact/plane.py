@@ -21,8 +21,6 @@ from skfem.helpers import ddot, div, sym_grad
 from palp_core.palpation.mechanics.contact.section_mesh import Section
 from palp_core.units import Float64Array
 
-__all__ = ["PlaneSolid"]
-
 
 def _stiffness(u: Any, v: Any, w: Any) -> Float64Array:
     return np.asarray(2.0 * w.mu * ddot(sym_grad(u), sym_grad(v)))

@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core.palpation.mechanics.limits import require
 from palp_core.palpation.mechanics.phantom import Phantom
 
-__all__ = ["require_range"]
-
 
 def require_range(phantom: Phantom, tip_radius_m: float) -> None:
     """Check a scene.

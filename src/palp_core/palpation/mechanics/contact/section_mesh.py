@@ -16,8 +16,6 @@ from skfem import MeshQuad, MeshQuad2
 
 from palp_core.units import Float64Array
 
-__all__ = ["Section", "bead_section", "slab_section"]
-
 _NEAR = 1e-9  # of the height: nodes this close to an edge lie on it
 
 

@@ -20,8 +20,6 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from palp_core.units import Float64Array
 
-__all__ = ["EnergyTable", "energy_table"]
-
 
 @dataclass(frozen=True, eq=False)
 class EnergyTable:

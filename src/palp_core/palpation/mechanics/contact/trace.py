@@ -12,8 +12,6 @@ from scipy.special import jv
 from palp_core.palpation.mechanics.contact.layer import BondedLayer, hankel_nodes
 from palp_core.units import Float64Array
 
-__all__ = ["Trace"]
-
 _DECAY = 14.0  # exponentials below exp(-14) are left out; the stiffening has their squares
 
 

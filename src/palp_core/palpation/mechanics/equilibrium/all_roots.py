@@ -14,8 +14,6 @@ from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["Equilibria", "equilibria"]
-
 _ANGLES = 257
 
 

@@ -30,8 +30,6 @@ from palp_core.palpation.mechanics.scene.guard import explicit_step_s
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
-__all__ = ["DynamicSweep", "Dynamics", "simulate"]
-
 _SLOPE_RAD = 1e-6
 _WILD_RAD_S = 1e5
 

@@ -17,8 +17,6 @@ from palp_core.palpation.mechanics.equilibrium.sweep import sweep
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
-__all__ = ["brent", "continued_newton", "fixed_point", "lagged_force", "plain_newton"]
-
 _EVIDENCE = (
     "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_joint_equilibrium.py"
 )

@@ -13,8 +13,6 @@ import numpy as np
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
-__all__ = ["Slip", "coulomb_explicit", "coulomb_implicit", "tanh_explicit"]
-
 _EVIDENCE = "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_friction.py"
 
 

@@ -13,8 +13,6 @@ from palp_core.palpation.mechanics.limits import require
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["Joint", "joint_at"]
-
 
 @dataclass(frozen=True)
 class Joint:

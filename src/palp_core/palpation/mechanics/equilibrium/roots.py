@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from palp_core.errors import MechanicsError
 from palp_core.units import Float64Array
 
-__all__ = ["bracketed_newton", "inverse_guess", "polish"]
-
 Function = Callable[[Float64Array], Float64Array]
 
 _EPSILON = float(np.finfo(np.float64).eps)

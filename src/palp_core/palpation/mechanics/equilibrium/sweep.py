@@ -24,8 +24,6 @@ from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, in
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["Sweep", "sweep"]
-
 _ANGLES = 65  # a third of a millimetre of the tip's travel apart
 _ANCHOR_M = 0.001  # of the stage between two samplings
 _STEEP = 0.5  # of the stage's step that the lagging tip may lose in a step before every position is sampled

@@ -16,8 +16,6 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.guard import stage_step
 from palp_core.units import Float64Array
 
-__all__ = ["SweepTable", "solve"]
-
 _SNAP_PARTS = 32
 
 

@@ -12,8 +12,6 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, Tolerance, yielding
 from palp_core.palpation.methods import Choice, Method, Quantities, choose, find, methods
 
-__all__ = ["Candidate", "SceneChoice", "choose_rung", "contact_model", "rung_model"]
-
 
 @dataclass(frozen=True)
 class Candidate:

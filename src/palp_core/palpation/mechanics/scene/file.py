@@ -28,8 +28,6 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import OUTPUTS, Scene, Tolerance
 from palp_core.palpation.mechanics.scene.scene import Path as StagePath
 
-__all__ = ["phantom_of", "read_mapping", "read_scene"]
-
 T = TypeVar("T")
 
 

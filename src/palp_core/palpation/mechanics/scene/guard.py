@@ -20,8 +20,6 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.methods import find
 from palp_core.units import Float64Array
 
-__all__ = ["Guarded", "explicit_step_s", "guarded_angles", "outside", "stage_step", "sweep_guards"]
-
 STAGE_STEP_MAX_M = 0.001
 """Coarser stage grids miss the peak: about 1 % at 4 mm."""
 

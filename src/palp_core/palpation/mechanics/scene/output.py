@@ -12,18 +12,6 @@ from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Scatter",
-    "answer",
-    "answer_error",
-    "contrast_n_m",
-    "decisions",
-    "grid_m",
-    "outputs",
-    "peak_n_m",
-    "separation_n_m",
-]
-
 STEP_M = 0.00025
 
 

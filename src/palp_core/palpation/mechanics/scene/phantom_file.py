@@ -14,8 +14,6 @@ from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
 
-__all__ = ["PAPER_PHANTOMS", "file_mistakes", "load_phantoms"]
-
 PAPER_PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
 }

@@ -19,8 +19,6 @@ from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, yielding
 from palp_core.palpation.methods import Method, choose
 
-__all__ = ["Chosen", "Rig", "rig"]
-
 
 class Chosen(Protocol):
     """A rung with the bound that justified it and the reason in words."""

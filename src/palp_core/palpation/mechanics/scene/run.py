@@ -15,8 +15,6 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.methods import find
 from palp_core.units import Float64Array
 
-__all__ = ["ForceTable", "SceneRun", "force_table", "run_scene"]
-
 
 @dataclass(frozen=True, eq=False)
 class SceneRun:

@@ -14,8 +14,6 @@ from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-__all__ = ["OUTPUTS", "RINGS_M", "Path", "Scene", "Tolerance", "yielding"]
-
 OUTPUTS = ("peak", "contrast", "separation", "decision")
 """Largest torque; that minus its local base; smallest gap between the peaks of named depths; share of depth
 decisions that differ."""

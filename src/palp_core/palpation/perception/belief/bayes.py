@@ -11,8 +11,6 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["expected_depth_m", "flat_prior", "posterior", "update"]
-
 
 def flat_prior(class_count: int) -> Float64Array:
     """Return the log of the flat prior P_0 = 1/m, shape (m,)."""

@@ -16,8 +16,6 @@ from scipy.special import rel_entr
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["expected_gain_bits", "expected_gains_bits", "gain_bits", "gain_vector"]
-
 _CHUNK = 2048  # beliefs at a time: their densities fit a processor's cache
 _TINY = 1e-300  # a class of probability 0 whose reading no other class explains; it is weighted by 0 after
 

@@ -25,20 +25,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Belief",
-    "OffsetModel",
-    "keep",
-    "latent",
-    "latent_ring",
-    "latent_trial",
-    "naive",
-    "predict",
-    "renewed",
-    "start",
-    "update",
-]
-
 _LOG_2PI = float(np.log(2.0 * np.pi))
 Indices = int | NDArray[np.int64]
 

@@ -14,8 +14,6 @@ from scipy.special import gammaln
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["Cells", "normal", "robust", "student_t"]
-
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 

@@ -8,8 +8,6 @@ from scipy.interpolate import PchipInterpolator
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["ring_slopes"]
-
 
 def ring_slopes(mean: Float64Array, rings_m: Float64Array) -> Float64Array:
     """Return the change of the reading per metre of ring, from the means over ring positions.

@@ -19,8 +19,6 @@ from palp_core.palpation.methods import find
 from palp_core.palpation.perception.belief.likelihoods import Cells
 from palp_core.units import Float64Array
 
-__all__ = ["Primitives", "fit", "quantisation_sd"]
-
 
 def quantisation_sd(resolution: float) -> float:
     """Return the standard deviation of rounding to steps of ``resolution``: resolution / sqrt(12)."""

@@ -25,18 +25,6 @@ from palp_core.palpation.perception.belief.offsets import ring_slopes
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Component",
-    "RigNoise",
-    "assumed_noise",
-    "independent_model",
-    "latent_model",
-    "noise_of",
-    "on_depths",
-    "read_noise",
-    "write_noise",
-]
-
 
 class Component(msgspec.Struct, frozen=True, omit_defaults=True):
     """A standard deviation, with the ends of its interval where it was measured."""

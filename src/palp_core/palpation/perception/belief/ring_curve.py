@@ -17,8 +17,6 @@ from scipy.stats import chi2
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["LEAST_RINGS", "RingCurve", "ring_curve"]
-
 LEAST_RINGS = 4
 """Positions from which on it shows whether a parabola fits."""
 

@@ -18,22 +18,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import find, method
 from palp_core.units import Float64Array
 
-__all__ = [
-    "FixedNumber",
-    "PaperGuarded",
-    "PaperVerbatim",
-    "PosteriorThreshold",
-    "StopRule",
-    "StopState",
-    "Verdict",
-    "correlation_distance",
-    "decide",
-    "require_classes",
-    "stop_rule",
-    "too_few",
-    "total_variation",
-]
-
 _FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
 _LEAST_SPREAD = 1e-12  # nats; a gain vector that varies less is rounding noise about "nothing gained"
 

@@ -19,8 +19,6 @@ from palp_core.palpation.perception.belief.stopping import (
 )
 from palp_core.units import Float64Array
 
-__all__ = ["Step", "converged_batch", "correlation_distances"]
-
 Flags = NDArray[np.bool_]
 _LEAST_SPREAD = 1e-12  # nats; as for a single trial
 

@@ -18,8 +18,6 @@ from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import RigNoise, latent_model, on_depths
 from palp_core.units import Float64Array
 
-__all__ = ["NAIVE", "Probe", "TrialFilter", "classes_of", "require_likelihood", "trial_filter"]
-
 NAIVE = "naive"
 
 

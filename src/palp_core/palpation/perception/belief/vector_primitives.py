@@ -16,8 +16,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import find, method
 from palp_core.units import Float64Array
 
-__all__ = ["VectorCells", "VectorPrimitives", "fit_vectors", "normal_vector", "student_t_vector"]
-
 
 @dataclass(frozen=True, eq=False)
 class VectorCells:

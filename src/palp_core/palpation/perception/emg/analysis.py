@@ -16,8 +16,6 @@ from palp_core.palpation.perception.emg.stream import EmgStream
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
 
-__all__ = ["EmgAnalysis", "EmgSettings", "analyse", "second_eigenvalue"]
-
 LEVEL_COUNT = 5
 
 

@@ -18,8 +18,6 @@ from palp_core.palpation.methods import method
 from palp_core.palpation.perception.emg.levels import find_bursts
 from palp_core.units import Float64Array
 
-__all__ = ["Burst", "BurstFinder", "BurstState", "distance_first"]
-
 
 @dataclass(frozen=True)
 class Burst:

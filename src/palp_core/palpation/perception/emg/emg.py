@@ -17,17 +17,6 @@ from scipy.signal import butter, sosfilt
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = [
-    "EmgChain",
-    "EmgFlags",
-    "EmgState",
-    "cocontraction",
-    "find_offset",
-    "flag",
-    "normalise",
-    "reference",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class EmgState:

@@ -13,8 +13,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.units import Float64Array
 
-__all__ = ["Levels", "find_bursts", "to_levels"]
-
 
 @dataclass(frozen=True, eq=False)
 class Levels:

@@ -15,8 +15,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.emg import find_offset
 from palp_core.units import Float64Array
 
-__all__ = ["SampleQuality", "bridge", "clipped", "held", "lost_samples", "on_grid", "quality"]
-
 BoolArray = NDArray[np.bool_]
 
 _MAD_TO_SD = 1.4826  # of a normal law

@@ -16,8 +16,6 @@ from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstS
 from palp_core.palpation.perception.emg.emg import EmgChain, EmgState, cocontraction
 from palp_core.units import Float64Array
 
-__all__ = ["EmgStream", "StreamBlock", "StreamState"]
-
 
 @dataclass(frozen=True)
 class StreamState:

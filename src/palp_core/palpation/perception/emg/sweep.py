@@ -9,8 +9,6 @@ from itertools import product
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse, second_eigenvalue
 from palp_core.units import Float64Array
 
-__all__ = ["SweepRow", "sweep"]
-
 
 @dataclass(frozen=True)
 class SweepRow:

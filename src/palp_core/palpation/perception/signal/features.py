@@ -10,8 +10,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
-__all__ = ["Contrast", "Peak", "contrast", "peak"]
-
 
 @dataclass(frozen=True)
 class Peak:

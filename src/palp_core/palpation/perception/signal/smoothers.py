@@ -19,16 +19,6 @@ from palp_core.palpation.methods import find, method
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
-__all__ = [
-    "LowPass",
-    "Nothing",
-    "SavitzkyGolay",
-    "Smoother",
-    "WaveletApproximation",
-    "WaveletSoft",
-    "smoother",
-]
-
 
 class Smoother(Protocol):
     """Anything that takes noise off a uniformly sampled sweep."""

@@ -9,8 +9,6 @@ import numpy as np
 
 from palp_core.units import Float64Array
 
-__all__ = ["Cut", "SweepCut"]
-
 _KEEP_NS = 1_000_000_000
 
 

@@ -15,8 +15,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import find, method
 from palp_core.units import Float64Array
 
-__all__ = ["approximation", "denoise", "edge_cone", "least_samples", "soft_universal", "universal_threshold"]
-
 _GAUSSIAN_MAD = 0.6744897501960817  # median of |z|, z standard normal
 
 

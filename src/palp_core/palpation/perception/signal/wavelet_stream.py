@@ -18,8 +18,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone, least_samples
 from palp_core.units import Float64Array
 
-__all__ = ["WaveletStream", "WaveletStreamState", "tail_weight"]
-
 
 @dataclass(frozen=True)
 class WaveletStreamState:

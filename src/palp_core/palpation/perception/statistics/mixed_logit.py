@@ -14,8 +14,6 @@ from palp_core.palpation.methods import method
 from palp_core.palpation.perception.statistics.anova import NOT_FINITE, Effect, NotTestable, checked
 from palp_core.units import Float64Array
 
-__all__ = ["mixed_logit"]
-
 Labels = Sequence[Hashable]
 
 

@@ -26,17 +26,6 @@ from palp_core.palpation.methods import method
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Comparison",
-    "Interval",
-    "cluster_bootstrap",
-    "compare",
-    "holm",
-    "share_interval",
-    "sign_flip",
-    "widened",
-]
-
 _EXACT_UP_TO = 14  # sessions whose 2^n sign patterns are all tried
 
 

@@ -16,17 +16,6 @@ from scipy.special import ndtri
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Calibration",
-    "Proportion",
-    "ReliabilityBin",
-    "accuracy_by_class",
-    "calibration",
-    "confusion",
-    "reliability_bins",
-    "wilson",
-]
-
 
 @dataclass(frozen=True)
 class Proportion:

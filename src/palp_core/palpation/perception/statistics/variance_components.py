@@ -21,8 +21,6 @@ from scipy.stats import chi2
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["Block", "Estimate", "estimate"]
-
 
 @dataclass(frozen=True, eq=False)
 class Block:

@@ -15,8 +15,6 @@ from palp_core.palpation.perception.strategy.markov_readings import Reading
 from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.units import Float64Array
 
-__all__ = ["Chain", "ChainFile", "markov_policy", "read_chains", "write_chains"]
-
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
     """A chain and what it was learnt from.

@@ -14,18 +14,6 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = [
-    "DEPTHS_M",
-    "EIGENVALUES",
-    "LAG_CORRELATIONS",
-    "LEVELS",
-    "MEAN_LEVEL",
-    "RINGS_M",
-    "SD_LEVEL",
-    "Reconstruction",
-    "matrices",
-]
-
 Reconstruction = Literal["ar1", "tridiagonal"]
 
 DEPTHS_M = (0.002, 0.004, 0.008)

@@ -13,8 +13,6 @@ from scipy.optimize import LinearConstraint, NonlinearConstraint, minimize
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["ar1_kernel", "nearest_chain", "tridiagonal_chain"]
-
 _LEAST_ENTRY = 1e-6  # keeps every entry positive and the logarithm finite
 
 

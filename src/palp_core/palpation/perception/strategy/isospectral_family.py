@@ -19,8 +19,6 @@ from palp_core.palpation.perception.strategy.isospectral import ar1_kernel
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
 
-__all__ = ["figure5_family", "near_kernel", "sample_family"]
-
 PRIOR_WEIGHT = 20.0
 """Pseudo-transitions per level that the near-diagonal prior is worth (assumed)."""
 

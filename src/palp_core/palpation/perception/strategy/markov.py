@@ -18,21 +18,6 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Structure",
-    "check_stochastic",
-    "count_transitions",
-    "eigenvalues",
-    "independent",
-    "kemeny_constant",
-    "permuted",
-    "relaxation_time",
-    "stationary",
-    "structure",
-    "time_reversed",
-    "transition_matrix",
-]
-
 _EDGE = 1e-12  # a probability below this is no edge
 
 

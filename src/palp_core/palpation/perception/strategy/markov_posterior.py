@@ -29,8 +29,6 @@ from palp_core.palpation.perception.strategy.markov import (
 )
 from palp_core.units import Float64Array
 
-__all__ = ["ChainPosterior", "ChainSummary", "Interval", "Observed", "fit_chain", "observed", "summarise"]
-
 
 @dataclass(frozen=True)
 class Interval:

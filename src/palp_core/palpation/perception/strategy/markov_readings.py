@@ -19,8 +19,6 @@ from palp_core.palpation.perception.strategy.markov import stationary
 from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.units import Float64Array
 
-__all__ = ["READINGS", "LongRun", "Reading", "long_run"]
-
 Reading = Literal["column", "gaussian_reset", "mean"]
 READINGS: tuple[Reading, ...] = ("column", "gaussian_reset", "mean")
 

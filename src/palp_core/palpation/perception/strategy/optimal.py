@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
-__all__ = ["Optimum", "chernoff_information", "optimum"]
-
 _PARTS = 24  # of the simplex's edge
 _NODES = 21
 

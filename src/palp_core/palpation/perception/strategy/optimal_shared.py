@@ -20,8 +20,6 @@ from palp_core.palpation.perception.strategy.policies_batch import start_batch, 
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.units import Float64Array
 
-__all__ = ["fano_accuracy", "probe_capacity_bits", "shared_optimum", "wald_probes"]
-
 
 def wald_probes(mean: Float64Array, sd: Float64Array, accuracy: float) -> float:
     """Return the least expected number of probes of any test between two classes at one setting.

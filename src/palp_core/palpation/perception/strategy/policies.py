@@ -21,8 +21,6 @@ from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
 
-__all__ = ["Fixed", "InformationGain", "Markov", "Policy", "PolicyState", "Uniform"]
-
 
 @dataclass(frozen=True)
 class PolicyState:

@@ -22,8 +22,6 @@ from palp_core.palpation.perception.strategy.policies_informed import (
 )
 from palp_core.units import Float64Array
 
-__all__ = ["Levels", "draw_batch", "start_batch", "step_batch"]
-
 
 @dataclass(frozen=True, eq=False)
 class Levels:

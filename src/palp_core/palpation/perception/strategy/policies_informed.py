@@ -18,9 +18,6 @@ from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import PolicyState
 from palp_core.units import Float64Array
 
-__all__ = ["Actions", "EmgDriven", "InformationGainLatent", "Reposition", "Timing"]
-
-
 _TIE = 1e-9  # bits, or bits per second; far below what one probe tells
 
 

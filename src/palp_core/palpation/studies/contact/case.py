@@ -8,8 +8,6 @@ import numpy as np
 
 from palp_core.units import Float64Array
 
-__all__ = ["Case"]
-
 
 @dataclass(frozen=True, eq=False)
 class Case:

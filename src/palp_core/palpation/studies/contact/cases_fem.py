@@ -9,8 +9,6 @@ from palp_core.palpation.mechanics.contact import fem_failures
 from palp_core.palpation.studies.contact.case import Case
 from palp_core.units import Float64Array
 
-__all__ = ["fem_cases"]
-
 _SWEEP_S = 4.0
 _SMALL_STRAIN_DEPTH_M = 0.008
 

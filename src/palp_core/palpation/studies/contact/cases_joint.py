@@ -17,8 +17,6 @@ from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.studies.contact.case import Case
 from palp_core.units import Float64Array
 
-__all__ = ["joint_cases"]
-
 INDENTATION_M = 0.004
 STAGE_M = np.linspace(-0.03, 0.05, 81)
 TIP_M = 0.006

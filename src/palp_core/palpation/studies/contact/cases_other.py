@@ -14,8 +14,6 @@ from palp_core.palpation.mechanics.equilibrium.friction import coulomb_implicit,
 from palp_core.palpation.mechanics.scene.guard import explicit_step_s
 from palp_core.palpation.studies.contact.case import Case
 
-__all__ = ["other_cases"]
-
 _RING_M, _INDENTATION_M = 0.016, 0.004
 
 

@@ -18,8 +18,6 @@ from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 from palp_core.palpation.methods import find, methods
 from palp_core.units import Float64Array
 
-__all__ = ["Measured", "Variant", "cold_cache", "measure", "median_s", "side_by_side", "variants"]
-
 SWEEP_POSITIONS = 3000
 _OFFSETS_M = np.linspace(0.0, 0.012, 7)
 _INDENTATIONS_M = np.array([0.001, 0.002, 0.003, 0.004])

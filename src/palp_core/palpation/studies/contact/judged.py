@@ -26,17 +26,6 @@ from palp_core.palpation.studies.contact.cost import cold_cache, side_by_side
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene
 from palp_core.units import Float64Array
 
-__all__ = [
-    "NEAR",
-    "REFERENCE_CELL_M",
-    "Judged",
-    "judge",
-    "reference_models",
-    "rungs",
-    "scene_keys",
-    "scene_of",
-]
-
 REFERENCE_CELL_M = 0.0005
 NEAR = 1_000_000
 """Index from which on scenes are drawn near the published rig, where most bounds of L2 hold."""

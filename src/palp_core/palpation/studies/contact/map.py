@@ -25,8 +25,6 @@ from palp_core.units import Float64Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["METHODS", "Point", "Verdict", "judge", "map_chart", "points", "verdicts"]
-
 _STAGE_M = np.linspace(-0.03, 0.05, 41)
 _TIP_M = 0.006
 _OFF_RAD = 1e-3

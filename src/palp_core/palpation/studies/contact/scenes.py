@@ -13,8 +13,6 @@ from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, Tolerance
 from palp_core.palpation.mechanics import Path as StagePath
 from palp_core.palpation.mechanics.scene.scene import OUTPUTS
 
-__all__ = ["hostile_numbers", "near_scene", "random_scene"]
-
 
 def random_scene(rng: np.random.Generator) -> Scene:
     """Return a scene that a user might ask for: half about the published rig, half anywhere in the ranges."""

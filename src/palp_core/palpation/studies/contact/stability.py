@@ -20,8 +20,6 @@ from palp_core.palpation.studies.toolkit.progress import followed, progress
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["markdown", "run"]
-
 _FAILING, _SURVIVOR = "#D55E00", "#0072B2"
 _HUGE = 1e6
 _HEAD = ("failing method", "symptom", "fails at", "survivor")

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["pareto", "run"]
-
 DEPTHS_M = (0.002, 0.004, 0.008)
 RINGS_M = (0.004, 0.016)
 TOLERANCES = {"peak": 0.02, "contrast": 0.05}

@@ -22,8 +22,6 @@ from palp_core.palpation.studies.toolkit.checkpoint import append_line, read_lin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["kept", "run", "scenes"]
-
 _SCENES, _QUICK = (200, 50), (10, 2)  # anywhere, and near the published rig
 LINES = "scenes.jsonl"
 

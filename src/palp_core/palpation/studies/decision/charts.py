@@ -13,8 +13,6 @@ from palp_core.palpation.studies.decision.limits import Limits, least_seconds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["calibration_chart", "rungs_chart", "tradeoff_chart"]
-
 Rows = Sequence[Mapping[str, Any]]
 _FAMILIES = {"fixed": "#8a8a8a", "markov": "#D55E00", "uniform": "#009E73", "reposition": "#56B4E9"}
 _GAIN = "#0072B2"

@@ -28,8 +28,6 @@ from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream, 
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.units import Float64Array
 
-__all__ = ["FEATURES", "RESOLUTION_N_M", "Case", "Measured", "Way", "clean_cases", "measure", "ways"]
-
 RATE_HZ, SPEED_M_PER_S, BLOCK = 1000.0, 0.020, 50
 FROM_M, TO_M, INDENTATION_M = -0.03, 0.05, 0.004
 RESOLUTION_N_M = 1e-3 / 64.0  # the maker's figure for a Nano17 SI-12-0.12

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["run"]
-
 RINGS_M = (0.004, 0.016)
 NOISE_FACTORS = (1.0, 5.0)
 SEED = 20

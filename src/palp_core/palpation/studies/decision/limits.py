@@ -20,8 +20,6 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Touch
 from palp_core.units import Float64Array
 
-__all__ = ["Limits", "least_seconds", "limits", "what_stays"]
-
 COSTS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SEED = 22
 

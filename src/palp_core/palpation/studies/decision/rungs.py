@@ -19,8 +19,6 @@ from palp_core.palpation.studies.simulation.policies import STIFF_M, begin, run
 from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, touch
 from palp_core.palpation.studies.toolkit.parallel import spread
 
-__all__ = ["QUICK", "REFERENCE", "RungJob", "rung_rows", "rung_world"]
-
 REFERENCE = "l4"
 RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
 QUICK = ("l1", "l2", "l4")

@@ -13,8 +13,6 @@ from palp_core.palpation.studies.decision import traps_belief as decision_traps_
 from palp_core.palpation.studies.decision import traps_signal as decision_traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
 
-__all__ = ["TRAPS", "row", "run"]
-
 TRAPS: tuple[Trap, ...] = (*decision_traps_belief.TRAPS, *decision_traps_signal.TRAPS)
 
 

@@ -30,8 +30,6 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, tou
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import spread
 
-__all__ = ["FILTERS", "POLICIES", "STOPS", "TradeoffJob", "pareto", "run", "tradeoff_session"]
-
 POLICIES = NAMES
 STOPS: dict[str, StopRule] = {
     "paper_verbatim": PaperVerbatim(),

@@ -17,8 +17,6 @@ from palp_core.palpation.perception.strategy import markov
 from palp_core.palpation.studies.decision.trap import Trap
 from palp_core.units import Float64Array
 
-__all__ = ["TRAPS"]
-
 FLAT = np.full(3, 1 / 3)
 LIMIT = 0.0005
 

@@ -19,8 +19,6 @@ from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.palpation.studies.decision.trap import Trap
 from palp_core.units import Float64Array
 
-__all__ = ["TRAPS"]
-
 BLOCKS = np.array([[0.9, 0.1, 0.0, 0.0], [0.1, 0.9, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5], [0.0, 0.0, 0.5, 0.5]])
 CYCLE = np.roll(np.eye(3), 1, axis=0)
 

@@ -15,8 +15,6 @@ from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["figure_3", "figure_4", "figure_5", "simulated_trial"]
-
 _NS = 1e9
 _SHOWN_S = 12.0
 

@@ -23,8 +23,6 @@ from palp_core.palpation.studies.simulation.reading_table import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["figure_7b", "figure_8", "figure_9"]
-
 
 def figure_7b(gel: Gel) -> Chart:
     """Joint stiffness over the joint's angle, eq. (6)."""

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["beliefs", "calibration_chart", "figure_12", "grid_chart", "policies_chart", "scenes_chart"]
-
 SHOWN = 8  # iterations
 
 

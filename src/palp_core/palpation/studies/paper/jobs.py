@@ -17,18 +17,6 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, Touch
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
-__all__ = [
-    "GRID_M",
-    "READINGS",
-    "SCENES",
-    "GridJob",
-    "PaperJob",
-    "SceneJob",
-    "grid_session",
-    "paper_session",
-    "scene_session",
-]
-
 READINGS = ("markov", "markov_gaussian_reset", "markov_mean")
 GRID_M = tuple(float(d) for d in np.round(np.linspace(0.002, 0.008, 31), 7))
 

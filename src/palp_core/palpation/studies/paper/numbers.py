@@ -13,8 +13,6 @@ from scipy import stats
 
 from palp_core.palpation.perception.statistics.anova import fisher
 
-__all__ = ["HUMAN_OF", "HUMAN_RIGHT", "PUBLISHED", "TABLE_3", "TABLE_4", "TABLE_6", "Statement", "statements"]
-
 HUMAN_RIGHT = {"2": 24, "4": 17, "8": 17}
 """Of 30 at each depth: 80, 56.7 and 56.7 %."""
 HUMAN_OF = 30

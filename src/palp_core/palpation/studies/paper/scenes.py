@@ -13,8 +13,6 @@ from palp_core.palpation.perception.strategy.policies_informed import Timing
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
-__all__ = ["judge"]
-
 
 def judge(sessions: Sequence[Mapping[str, Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
     """Return a scene's lines and the paired comparison with the best fixed ring at equal seconds.

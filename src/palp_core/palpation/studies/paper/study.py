@@ -41,8 +41,6 @@ from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
 
-__all__ = ["Size", "results", "run"]
-
 
 @dataclass(frozen=True)
 class Size:

@@ -16,8 +16,6 @@ from palp_core.palpation.studies.simulation.policies import FIXED
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, depth_key, joined
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
-__all__ = ["PAIRS", "REPORTED", "analyses", "comparisons"]
-
 Sessions = Mapping[str, Sequence[Outcomes]]
 
 _RINGS = "fixed: depth and r_a"

@@ -8,8 +8,6 @@ from typing import Any
 
 from palp_core.palpation.reporting.html_page import paragraph, table
 
-__all__ = ["closing", "opening"]
-
 
 def _percent(value: float) -> str:
     return f"{100.0 * value:.1f} %"

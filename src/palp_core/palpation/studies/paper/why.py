@@ -32,8 +32,6 @@ from palp_core.palpation.studies.toolkit.parallel import spread
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["HYPOTHESES", "NONE", "WhyJob", "cells", "conditions_of", "grid", "run", "why_session"]
-
 NONE = Conditions(repeatability_m=0.0, height_sd_m=0.0, remount=False)
 """The control: no shared error at all."""
 

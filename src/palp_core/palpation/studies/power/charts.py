@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-__all__ = ["curves_chart", "effect_chart", "paper_chart"]
-
 _COLUMNS = ["comparison", "trials_per_depth", "sessions", "power", "power_holm", "formula"]
 
 

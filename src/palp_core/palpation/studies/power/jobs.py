@@ -22,18 +22,6 @@ from palp_core.palpation.studies.simulation.policies import run as run_policy
 from palp_core.palpation.studies.simulation.reading_table import Touch
 from palp_core.units import Float64Array
 
-__all__ = [
-    "COMPARISONS",
-    "POLICIES",
-    "CurveJob",
-    "PoolJob",
-    "curve_points",
-    "depth_power",
-    "false_alarms",
-    "pool_session",
-    "published_power",
-]
-
 POLICIES = ("fixed_average", "fixed_best", "markov", "uniform", "information_gain_latent")
 COMPARISONS = (
     ("markov", "fixed_average"),

@@ -17,21 +17,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.statistics.resampling import holm
 from palp_core.units import Float64Array
 
-__all__ = [
-    "Law",
-    "beta_sessions",
-    "design_effect",
-    "detectable",
-    "formula_power",
-    "holm_rows",
-    "intraclass",
-    "least_sessions",
-    "paired_p",
-    "paired_power",
-    "pooled_p",
-    "unpaired_p",
-]
-
 
 @dataclass(frozen=True)
 class Law:

@@ -45,8 +45,6 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, touch
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
 
-__all__ = ["Size", "run"]
-
 DEPTHS = len(Gel().depths_m)
 SESSIONS = (2, 3, 4, 5, 6, 8, 10, 14, 20, 28, 40, 60, 80, 120)
 TRIALS = (1, 2, 5, 10, 20, 50, 100)

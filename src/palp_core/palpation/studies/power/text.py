@@ -7,8 +7,6 @@ from typing import Any
 
 from palp_core.palpation.reporting.html_page import paragraph, table
 
-__all__ = ["page_parts"]
-
 
 def page_parts(report: Mapping[str, Any], pictures: Sequence[str]) -> list[str]:
     """Return the page's parts, the pictures among them."""

@@ -10,8 +10,6 @@ from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 
-__all__ = ["CENTRE", "FACTORS", "Cell", "Factor", "cells"]
-
 
 @dataclass(frozen=True)
 class Cell:

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["differences_chart", "factors_chart", "family_chart"]
-
 # Okabe and Ito's palette; line style and marker say the same again
 _LOOKS: dict[str, tuple[str, str, str]] = {
     "fixed_average": ("#8a8a8a", ":", "x"),

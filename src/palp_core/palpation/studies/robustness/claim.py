@@ -21,8 +21,6 @@ from palp_core.palpation.perception.statistics.resampling import cluster_bootstr
 from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, Design
 from palp_core.units import Float64Array
 
-__all__ = ["CHANGES", "CLAIMS", "LEVEL", "Change", "against_best", "changes_of", "judged"]
-
 CLAIMS = (
     ("information_gain", "paper"),
     ("information_gain_latent", "paper"),

@@ -22,17 +22,6 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, tou
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
-__all__ = [
-    "DESIGNS",
-    "POLICIES",
-    "CellJob",
-    "Design",
-    "FamilyJob",
-    "family_shares",
-    "run_cell",
-    "sessions_of",
-]
-
 POLICIES = (
     *FIXED,
     "fixed_average",

@@ -35,8 +35,6 @@ from palp_core.palpation.studies.toolkit.checkpoint import Kept
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
 
-__all__ = ["Size", "run"]
-
 Report = dict[str, Any]
 
 

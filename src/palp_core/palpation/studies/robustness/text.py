@@ -10,8 +10,6 @@ import numpy as np
 from palp_core.palpation.reporting.html_page import paragraph, table
 from palp_core.palpation.studies.robustness.claim import CHANGES, LEVEL
 
-__all__ = ["page_parts", "reasons"]
-
 _ALL_BITS = float(np.log2(3.0))
 _SATURATED = 0.02  # bits below what three depths hold
 _SHOWN = (

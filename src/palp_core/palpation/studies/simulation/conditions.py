@@ -18,8 +18,6 @@ from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_c
 from palp_core.palpation.studies.simulation.reading_table import RESOLUTION_N_M, Touch
 from palp_core.units import Float64Array
 
-__all__ = ["Conditions", "Draws", "Trained", "draw", "offset_model", "specimens", "train"]
-
 _SPREAD = {"uniform": 1 / np.sqrt(3.0), "normal": 0.5, "triangular": 1 / np.sqrt(6.0), "two_sided": 1.0}
 """Standard deviation of a landing in units of the repeatability."""
 

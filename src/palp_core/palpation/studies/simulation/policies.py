@@ -31,19 +31,6 @@ from palp_core.palpation.studies.simulation.reading_table import Touch
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
-__all__ = [
-    "FIXED",
-    "NAMES",
-    "STIFF_M",
-    "Session",
-    "begin",
-    "best_ring",
-    "chance",
-    "fixed_name",
-    "policy",
-    "run",
-]
-
 
 def fixed_name(ring_m: float) -> str:
     """Return the name of the policy that stays at a ring position, as ``fixed_16``."""

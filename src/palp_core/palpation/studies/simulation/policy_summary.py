@@ -15,8 +15,6 @@ from palp_core.palpation.perception.statistics.statistics import calibration, re
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
 
-__all__ = ["accuracies", "average_of", "calibration_interval", "depth_key", "joined", "summarise"]
-
 _SEED = 11  # of the resamples; every table gives the same intervals for the same sessions
 
 

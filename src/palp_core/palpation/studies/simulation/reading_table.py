@@ -24,8 +24,6 @@ from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
 from palp_core.units import Float64Array
 
-__all__ = ["Gel", "Touch", "scene_quantities", "sweep_torque", "touch"]
-
 ERRORS_M = np.linspace(-0.75e-3, 0.75e-3, 5)
 HEIGHTS_M = np.linspace(-1.5e-3, 1.5e-3, 5)
 FROM_M, TO_M, MARGIN_M = -0.03, 0.05, 0.002

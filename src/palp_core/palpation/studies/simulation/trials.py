@@ -18,8 +18,6 @@ from palp_core.palpation.studies.simulation.conditions import Conditions, Draws
 from palp_core.palpation.studies.simulation.reading_table import Touch
 from palp_core.units import Float64Array
 
-__all__ = ["Outcomes", "run_trials"]
-
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:

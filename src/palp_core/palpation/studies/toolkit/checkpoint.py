@@ -11,8 +11,6 @@ from typing import Any
 
 import palp_core
 
-__all__ = ["Kept", "append_line", "read_lines", "source_digest"]
-
 _SOURCES = ("mechanics", "perception", "studies")
 
 

@@ -21,8 +21,6 @@ from palp_core.errors import PalpError
 from palp_core.palpation.studies.toolkit.checkpoint import Kept
 from palp_core.palpation.studies.toolkit.progress import progress
 
-__all__ = ["spread"]
-
 J = TypeVar("J")
 R = TypeVar("R")
 

@@ -9,8 +9,6 @@ from typing import TypeVar
 
 from palp_core.graph.clock import monotonic_ns
 
-__all__ = ["followed", "progress"]
-
 T = TypeVar("T")
 
 EVERY_NS = 20_000_000_000
