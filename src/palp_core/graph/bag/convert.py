@@ -121,8 +121,8 @@ def to_parquet(bag: str | Path, out: str | Path) -> int:
         BagDamaged: The bag is damaged.
     """
     try:
-        import pyarrow as pa  # type: ignore[import-not-found, unused-ignore]
-        import pyarrow.parquet as pq  # type: ignore[import-not-found, unused-ignore]
+        import pyarrow as pa
+        import pyarrow.parquet as pq
     except ImportError as error:
         raise BagError("Parquet needs pyarrow: pip install pyarrow") from error
     folder = _new_folder(out)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import yaml
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.topic import Topic
+from palp_core.whole_file import write_whole
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
@@ -77,14 +77,8 @@ def write_metadata(
         "custom_data": dict(custom) or None,
         "ros_distro": "",
     }
-    temporary = folder / f".{FILE_NAME}.part"
-    temporary.write_text(yaml.safe_dump({ROOT: information}, sort_keys=False, allow_unicode=True))
-    temporary.replace(folder / FILE_NAME)
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    text = yaml.safe_dump({ROOT: information}, sort_keys=False, allow_unicode=True)
+    write_whole(folder / FILE_NAME, text, durable=True)
 
 
 def bag_files(path: Path) -> list[Path]:

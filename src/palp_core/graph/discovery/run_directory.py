@@ -17,6 +17,7 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.problems import hint
+from palp_core.whole_file import write_json
 
 KEEP_ENDED = 10
 LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
@@ -102,9 +103,7 @@ class RunDirectory:
 
     def write(self, record: RunRecord) -> None:
         """Make the graph visible to the command line."""
-        temporary = self.path / "graph.json.part"
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(record)))
-        temporary.rename(self.path / "graph.json")
+        write_json(self.path / "graph.json", record)
 
     def remove(self) -> None:
         """Remove the folder with its logs."""

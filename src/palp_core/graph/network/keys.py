@@ -24,6 +24,7 @@ import msgspec
 import zmq
 
 from palp_core.errors import SecurityError
+from palp_core.whole_file import write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
@@ -98,8 +99,8 @@ class KeyFolder:
         for old in found:
             old.unlink()
             old.with_suffix(".public").unlink(missing_ok=True)
-        _write(self.path / f"{name}.secret", _certificate(name, public, secret), 0o600)
-        _write(self.path / f"{name}.public", _certificate(name, public), 0o644)
+        write_whole(self.path / f"{name}.secret", _certificate(name, public, secret), mode=0o600)
+        write_whole(self.path / f"{name}.public", _certificate(name, public))
         return OwnKeys(name, public, secret)
 
     def public_file(self, own: OwnKeys) -> Path:
@@ -153,7 +154,7 @@ class KeyFolder:
             raise SecurityError(f"this key is allowed already, as '{other}'")
         self._make_folder(self.path)
         self._make_folder(self.path / "allowed")
-        _write(self.path / "allowed" / f"{name}.public", _certificate(name, key), 0o644)
+        write_whole(self.path / "allowed" / f"{name}.public", _certificate(name, key))
         return name, key
 
     def deny(self, what: str) -> tuple[str, str]:
@@ -269,13 +270,3 @@ def _public(file: Path) -> str:
         key = _fields(file).get("public-key", "")
         return key if is_key(key) else ""
     return ""
-
-
-def _write(file: Path, text: str, mode: int) -> None:
-    """Write a file as a whole; a secret is never readable by others, not even for a moment."""
-    part = file.with_name(f".{file.name}.part")
-    part.unlink(missing_ok=True)
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as opened:
-        opened.write(text)
-    part.replace(file)

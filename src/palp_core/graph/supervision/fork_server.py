@@ -32,6 +32,7 @@ from palp_core.graph.process.channel import Line, Link, LinkClosed
 from palp_core.graph.supervision.fork_child import become, take_place
 from palp_core.graph.supervision.logs import LogKeeper
 from palp_core.graph.supervision.preload import Announcer, import_announced, preload
+from palp_core.whole_file import write_whole
 
 GRACE_NS = 600_000_000
 PR_SET_CHILD_SUBREAPER = 36
@@ -155,9 +156,7 @@ class _Server:
     def _look(self, request: Describe) -> int:
         Announcer(self._announce).begin()
         answer = describe(request.requests, Path(request.workspace))
-        temporary = Path(request.answer + ".part")
-        temporary.write_bytes(encode_any(answer))
-        temporary.rename(request.answer)
+        write_whole(Path(request.answer), encode_any(answer))
         return 0
 
     def _tell(self, news: News) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.whole_file import write_whole
 
 READER = b"~"
 WAIT_NS = 1_000_000_000
@@ -55,7 +56,5 @@ class Audience:
             return
         present = set(self._present())
         if present != self._noted:
-            part = self._file.with_suffix(".readers.part")
-            part.write_bytes(msgspec.json.encode(sorted(present)))
-            part.rename(self._file)  # whole, whenever this process ends
+            write_whole(self._file, msgspec.json.encode(sorted(present)))
             self._noted = present

@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 from palp_core.palpation.reporting.charts import Chart, save
+from palp_core.whole_file import write_whole
 
 _CSS = """
 :root { color-scheme: light; }
@@ -55,13 +56,12 @@ def figure(chart: Chart, folder: Path, *, svg: bool = True) -> str:
 def write_page(folder: Path, title: str, parts: Sequence[str]) -> Path:
     """Write ``index.html`` into the folder; it appears under its name only when complete."""
     folder.mkdir(parents=True, exist_ok=True)
-    part, target = folder / "index.part", folder / "index.html"
-    part.write_text(
+    target = folder / "index.html"
+    write_whole(
+        target,
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
         f"<style>{_CSS}</style>\n</head>\n<body>\n<h1>{escape(title)}</h1>\n"
         + "\n".join(parts)
         + "\n</body>\n</html>\n",
-        encoding="utf-8",
     )
-    part.rename(target)
     return target

@@ -27,6 +27,7 @@ from palp_core.palpation.session.repeatability import (
 from palp_core.palpation.session.report_page import headline, page
 from palp_core.palpation.session.result_json import build, out_of, write_result
 from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
+from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import RunSummary
@@ -48,9 +49,7 @@ def session(summary: RunSummary) -> str:
         return _repeatability(found, summary)
     drawn = [(chart, save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
     target = found.folder / "report.html"
-    part = target.with_suffix(".part")
-    part.write_text(page(result, drawn), encoding="utf-8")
-    part.rename(target)
+    write_whole(target, page(result, drawn))
     return f"{headline(result)}\nReport: {target}"
 
 

@@ -24,6 +24,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.recorded_session import Session, Trial, mm
+from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import RunSummary
@@ -111,9 +112,7 @@ def build(session: Session, summary: RunSummary) -> dict[str, Any]:
 def write_result(result: dict[str, Any], folder: Path) -> Path:
     """Write ``result.json``; it appears under its name only when complete. NaN becomes null."""
     target = folder / "result.json"
-    part = target.with_suffix(".part")
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=1) + b"\n")
-    part.rename(target)
+    write_json(target, result)
     return target
 
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.units import Float64Array
+from palp_core.whole_file import whole_file, write_whole
 
 OWN_FILES = (
     "trials.csv",
@@ -133,10 +134,8 @@ class Record:
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
         """Add a palpation: its sweep first, then its row, so that every row has its sweep."""
         target = self.folder / "sweeps" / f"{row.row:06d}.npz"
-        part = target.with_suffix(".part")
-        with part.open("wb") as file:
+        with whole_file(target) as file:
             np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
-        part.rename(target)
         cells: list[Any] = []
         for name in Row.__struct_fields__:
             value = getattr(row, name)
@@ -159,10 +158,7 @@ class Record:
 
     def primitives(self, content: dict[str, Any]) -> None:
         """Write the memory primitives."""
-        target = self.folder / "primitives.json"
-        part = target.with_suffix(".part")
-        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        part.rename(target)
+        write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
 
 
 def read_rows(out: str | Path) -> list[Row]:

@@ -24,6 +24,7 @@ from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.offsets import ring_slopes
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_whole
 
 
 class Component(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -77,9 +78,7 @@ def read_noise(path: str | Path) -> RigNoise:
 
 def write_noise(noise: RigNoise, path: Path) -> None:
     """Write a file; it appears under its name only when complete."""
-    part = path.with_suffix(".part")
-    part.write_bytes(msgspec.yaml.encode(noise))
-    part.rename(path)
+    write_whole(path, msgspec.yaml.encode(noise))
 
 
 def assumed_noise(ring_sd_m: float, height_sd_m: float) -> RigNoise:

@@ -14,6 +14,7 @@ from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.palpation.perception.strategy.markov_readings import Reading
 from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,9 +104,7 @@ def read_chains(path: str | Path) -> ChainFile:
 
 def write_chains(chains: ChainFile, path: Path) -> None:
     """Write a file; it appears under its name only when complete."""
-    part = path.with_suffix(".part")
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(chains), indent=1) + b"\n")
-    part.rename(path)
+    write_json(path, chains)
 
 
 def markov_policy(

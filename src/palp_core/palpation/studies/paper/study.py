@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
@@ -40,6 +39,7 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, touch
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "grid_31_depths_rmse_mm": _grid(size, seed, workers, dask),
     }
     out.mkdir(parents=True, exist_ok=True)
-    part = out / "paper.json.part"
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    part.rename(out / "paper.json")
+    write_json(out / "paper.json", report)
     trained = begin(felt, conditions, jobs[0].seed).trained
     charts: list[Chart] = [
         paper_charts_human.figure_3(seed),

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
@@ -44,6 +43,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel, touch
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 DEPTHS = len(Gel().depths_m)
 SESSIONS = (2, 3, 4, 5, 6, 8, 10, 14, 20, 28, 40, 60, 80, 120)
@@ -107,9 +107,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "human": _human(size.repeats, rng),
     }
     out.mkdir(parents=True, exist_ok=True)
-    part = out / "power.json.part"
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    part.rename(out / "power.json")
+    write_json(out / "power.json", report)
     charts = [
         curves_chart(points, "sessions", (1, 5, 20, 100)),
         curves_chart(points, "trials", (4, 6, 10, 20, 60)),

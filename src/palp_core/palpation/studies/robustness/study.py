@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palp_core.palpation.perception.strategy.isospectral_family import figure5_family
@@ -34,6 +33,7 @@ from palp_core.palpation.studies.robustness.text import page_parts, reasons
 from palp_core.palpation.studies.toolkit.checkpoint import Kept
 from palp_core.palpation.studies.toolkit.parallel import spread
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 Report = dict[str, Any]
 
@@ -90,9 +90,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "family": _family(size, centre, lines["centre"]["paper"], workers, dask),
     }
     out.mkdir(parents=True, exist_ok=True)
-    part = out / "robustness.json.part"
-    part.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    part.rename(out / "robustness.json")
+    write_json(out / "robustness.json", report)
     _csv(out, report["cells"])
     charts = [
         *(factors_chart(*texts, report["cells"], *what) for texts, what in _CHARTS),

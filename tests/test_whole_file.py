@@ -1,0 +1,44 @@
+"""A file is there whole, or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from palp_core.whole_file import whole_file, write_json, write_whole
+
+
+def test_a_file_that_fails_leaves_what_was_there_and_nothing_else(tmp_path: Path) -> None:
+    write_whole(tmp_path / "file", "before")
+    with pytest.raises(ValueError, match="half way"), whole_file(tmp_path / "file") as file:
+        file.write(b"half")
+        raise ValueError("half way")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text() == "before"
+
+
+@pytest.mark.parametrize("durable", [False, True])
+def test_a_file_takes_its_name_when_it_is_complete(tmp_path: Path, durable: bool) -> None:
+    with whole_file(tmp_path / "file", durable=durable) as file:
+        file.write("grün".encode())
+        assert not (tmp_path / "file").exists()
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "grün"
+
+
+def test_a_secret_is_closed_to_others_before_a_byte_is_in_it(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "secret", mode=0o600) as file:
+        assert os.fstat(file.fileno()).st_mode & 0o777 == 0o600
+    assert (tmp_path / "secret").stat().st_mode & 0o777 == 0o600
+
+
+def test_what_a_dead_process_of_the_same_number_has_left_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / f".file.{os.getpid()}.part").write_text("left")
+    write_whole(tmp_path / "file", "new")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_json_has_null_where_there_is_no_number(tmp_path: Path) -> None:
+    write_json(tmp_path / "file.json", {"rmse_m": float("nan")})
+    assert (tmp_path / "file.json").read_text() == '{\n "rmse_m": null\n}\n'
