@@ -9,7 +9,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError
@@ -21,6 +20,7 @@ from palp_core.palpation.perception.statistics.resampling import Interval, clust
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
 from palp_core.palpation.session.reanalysis import Again, Decided, Methods, redecide
 from palp_core.palpation.session.recorded_sweeps import StoredSession
+from palp_core.whole_file import write_json
 
 _SEED = 1
 _TASKS = ("smoother", "feature", "filter", "likelihood", "stop")
@@ -157,8 +157,7 @@ def _ends(interval: Interval) -> dict[str, Any]:
 def write_analysis(record: dict[str, Any], out: Path) -> Path:
     """Write analysis.json, analysis.csv and the page, and return the page."""
     out.mkdir(parents=True, exist_ok=True)
-    text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-    (out / "analysis.json").write_bytes(text + b"\n")
+    write_json(out / "analysis.json", record)
     rows = rows_of(record)
     with (out / "analysis.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(rows)

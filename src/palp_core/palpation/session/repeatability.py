@@ -25,6 +25,7 @@ from palp_core.palpation.session.reanalysis import Methods, readings
 from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 _GAUSSIAN_MAD = 0.6744897501960817
 
@@ -166,8 +167,7 @@ def write_repeatability(found: Repeatability, out: Path) -> dict[str, Any]:
             for b in found.blocks
         ],
     }
-    text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-    (out / "repeatability.json").write_bytes(text + b"\n")
+    write_json(out / "repeatability.json", record)
     page = write_page(out, "How well the rig repeats itself", _parts(found))
     page.rename(out / "report.html")
     return record

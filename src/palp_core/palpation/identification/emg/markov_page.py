@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from palp_core.palpation.identification.emg.markov_fit import Fit, FittedChain, chain_file, fit_record
 from palp_core.palpation.perception.strategy.chain_file import write_chains
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,8 +23,7 @@ def write_fit(found: Fit, out: Path) -> dict[str, Any]:
     record = fit_record(found)
     out.mkdir(parents=True, exist_ok=True)
     write_chains(chain_file(found), out / "chain.json")
-    text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-    (out / "markov.json").write_bytes(text + b"\n")
+    write_json(out / "markov.json", record)
     parts = [
         paragraph(_lead(record), "lead"),
         figure(_matrices_chart(found), out),

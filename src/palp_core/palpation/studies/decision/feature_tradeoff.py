@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
 from palp_core.palpation.perception.signal.wavelet import edge_cone
@@ -15,6 +14,7 @@ from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
 from palp_core.palpation.studies.decision.feature_cases import FEATURES, Measured, clean_cases, measure, ways
 from palp_core.palpation.studies.toolkit.progress import followed
+from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,8 +56,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
         "ways": [_record(row) for row in rows],
         "tail_weight": {str(lag): tail_weight(lag) for lag in (0, 50, 100, 200, 300, 400, edge_cone())},
     }
-    text = msgspec.json.format(msgspec.json.encode(record), indent=1)
-    (out / "features.json").write_bytes(text + b"\n")
+    write_json(out / "features.json", record)
     parts = [
         paragraph(_lead(rows), "lead"),
         figure(_chart(rows), out),

@@ -6,12 +6,11 @@ import csv
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
 from palp_core.palpation.studies.decision import traps_belief as decision_traps_belief
 from palp_core.palpation.studies.decision import traps_signal as decision_traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
+from palp_core.whole_file import write_json
 
 TRAPS: tuple[Trap, ...] = (*decision_traps_belief.TRAPS, *decision_traps_signal.TRAPS)
 
@@ -41,9 +40,7 @@ def run(out: Path, *, quick: bool = False) -> Path:  # noqa: ARG001  it is quick
     """
     rows = [row(trap) for trap in TRAPS]
     out.mkdir(parents=True, exist_ok=True)
-    (out / "decision_stability.json").write_bytes(
-        msgspec.json.format(msgspec.json.encode(rows), indent=1) + b"\n"
-    )
+    write_json(out / "decision_stability.json", rows)
     with (out / "decision_stability.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

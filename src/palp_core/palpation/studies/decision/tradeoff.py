@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from palp_core.palpation.perception.belief.stopping import (
     FixedNumber,
     PaperGuarded,
@@ -29,6 +27,7 @@ from palp_core.palpation.studies.simulation.policy_summary import joined, summar
 from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.whole_file import write_json
 
 POLICIES = NAMES
 STOPS: dict[str, StopRule] = {
@@ -123,7 +122,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
     report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
-    (out / "decision_tradeoff.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1))
+    write_json(out / "decision_tradeoff.json", report)
     with (out / "decision_tradeoff.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

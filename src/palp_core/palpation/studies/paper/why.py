@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim
@@ -28,6 +27,7 @@ from palp_core.palpation.studies.simulation.policy_summary import average_of, su
 from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,7 +159,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "control": by_position(of_cells["control"]),
         "grid": crossed,
     }
-    (out / "why.json").write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
+    write_json(out / "why.json", report)
     with (out / "why_grid.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(crossed[0]), lineterminator="\n")
         writer.writeheader()
