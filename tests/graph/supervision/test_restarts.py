@@ -14,9 +14,9 @@ from palp_core.graph.messages.message import encode
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import Raised
 from palp_core.graph.supervision import restarts as keeping
+from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Watch
 from palp_core.graph.supervision.managed_process import FORGIVE_NS, Member
-from palp_core.graph.supervision.patience import KILL_NS
 from palp_core.graph.supervision.restarts import READY_NS, Keeper
 
 S = 1_000_000_000

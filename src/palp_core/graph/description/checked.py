@@ -9,7 +9,8 @@ import yaml
 
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.recording.recorder_node import RECORDER
+
+RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):

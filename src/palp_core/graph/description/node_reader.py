@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palp_core.graph.description.arguments import Argument, unknown_keys
-from palp_core.graph.description.input_reader import read_wire
+from palp_core.graph.description.input_reader import NAME, flat, read_flag, read_number, read_wire, read_word
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located, Restart, Variant
 from palp_core.graph.description.selection import Selection, assignments, read_selection
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
-from palp_core.graph.description.values import NAME, flat, read_flag, read_number, read_word
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
 from palp_core.graph.problems import Problems, nearest
 

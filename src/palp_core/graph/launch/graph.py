@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,7 +20,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import CheckedGraph, load
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
-from palp_core.graph.launch.swap_crew import swap_crew
 from palp_core.graph.lockstep.conductor import Conductor, Crew, Observer
 from palp_core.graph.network.no_door import NoDoor
 from palp_core.graph.process.channel import Done
@@ -31,11 +30,13 @@ from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import GraphBus
 from palp_core.graph.supervision.run_record import announcement
-from palp_core.graph.swap.swap import Swapper, SwapRequest
+from palp_core.graph.swap.swap import SwapCrew, Swapper, SwapRequest
 
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import Door
     from palp_core.graph.supervision.supervisor import Supervisor
+if TYPE_CHECKING:
+    from palp_core.graph.lockstep.composition import Composition
 
 __all__ = ["Graph", "RunSummary", "check_file"]
 
@@ -293,3 +294,27 @@ class Graph:
 
 def _scalar(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def swap_crew(
+    crew: Crew | Composition, folder: Path, workspace: Path, elapse: Callable[[int], None]
+) -> SwapCrew:
+    """Return who swaps the nodes of a crew.
+
+    Args:
+        crew: The nodes.
+        folder: The run directory.
+        workspace: Folder that holds ``nodes/``.
+        elapse: Lets so much simulated time go by.
+    """
+    from palp_core.graph.supervision.supervisor import Supervisor
+
+    if isinstance(crew, Supervisor):
+        from palp_core.graph.swap.process_swap import ProcessSwaps
+
+        return ProcessSwaps(crew, folder, workspace, elapse)
+    from palp_core.graph.lockstep.composition import Composition
+    from palp_core.graph.swap.composed_swap import ComposedSwaps
+
+    assert isinstance(crew, Composition)
+    return ComposedSwaps(crew, workspace, elapse)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from palp_core.graph.description.values import NAME
+from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.messages.qos import incompatibility
 from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
 from palp_core.graph.problems import hint

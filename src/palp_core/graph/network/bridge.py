@@ -17,7 +17,7 @@ import sys
 
 from palp_core.errors import PalpError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.values import NAME
+from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.network.bridge_messages import (
     Admitted,
     Apply,

@@ -13,9 +13,9 @@ import msgspec
 
 from palp_core.errors import GraphError, NodeError, SecurityError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
-from palp_core.graph.description.values import NAME
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.network.bridge_messages import (
     Admitted,

@@ -13,8 +13,6 @@ from msgspec import Meta
 from palp_core.graph.node.node import Node, Params, ReadOnly
 from palp_core.units import Count, Seconds
 
-RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
-
 
 class RecorderParams(Params):
     """What to record, and how; the flags of ``palp bag record``.

@@ -12,10 +12,10 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.process.channel import Raised
+from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.launcher_node import GraphBus
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, Watch
 from palp_core.graph.supervision.managed_process import Member
-from palp_core.graph.supervision.patience import KILL_NS
 from palp_core.graph.transport.matched_readers import WAIT_NS
 
 READY_NS = 60_000_000_000
