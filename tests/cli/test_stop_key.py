@@ -1,15 +1,29 @@
-"""The key that stops: heard on a terminal, and the terminal is as before afterwards."""
+"""The key that stops: heard on a terminal, which is as before afterwards; and whom it calls."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import queue
+import struct
 import termios
+import threading
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
-from palp_core.cli.launch.stop_key import KEY, StopKey
+from palp_core.cli.launch.stop_key import KEY, StopKey, stop_motion
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.running_graph import RunningGraph
+
+
+def wait_until_read(slave: int) -> bool:
+    """Wait until nothing waits in the terminal any more: whoever reads it has taken it."""
+    while struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))[0]:
+        threading.Event().wait(0.001)
+    return True
 
 
 @pytest.fixture
@@ -26,10 +40,45 @@ def test_each_press_is_heard_and_other_keys_are_not(terminal: tuple[int, int]) -
     key = StopKey(slave, lambda: presses.put("pressed"))
     assert key.start()
     os.write(master, b"x")
-    os.write(master, KEY)
+    os.write(master, KEY.encode())
     assert presses.get(timeout=60.0) == "pressed"
     key.stop()
     assert presses.empty()
+
+
+def test_it_is_heard_after_bytes_that_are_no_text(terminal: tuple[int, int]) -> None:
+    master, slave = terminal
+    presses: queue.Queue[str] = queue.Queue()
+    key = StopKey(slave, lambda: presses.put("pressed"))
+    assert key.start()
+    os.write(master, b"\xe9")
+    assert wait_until_read(slave)
+    os.write(master, KEY.encode())
+    assert presses.get(timeout=60.0) == "pressed"
+    key.stop()
+
+
+def test_the_safety_node_is_found_by_what_it_publishes() -> None:
+    asked: list[dict[str, Any]] = []
+
+    def answer(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        asked.append({"endpoint": endpoint, **request})
+        return {"reply": {"state": "tripped", "cause": "operator"}}
+
+    node = NodeEntry("guard", "nodes.safety:Safety", 1, "ipc:///run/guard.pub", "ipc:///run/guard.srv")
+    beat = TopicEntry("/guard/beat", "SafetyBeat", "0" * 16, "guard", node.publish, {})
+    record = RunRecord("rig", "rig.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [node], [beat])
+    reply = stop_motion(RunningGraph(record, answer), "a test", 1.0)
+    assert reply == {"state": "tripped", "cause": "operator"}
+    assert [(a["endpoint"], a["service"], a["request"]) for a in asked] == [
+        (node.serve, "stop", {"reason": "a test"})
+    ]
+
+
+def test_a_graph_without_a_safety_node_says_how_else_to_stop() -> None:
+    record = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [], [])
+    with pytest.raises(GraphError, match="has no safety node"):
+        stop_motion(RunningGraph(record), "a test", 1.0)
 
 
 def test_the_terminal_is_as_before(terminal: tuple[int, int]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import termios
@@ -12,38 +13,33 @@ _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 
 
 class Keyboard:
-    """Standard input key by key, if it is a terminal; Ctrl-C and Ctrl-Z keep their meaning.
+    """A terminal key by key; Ctrl-C and Ctrl-Z keep their meaning.
+
+    Args:
+        descriptor: Of the terminal; default: standard input.
+        wanted: False leaves it alone.
 
     Attributes:
-        file_descriptors: Become readable when a key was pressed; none without a terminal.
+        file_descriptors: Become readable when a key was pressed; none where nobody can press one.
     """
 
-    def __init__(self, *, wanted: bool = True) -> None:
+    def __init__(self, descriptor: int | None = None, *, wanted: bool = True) -> None:
         self.file_descriptors: tuple[int, ...] = ()
-        self._wanted = wanted
+        self._descriptor = sys.stdin.fileno() if descriptor is None and wanted else descriptor
         self._before: list[Any] | None = None
 
     def __enter__(self) -> Self:
-        if self._wanted and self.there():
-            number = sys.stdin.fileno()
-            self._before = termios.tcgetattr(number)
-            tty.setcbreak(number)
-            self.file_descriptors = (number,)
+        if self._descriptor is not None and attended(self._descriptor):
+            self._before = termios.tcgetattr(self._descriptor)
+            tty.setcbreak(self._descriptor)
+            self.file_descriptors = (self._descriptor,)
         return self
-
-    @staticmethod
-    def there() -> bool:
-        """Tell whether somebody can press keys: a terminal, and this process not in its background."""
-        if not sys.stdin.isatty():
-            return False
-        try:
-            return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
-        except OSError:  # a terminal that controls nobody has no background
-            return True
 
     def __exit__(self, *_: object) -> None:
         if self._before is not None:
-            termios.tcsetattr(self.file_descriptors[0], termios.TCSADRAIN, self._before)
+            with contextlib.suppress(termios.error, OSError):  # it may have gone meanwhile
+                termios.tcsetattr(self.file_descriptors[0], termios.TCSADRAIN, self._before)
+        self.file_descriptors, self._before = (), None
 
     def read(self) -> list[str]:
         """Return the keys pressed: characters, and ``up``, ``down``, ``right``, ``left``.
@@ -51,12 +47,22 @@ class Keyboard:
         To be called when the descriptor is readable; a terminal that has gone has no keys any more.
         """
         try:
-            text = os.read(self.file_descriptors[0], 256).decode(errors="ignore")
+            read = os.read(self.file_descriptors[0], 256)
         except OSError:
-            text = ""
-        if not text:
+            read = b""
+        if not read:
             self.file_descriptors, self._before = (), None
-        return keys_in(text)
+        return keys_in(read.decode(errors="ignore"))
+
+
+def attended(descriptor: int) -> bool:
+    """Tell whether somebody can press keys: a terminal, and this process not in its background."""
+    if not os.isatty(descriptor):
+        return False
+    try:
+        return os.tcgetpgrp(descriptor) == os.getpgrp()
+    except OSError:  # a terminal that controls nobody has no background
+        return True
 
 
 def keys_in(text: str) -> list[str]:

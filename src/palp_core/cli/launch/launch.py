@@ -89,8 +89,8 @@ def _run(
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     started = start_fork_server()  # it warms up while this process imports what it needs
+    from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView
-    from palp_core.cli.rig.safety import stop_key
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.lockstep.digest import TopicDigest
     from palp_core.graph.supervision.interrupt import Interrupted

@@ -1,17 +1,74 @@
-"""The key that stops all motion while a launch is in the foreground of a terminal."""
+"""Stop all motion of a graph: by a call to its safety node, or by the space bar while its launch waits."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
-import termios
+import sys
 import threading
-import tty
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-KEY = b" "
+from palp_core.cli.keyboard import Keyboard
+from palp_core.cli.output import note
+from palp_core.errors import GraphError
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.launch.graph import Graph
+
+KEY = " "
+KEY_TIMEOUT_S = 5.0
+SAFETY_TYPE = "SafetyBeat"  # a safety node is known by what it publishes, whatever its name
+
+
+def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[str, Any]:
+    """Trip the safety node of a graph; return its state and cause.
+
+    Raises:
+        GraphError: The graph has none, or it does not answer.
+    """
+    return call_safety(running, "stop", {"reason": reason}, timeout_s)
+
+
+def call_safety(
+    running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
+) -> dict[str, Any]:
+    """Call a service of the safety node, which is the one that stops and acknowledges.
+
+    Raises:
+        GraphError: The graph has none, or it does not answer.
+    """
+    node = next((topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE), None)
+    if node is None:
+        raise GraphError(
+            f"graph '{running.record.graph}' has no safety node, so nothing can be stopped alone;"
+            " end the graph with Ctrl-C or 'palp launch' again with a safety node"
+        )
+    answer = running.ask(node, "call", timeout_s=timeout_s, service=service, request=request)
+    reply: dict[str, Any] = answer["reply"]
+    return reply
+
+
+def stop_key(graph: Graph) -> StopKey:
+    """Return the key that stops a graph's motion; it listens if the graph has a safety node."""
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    def press() -> None:
+        record = graph.bus.record
+        if record is None:  # it has not begun
+            return
+        try:
+            reply = stop_motion(RunningGraph(record), "the space bar", KEY_TIMEOUT_S)
+        except GraphError as error:
+            note(str(error))
+        else:
+            note(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
+
+    key = StopKey(sys.stdin.fileno(), press)
+    if any(topic.type == SAFETY_TYPE for topic in graph.checked.topics.values()) and key.start():
+        note("the space bar stops all motion")
+    return key
 
 
 class StopKey:
@@ -23,51 +80,33 @@ class StopKey:
     """
 
     def __init__(self, descriptor: int, press: Callable[[], None]) -> None:
-        self._descriptor, self._press = descriptor, press
-        self._before: list[Any] | None = None
-        self._wake_out, self._wake_in = -1, -1
+        self._keyboard, self._press = Keyboard(descriptor), press
+        self._end, self._end_in = -1, -1  # a pipe that ends the thread
         self._thread: threading.Thread | None = None
 
     def start(self) -> bool:
         """Begin to listen; tell whether there is a terminal that listens to us."""
-        if not os.isatty(self._descriptor) or not self._in_front():
+        self._keyboard.__enter__()
+        if not self._keyboard.file_descriptors:
             return False
-        self._before = termios.tcgetattr(self._descriptor)
-        tty.setcbreak(self._descriptor)  # Ctrl-C stays what it is
-        self._wake_out, self._wake_in = os.pipe()
+        self._end, self._end_in = os.pipe()
         self._thread = threading.Thread(target=self._listen, name="palp-stop-key", daemon=True)
         self._thread.start()
         return True
 
     def stop(self) -> None:
         """Leave the terminal as it was."""
-        if self._thread is None:
-            return
-        os.write(self._wake_in, b"!")
-        self._thread.join(1.0)
-        os.close(self._wake_in)
-        os.close(self._wake_out)
-        self._thread = None
-        with contextlib.suppress(termios.error, OSError):
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before or [])
-
-    def _in_front(self) -> bool:
-        """Tell whether changing the terminal would not stop this process, as it does in the background."""
-        try:
-            return os.tcgetpgrp(self._descriptor) == os.getpgrp()
-        except OSError:  # not the terminal that this process belongs to
-            return True
+        if self._thread is not None:
+            os.write(self._end_in, b"!")
+            self._thread.join(1.0)
+            os.close(self._end_in)
+            os.close(self._end)
+            self._thread = None
+        self._keyboard.__exit__()
 
     def _listen(self) -> None:
-        while True:
-            ready = select.select([self._descriptor, self._wake_out], [], [])[0]
-            if self._wake_out in ready:
+        while keyboard := self._keyboard.file_descriptors:
+            if self._end in select.select([*keyboard, self._end], (), ())[0]:
                 return
-            try:
-                pressed = os.read(self._descriptor, 64)
-            except OSError:
-                return
-            if not pressed:
-                return
-            if KEY in pressed:
+            if KEY in self._keyboard.read():
                 self._press()
