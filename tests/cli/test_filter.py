@@ -110,6 +110,27 @@ def test_a_misspelt_field_gets_the_nearest_name() -> None:
         message_filter("m.indx > 3", SCHEMA)
 
 
+@pytest.mark.parametrize(
+    ("text", "column"),
+    [
+        ("m.index > 3 and m.indx > 4", 17),
+        ("m.name == 'é' and x > 3", 19),
+        ("m.index >", 10),
+        (" m.index > 3 and m.name > 1", 17),
+        ("m.index > 3 and m.torque_n_m[5] > 0", 17),
+    ],
+)
+def test_an_error_tells_where(text: str, column: int) -> None:
+    with pytest.raises(GraphError, match=rf", column {column}: "):
+        message_filter(text, SCHEMA)(MESSAGE)
+
+
+@pytest.mark.parametrize("name", ["items", "keys", "get"])
+def test_a_field_may_have_the_name_of_a_method_of_maps(name: str) -> None:
+    schema = {"type": "object", "properties": {name: NUMBER}}
+    assert message_filter(f"m.{name} == 2", schema)({name: 2}) is True
+
+
 NUMBERS = st.integers(-9, 9).map(str) | st.just("m.index") | st.just("m.force_n")
 
 

@@ -1,7 +1,7 @@
 """A condition on a message, as in ``m.index > 3 and max(m.torque_n_m) < 0.5``.
 
-It is Python's syntax, but nothing is ever handed to Python to run: the tree of the expression is walked here,
-and every kind of node that is not listed is refused.
+It is Python's syntax, but nothing is ever handed to Python to run: the tree of the expression is checked
+once, against a list of what is allowed and against the message's fields; simpleeval walks it per message.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+from simpleeval import EvalWithCompoundTypes
+
 from palp_core.cli.text.message_text import is_array
 from palp_core.errors import GraphError
 from palp_core.graph.problems import hint
@@ -19,24 +21,6 @@ LONGEST = 1000  # characters
 DEEPEST = 50  # nested expressions
 MESSAGE = "m"
 
-_OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-}
-_COMPARISONS: dict[type[ast.AST], Callable[[Any, Any], bool]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.In: lambda item, container: item in container,
-    ast.NotIn: lambda item, container: item not in container,
-}
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": abs,
     "all": all,
@@ -46,7 +30,40 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "min": min,
     "sum": sum,
 }
-_LEAVES = (ast.Constant, ast.Name)
+_ALLOWED = "fields, numbers, texts, + - * / // %, comparisons, and/or/not, " + ", ".join(_FUNCTIONS)
+
+
+def _of_numbers(operation: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an operation that refuses all but numbers: texts and lists would grow without bound."""
+
+    def calculate(*operands: Any) -> Any:
+        for value in operands:
+            if not isinstance(value, int | float):
+                raise TypeError(f"{type(value).__name__} is no number to calculate with")
+        return operation(*operands)
+
+    return calculate
+
+
+_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: _of_numbers(operator.add),
+    ast.Sub: _of_numbers(operator.sub),
+    ast.Mult: _of_numbers(operator.mul),
+    ast.Div: _of_numbers(operator.truediv),
+    ast.FloorDiv: _of_numbers(operator.floordiv),
+    ast.Mod: _of_numbers(operator.mod),
+    ast.USub: _of_numbers(operator.neg),
+    ast.UAdd: _of_numbers(operator.pos),
+    ast.Not: operator.not_,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.In: lambda item, container: item in container,
+    ast.NotIn: lambda item, container: item not in container,
+}
 
 
 def message_filter(text: str, schema: dict[str, Any]) -> Callable[[dict[str, Any]], bool]:
@@ -60,28 +77,46 @@ def message_filter(text: str, schema: dict[str, Any]) -> Callable[[dict[str, Any
         GraphError: The text is no such condition, names a field that does not exist, or (when the function is
             called) fits no value, as ``m.text > 1`` does.
     """
+    text = text.strip()
     if len(text) > LONGEST:
         raise GraphError(f"--filter: {len(text)} characters are too many; {LONGEST} are allowed")
     try:
-        root = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        reason = getattr(error, "msg", None) or error
-        raise GraphError(f"--filter '{text}': {reason}; write it as in: m.index > 3") from error
+        root = ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        column = error.offset or len(text) + 1  # 0 where the text ends too early
+        raise _problem(text, column, f"{error.msg}; write it as in: m.index > 3") from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise GraphError(f"--filter '{text}': {error}; write it as in: m.index > 3") from error
     _check(root, schema, text, 0)
+    evaluator = _Evaluator(text)
+    return lambda message: evaluator.holds(root, message)
 
-    def condition(message: dict[str, Any]) -> bool:
+
+class _Evaluator(EvalWithCompoundTypes):  # type: ignore[misc]
+    """Walks a checked tree: a field is a key of the map, and an error says at which column it arose."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(_OPERATORS, dict(_FUNCTIONS), {})
+        self.expr = text
+        self.nodes[ast.Attribute] = lambda node: self._eval(node.value)[node.attr]
+        self.nodes[ast.Tuple] = self._eval_list
+
+    def holds(self, root: ast.expr, message: dict[str, Any]) -> bool:
+        """Tell whether a message meets the condition."""
+        self.names[MESSAGE] = message
+        return bool(self._eval(root))
+
+    def _eval(self, node: ast.expr) -> Any:
         try:
-            return bool(_value(root, message))
+            return self.nodes[type(node)](node)  # values of messages need no search for what is dangerous
         except (TypeError, ZeroDivisionError, IndexError, KeyError, ValueError, OverflowError) as error:
-            raise GraphError(f"--filter '{text}': {type(error).__name__}: {error}") from error
-
-    return condition
+            raise _problem(self.expr, node, f"{type(error).__name__}: {error}") from error
 
 
-def _check(node: ast.AST, schema: dict[str, Any], text: str, depth: int) -> dict[str, Any] | None:
+def _check(node: ast.expr, schema: dict[str, Any], text: str, depth: int) -> dict[str, Any] | None:
     """Refuse what is not listed; return the schema of a field."""
     if depth > DEEPEST:
-        raise GraphError(f"--filter '{text}': nested too deeply")
+        raise _problem(text, node, "nested too deeply")
     match node:
         case ast.Constant(value=bool() | int() | float() | str() | None):
             return None
@@ -90,7 +125,7 @@ def _check(node: ast.AST, schema: dict[str, Any], text: str, depth: int) -> dict
         case ast.Attribute(value=inner, attr=name):
             known = (_check(inner, schema, text, depth + 1) or {}).get("properties", {})
             if name not in known:
-                raise GraphError(f"--filter '{text}': no field '{name}'{hint(name, known)}")
+                raise _problem(text, node, f"no field '{name}'{hint(name, known)}")
             field: dict[str, Any] = known[name]
             return field
         case ast.Subscript(value=inner, slice=index):
@@ -99,84 +134,29 @@ def _check(node: ast.AST, schema: dict[str, Any], text: str, depth: int) -> dict
                 if part is not None:
                     _check(part, schema, text, depth + 1)
             if outer.get("type") != "array" and not is_array(outer):
-                raise GraphError(f"--filter '{text}': only an array has elements")
+                raise _problem(text, node, "only an array has elements")
             return outer if isinstance(index, ast.Slice) else outer.get("items", {})
-        case ast.BinOp(op=op) if type(op) in _OPERATORS:
+        case ast.BinOp(op=op) | ast.UnaryOp(op=op) if type(op) in _OPERATORS:
             pass
-        case ast.Compare(ops=ops) if all(type(op) in _COMPARISONS for op in ops):
+        case ast.Compare(ops=ops) if all(type(op) in _OPERATORS for op in ops):
             pass
-        case ast.UnaryOp(op=ast.Not() | ast.USub() | ast.UAdd()) | ast.BoolOp() | ast.IfExp():
-            pass
-        case ast.List() | ast.Tuple():
+        case ast.BoolOp() | ast.IfExp() | ast.List() | ast.Tuple():
             pass
         case ast.Call(func=ast.Name(id=name), keywords=[]) if name in _FUNCTIONS:
             for argument in node.args:
                 _check(argument, schema, text, depth + 1)
             return None
         case ast.Name(id=name):
-            raise GraphError(
-                f"--filter '{text}': '{name}' is unknown; the message is {MESSAGE}, as in m.index > 3"
-            )
+            raise _problem(text, node, f"'{name}' is unknown; the message is {MESSAGE}, as in m.index > 3")
         case _:
-            allowed = "fields, numbers, texts, + - * / // %, comparisons, and/or/not, " + ", ".join(
-                _FUNCTIONS
-            )
-            raise GraphError(f"--filter '{text}': {type(node).__name__} is not allowed; allowed: {allowed}")
+            raise _problem(text, node, f"{type(node).__name__} is not allowed; allowed: {_ALLOWED}")
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.expr):
             _check(child, schema, text, depth + 1)
     return None
 
 
-def _value(node: ast.AST | None, message: dict[str, Any]) -> Any:
-    """Return the value of a node that :func:`_check` has passed."""
-    match node:
-        case None:
-            return None
-        case ast.Constant(value=value):
-            return value
-        case ast.Name():
-            return message
-        case ast.Attribute(value=inner, attr=name):
-            return _value(inner, message)[name]
-        case ast.Subscript(value=inner, slice=ast.Slice(lower=low, upper=high, step=step)):
-            return _value(inner, message)[
-                _value(low, message) : _value(high, message) : _value(step, message)
-            ]
-        case ast.Subscript(value=inner, slice=index):
-            return _value(inner, message)[_value(index, message)]
-        case ast.BinOp(left=left, op=op, right=right):
-            return _calculated(op, _value(left, message), _value(right, message))
-        case ast.UnaryOp(op=op, operand=operand):
-            value = _value(operand, message)
-            return (
-                not value
-                if isinstance(op, ast.Not)
-                else _calculated(ast.Sub() if isinstance(op, ast.USub) else ast.Add(), 0, value)
-            )
-        case ast.BoolOp(op=op, values=values):
-            results = (_value(part, message) for part in values)
-            return all(results) if isinstance(op, ast.And) else any(results)
-        case ast.Compare(left=first, ops=ops, comparators=others):
-            left = _value(first, message)
-            for comparison, other in zip(ops, others, strict=True):
-                right = _value(other, message)
-                if not _COMPARISONS[type(comparison)](left, right):
-                    return False
-                left = right
-            return True
-        case ast.IfExp(test=test, body=body, orelse=other):
-            return _value(body if _value(test, message) else other, message)
-        case ast.List(elts=items) | ast.Tuple(elts=items):
-            return [_value(item, message) for item in items]
-        case ast.Call(func=ast.Name(id=name), args=arguments):
-            return _FUNCTIONS[name](*(_value(argument, message) for argument in arguments))
-    raise AssertionError(node)
-
-
-def _calculated(op: ast.operator, left: Any, right: Any) -> Any:
-    """Return the result of an operation on numbers; text and lists would grow without bound."""
-    for value in (left, right):
-        if not isinstance(value, int | float):
-            raise TypeError(f"{type(value).__name__} is no number to calculate with")
-    return _OPERATORS[type(op)](left, right)
+def _problem(text: str, where: ast.expr | int, what: str) -> GraphError:
+    if isinstance(where, ast.expr):
+        where = len(text.encode()[: where.col_offset].decode()) + 1  # Python counts bytes, people characters
+    return GraphError(f"--filter '{text}', column {where}: {what}")
