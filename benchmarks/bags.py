@@ -43,7 +43,7 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import pack
 from palp_core.graph.replay.replay import replay
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOOD_HZ, FLOOD_BYTES = 20_000, 48
@@ -167,7 +167,7 @@ def flood(folder: Path, seconds: float) -> dict[str, float]:
     endpoint, count = f"ipc://{folder}/flood", round(seconds * FLOOD_HZ)
     arguments = [sys.executable, "-c", PUBLISHER, endpoint, str(FLOOD_HZ), str(count), str(FLOOD_BYTES)]
     with subprocess.Popen(arguments) as publisher:
-        subscriber = Subscriber({"/flood/flood": endpoint})
+        subscriber = SubscriberSocket({"/flood/flood": endpoint})
         recorder = BagRecorder(BagWriter(folder / "flood-bag"), [Topic(name="/flood/flood")])
         begin_ns, busy_s = time.monotonic_ns(), time.process_time()
         last_ns = begin_ns

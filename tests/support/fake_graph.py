@@ -18,9 +18,9 @@ from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.supervision.launcher_node import GraphBus
-from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 PATIENCE_NS = 60_000_000_000
 
@@ -42,8 +42,8 @@ class FakeNode:
     ) -> None:
         self._graph = graph
         self.at = endpoints(str(graph.directory.path), place)
-        self.broadcast = Broadcast(*self.at)
-        self.out = Outlet(f"/source/{port}", Sample, Qos(depth=depth), epoch, self, self.broadcast.send)
+        self.broadcast = PublisherSocket(*self.at)
+        self.out = PublisherEnd(f"/source/{port}", Sample, Qos(depth=depth), epoch, self, self.broadcast.send)
         self.broadcast.offer([self.out], direct=True)
         self.broadcast.answer(
             "source",

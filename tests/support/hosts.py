@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.transport.publisher_socket import ask
+from palp_core.graph.transport.requester_socket import ask
 from tests.support.palp import PATIENCE_S, Palp
 
 TOYS = '''

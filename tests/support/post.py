@@ -15,9 +15,9 @@ from typing import Annotated, Literal
 import msgspec
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, QosEvent, ReadOnly, Srv, State, Sub
 from palp_core import every, on, on_event, serve
-from palp_core.graph.transport import reorder_buffer as reception, subscriber_socket as zmq_subscriber
+from palp_core.graph.transport import reorder_buffer, subscriber_socket
 
-reception.FILL_NS = 60_000_000_000  # a source that has to wait for its turn on a busy machine loses nothing
+reorder_buffer.FILL_NS = 60_000_000_000  # a source that waits for its turn on a busy machine loses nothing
 
 
 class Letter(Message):
@@ -75,7 +75,7 @@ class ReaderParams(Params):
 
 def rob():
     """Drop one frame of twenty before anybody sees it."""
-    honest, chance = zmq_subscriber.Subscriber.take, random.Random(5)
+    honest, chance = subscriber_socket.SubscriberSocket.take, random.Random(5)
 
     def take(self, arrive, slice_ns, wait_ms=0):
         def sieve(raw, now_ns):
@@ -84,7 +84,7 @@ def rob():
 
         return honest(self, sieve, slice_ns, wait_ms)
 
-    zmq_subscriber.Subscriber.take = take
+    subscriber_socket.SubscriberSocket.take = take
 
 
 class Reader(Node):
@@ -136,7 +136,7 @@ class Reader(Node):
             out.write(f"{event.kind} {event.count_change}\\n")
 
     def on_deactivate(self):
-        counter = self._context.counters[self._context.spec.inputs["letter"]]
+        counter = self._context.ends.accounts[self._context.spec.inputs["letter"]]
         with open(self.params.out + ".account", "w") as out:
             json.dump(msgspec.to_builtins(counter), out)
 

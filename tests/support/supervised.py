@@ -11,8 +11,8 @@ from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.supervision.launcher_node import EVENTS
-from palp_core.graph.transport.publisher_socket import ask
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.requester_socket import ask
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
 
 TALK = '''
@@ -95,7 +95,7 @@ class Running:
 
     def wait_for(self, kind: str, node: str) -> GraphEvent:
         """Wait until something has happened to a node."""
-        news = Subscriber({EVENTS: f"ipc://{self.folder}/graph.pub"})
+        news = SubscriberSocket({EVENTS: f"ipc://{self.folder}/graph.pub"})
         try:
             while True:
                 for event in self.events():
@@ -108,7 +108,7 @@ class Running:
 
     def wait_for_epoch(self, node: str, topic: str, epoch: int) -> None:
         """Wait for a message of a node's process of that number."""
-        reader = Subscriber({topic: f"ipc://{self.folder}/{node}.pub"})
+        reader = SubscriberSocket({topic: f"ipc://{self.folder}/{node}.pub"})
         try:
             while not any(parse(raw).epoch == epoch and parse(raw).payload for raw in reader.receive()):
                 assert reader.wait(PATIENCE_S)

@@ -15,7 +15,7 @@ from palp_core.graph.lockstep.composition import Composition
 from palp_core.graph.lockstep.conductor import Conductor, Crew
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import Done, Round
+from palp_core.graph.process.control_messages import Done, Round
 
 TOYS = '''
 from palp_core import Alarm, Client, Message, Node, Params, Pub, Srv, State, Sub, every, on, serve
@@ -141,7 +141,7 @@ GRAPH = [
 def readers_of(specs: Sequence[NodeSpec], crew: Composition) -> dict[str, list[int]]:
     readers: dict[str, list[int]] = {}
     for index, executor in enumerate(crew._executors):
-        for topic in executor.counters:
+        for topic in executor.ends.accounts:
             readers.setdefault(topic, []).append(index)
     return readers
 

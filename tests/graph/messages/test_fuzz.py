@@ -24,9 +24,9 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.node_services import NodeCommands
-from palp_core.graph.transport.receiver import Intake
-from palp_core.graph.transport.request_server import RequestDesk
+from palp_core.graph.process.node_services import NodeServices
+from palp_core.graph.transport.receiver import Receiver
+from palp_core.graph.transport.request_server import RequestServer
 from palp_core.units import Float64Array, Metres
 
 
@@ -67,12 +67,12 @@ class Target:
         self.clock = SimClock()
         self.executor = Executor(Reader, spec, self.clock, lambda _: None)
         publishers = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
-        self.intake = Intake(self.executor, publishers, self.context, None)
+        self.intake = Receiver(self.executor, publishers, self.context, None)
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
         self.intake.begin(0)
-        self.desk = RequestDesk()
-        self.desk.add("r", NodeCommands(self.executor).operations(), ())
+        self.desk = RequestServer()
+        self.desk.add("r", NodeServices(self.executor).operations(), ())
 
     def feed(self, raw: bytes) -> None:
         self.intake._arrive(raw, 1)
@@ -144,10 +144,10 @@ def frames(draw: st.DrawFn) -> bytes:
 
 
 def survives(target: Target, raw: bytes) -> None:
-    before = target.executor.events.rejected_count + target.executor.counters["/p/word"].received
+    before = target.executor.events.rejected_count + target.executor.ends.accounts["/p/word"].received
     target.feed(raw)
     assert target.executor.lifecycle is Lifecycle.ACTIVE
-    after = target.executor.events.rejected_count + target.executor.counters["/p/word"].received
+    after = target.executor.events.rejected_count + target.executor.ends.accounts["/p/word"].received
     assert after >= before  # one that fills a gap sets free what was held behind it
 
 
@@ -219,7 +219,7 @@ def test_good_messages_pass_between_bad_ones_and_each_is_accounted_for(target: T
         target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH, GOOD))
     target.feed(pack(b"/p/word", Kind.DATA, 0, 101, 0, HASH, GOOD[:-1]))
     target.feed(pack(b"/p/word", Kind.DATA, 0, 102, 0, HASH, GOOD))
-    counter = target.executor.counters["/p/word"]
+    counter = target.executor.ends.accounts["/p/word"]
     assert (counter.received, counter.lost, counter.repeated) == (101, 1, 0)
     assert target.executor.events.rejected_count == 201
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.messages.frame import HEADER_BYTES, VERSION, Kind, pack, parse
-from palp_core.graph.process.node_services import NodeCommands
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.process.node_services import NodeServices
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 EXAMPLE = ROOT / "examples" / "interop"
@@ -42,7 +42,7 @@ def graph(palp: Palp) -> Iterator[Path]:
 
 def _until_it_runs(record: Path) -> None:
     topics = {entry["name"]: entry["publish"] for entry in json.loads(record.read_text())["topics"]}
-    reader = Subscriber({"/sensor/torque": topics["/sensor/torque"]})
+    reader = SubscriberSocket({"/sensor/torque": topics["/sensor/torque"]})
     try:
         while not any(parse(frame).kind == Kind.DATA for frame in reader.receive()):
             assert reader.wait(PATIENCE_S)
@@ -165,5 +165,5 @@ def test_the_documented_operations_are_those_of_a_node() -> None:
     text = (ROOT / "docs" / "wire.md").read_text(encoding="utf-8")
     table = text.partition("| op | with | reply |")[2].partition("\n\n")[0]
     named = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row[: row.find("|", 2)])}
-    methods = {name for name in vars(NodeCommands) if not name.startswith("_") and name != "operations"}
+    methods = {name for name in vars(NodeServices) if not name.startswith("_") and name != "operations"}
     assert methods <= named

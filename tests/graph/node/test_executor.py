@@ -202,7 +202,7 @@ def test_a_refused_frame_shows_as_a_gap_once_the_next_one_comes() -> None:
     drive.consume("/p/word", Word(n=1), 1)
     drive.consume("/p/word", Word(n=1, x_m=float("inf")), 2)
     drive.consume("/p/word", Word(n=3), 3)
-    counter = drive.executor.counters["/p/word"]
+    counter = drive.executor.ends.accounts["/p/word"]
     assert (counter.received, counter.lost) == (2, 1)
 
 
@@ -212,7 +212,7 @@ def test_repeats_are_never_handed_out_and_heartbeats_reveal_losses() -> None:
         drive.consume("/p/word", Word(n=sequence), sequence)
     drive.consume("/p/word", Word(n=0), 6, kind=Kind.HEARTBEAT)
     assert drive.node.state.log == ["word 1 of x", "word 2 of x"]
-    counter = drive.executor.counters["/p/word"]
+    counter = drive.executor.ends.accounts["/p/word"]
     assert (counter.received, counter.repeated, counter.lost) == (2, 3, 4)
 
 
@@ -322,7 +322,7 @@ def test_a_call_returns_at_once_and_its_reply_arrives_later() -> None:
     assert asker.node.state.log == ["asked"]
     asker.consume("/s/total/n/ask", Other(n=8))
     assert asker.node.state.log == ["asked", "learnt 8"]
-    assert list(asker.executor.counters) == ["/p/word", "/s/total/n/ask"]
+    assert list(asker.executor.ends.accounts) == ["/p/word", "/s/total/n/ask"]
 
 
 def test_one_topic_can_feed_two_inputs() -> None:
@@ -346,7 +346,7 @@ def test_one_topic_can_feed_two_inputs() -> None:
 
 def test_an_input_that_is_not_wired_is_no_input() -> None:
     drive = Drive(Everything)
-    assert drive.executor.counters == {}
+    assert drive.executor.ends.accounts == {}
     drive.consume("/p/word", Word(n=1))
     assert drive.executor.events.rejected_count == 1
 

@@ -232,7 +232,7 @@ def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Ste
     assert encode_any(run.executor.node.state) == encode_any(
         decode_any(BusyState, encode_any(straight.executor.node.state))
     )
-    assert run.executor.counters == straight.executor.counters
+    assert run.executor.ends.accounts == straight.executor.ends.accounts
 
 
 @settings(deadline=None, max_examples=20)
@@ -330,7 +330,11 @@ def test_a_swap_keeps_epoch_sequences_and_history() -> None:
     assert hand_over.epoch == 2
     assert {frame.epoch for frame in parsed} == {2}
     assert [frame.sequence for frame in parsed] == list(range(1, len(parsed) + 1))
-    out = run.executor.outlets["out"] if "out" in run.executor.outlets else run.executor.outlets["/busy/out"]
+    out = (
+        run.executor.ends.publishers["out"]
+        if "out" in run.executor.ends.publishers
+        else run.executor.ends.publishers["/busy/out"]
+    )
     assert list(out.history) == [f for f in run.frames if parse(f).topic == "/busy/out"][-10:]
 
 
@@ -341,7 +345,7 @@ def test_the_account_of_every_edge_moves_so_that_a_repeat_is_still_a_repeat() ->
     run.swap()
     run.executor.consume(frame)
     assert run.executor.node.state.total == 1.0  # type: ignore[attr-defined]
-    assert run.executor.counters["/w/left"].repeated == 1
+    assert run.executor.ends.accounts["/w/left"].repeated == 1
 
 
 def test_arrays_in_the_state_can_be_written_after_a_hand_over() -> None:

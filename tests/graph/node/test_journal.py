@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from palp_core.graph.messages.builtin import Order
-from palp_core.graph.node.journal import BATCH, OrderLog
+from palp_core.graph.node.journal import BATCH, Journal
 from palp_core.graph.node.lifecycle import Transition
 
 
-class Outlet:
+class PublisherEnd:
     """Remembers what was published."""
 
     def __init__(self) -> None:
@@ -21,8 +21,8 @@ class Outlet:
         self.batches.append(batch)
 
 
-def log_of(outlet: Any) -> OrderLog:
-    return OrderLog(outlet, ["timer:tick"], lambda: b"state")
+def log_of(publisher: Any) -> Journal:
+    return Journal(publisher, ["timer:tick"], lambda: b"state")
 
 
 def entries(batch: Order) -> list[str]:
@@ -30,8 +30,8 @@ def entries(batch: Order) -> list[str]:
 
 
 def test_a_follower_from_the_start_has_all_of_it_from_the_activation_to_the_shutdown() -> None:
-    outlet = Outlet()
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    log = log_of(publisher)
     assert not log.note_transition(Transition.CONFIGURE, 0)
     assert log.note_transition(Transition.ACTIVATE, 1)
     log.keep_up(1, active=True)
@@ -39,74 +39,74 @@ def test_a_follower_from_the_start_has_all_of_it_from_the_activation_to_the_shut
     log.keep_up(2, active=True)
     assert not log.note_transition(Transition.SHUTDOWN, 3)
     log.flush(3)
-    assert [entries(batch) for batch in outlet.batches] == [["activate"], ["timer:tick"], ["shutdown"]]
-    assert not any(batch.hand_over for batch in outlet.batches)
+    assert [entries(batch) for batch in publisher.batches] == [["activate"], ["timer:tick"], ["shutdown"]]
+    assert not any(batch.hand_over for batch in publisher.batches)
 
 
 def test_a_follower_that_comes_later_begins_with_the_nodes_state() -> None:
-    outlet = Outlet()
-    outlet.listened = False
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    publisher.listened = False
+    log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(3):
         log.note("timer:tick", 0, k, k)
         log.keep_up(k, active=True)
-    outlet.listened = True
+    publisher.listened = True
     log.keep_up(4, active=False)  # between two lives it has no state to begin with
-    assert not any(batch.hand_over for batch in outlet.batches)
+    assert not any(batch.hand_over for batch in publisher.batches)
     log.keep_up(5, active=True)
     log.note("timer:tick", 0, 9, 6)
     log.keep_up(6, active=True)
-    assert outlet.batches[-1].hand_over == b"state"
-    assert entries(outlet.batches[-1]) == ["timer:tick"]
-    assert list(outlet.batches[-1].sequence) == [9]
+    assert publisher.batches[-1].hand_over == b"state"
+    assert entries(publisher.batches[-1]) == ["timer:tick"]
+    assert list(publisher.batches[-1].sequence) == [9]
 
 
 def test_a_second_follower_gets_a_place_to_start_and_the_first_loses_nothing() -> None:
-    outlet = Outlet()
-    outlet.greeted_count = 1
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    publisher.greeted_count = 1
+    log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
     log.note("timer:tick", 0, 1, 2)
-    outlet.greeted_count = 2
+    publisher.greeted_count = 2
     log.keep_up(2, active=True)
     log.note("timer:tick", 0, 2, 3)
     log.keep_up(3, active=True)
-    assert [(entries(batch), batch.hand_over) for batch in outlet.batches] == [
+    assert [(entries(batch), batch.hand_over) for batch in publisher.batches] == [
         (["activate", "timer:tick"], b""),
         (["timer:tick"], b"state"),
     ]
 
 
 def test_a_follower_is_told_nothing_that_it_cannot_place() -> None:
-    outlet = Outlet()
-    outlet.listened = False
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    publisher.listened = False
+    log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
-    outlet.listened = True
+    publisher.listened = True
     for k in range(BATCH):
         log.note("timer:tick", 0, k, k)
-    assert outlet.batches == []
+    assert publisher.batches == []
 
 
 def test_with_nobody_following_a_batch_is_kept_until_it_is_full() -> None:
-    outlet = Outlet()
-    outlet.listened = False
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    publisher.listened = False
+    log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(BATCH - 2):
         log.note("timer:tick", 0, k, k)
         log.keep_up(k, active=True)
-    assert outlet.batches == []
+    assert publisher.batches == []
     log.note("timer:tick", 0, BATCH, BATCH)
-    assert len(outlet.batches) == 1
+    assert len(publisher.batches) == 1
 
 
 def test_a_node_that_takes_over_goes_on_for_the_followers_of_the_one_before() -> None:
-    outlet = Outlet()
-    log = log_of(outlet)
+    publisher = PublisherEnd()
+    log = log_of(publisher)
     log.begin(7)
     log.note("timer:tick", 0, 8, 8)
     log.keep_up(8, active=True)
-    assert [batch.hand_over for batch in outlet.batches] == [b"state"]
+    assert [batch.hand_over for batch in publisher.batches] == [b"state"]
     assert log.note_transition(Transition.DEACTIVATE, 9)

@@ -138,7 +138,7 @@ def test_a_message_past_its_lifespan_is_dropped_counted_and_told() -> None:
     drive.wait(100 * MS)
     drive.word(1, stamp_ns=49 * MS)
     drive.word(2, stamp_ns=50 * MS)
-    counter = drive.executor.counters["/p/word"]
+    counter = drive.executor.ends.accounts["/p/word"]
     assert (counter.received, counter.dropped, counter.late, counter.lost) == (1, 1, 2, 0)
     assert drive.log == ["lifespan 1 of 1", "word 2"]
 
@@ -161,13 +161,13 @@ def test_a_call_is_asked_again_and_then_given_up() -> None:
     drive.wait(1 * MS)
     assert drive.log == ["word 7", "call_timeout 1"]
     drive.word(1, topic="/s/do/w/ask")
-    assert drive.executor.counters["/s/do/w/ask"].repeated == 1
+    assert drive.executor.ends.accounts["/s/do/w/ask"].repeated == 1
 
 
 def test_a_reply_settles_its_own_call_in_whatever_order_it_comes() -> None:
     drive = Drive()
     drive.word(7)
-    drive.executor.counters["/p/word"].sequence = 6
+    drive.executor.ends.accounts["/p/word"].sequence = 6
     drive.word(7)
     drive.word(7, kind=Kind.IDLE)
     drive.word(2, topic="/s/do/w/ask")

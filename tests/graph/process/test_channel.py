@@ -10,15 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.graph.process.channel import (
+from palp_core.graph.process.channel import ChannelClosed, MessageChannel
+from palp_core.graph.process.control_messages import (
     Activate,
     Configured,
     Done,
     Failed,
     FromNode,
     Hello,
-    Link,
-    LinkClosed,
     Matched,
     Relay,
     Round,
@@ -41,14 +40,14 @@ to_node = st.one_of(
     st.builds(Shutdown, st.integers(0, 2**62)),
 )
 
-Pair = tuple[Link[FromNode], Link[ToNode]]
+Pair = tuple[MessageChannel[FromNode], MessageChannel[ToNode]]
 
 
 @pytest.fixture
 def pair() -> Iterator[Pair]:
     ours, theirs = socket.socketpair()
-    supervisor = Link[FromNode](ours, msgspec.msgpack.Decoder(FromNode))
-    node = Link[ToNode](theirs, msgspec.msgpack.Decoder(ToNode))
+    supervisor = MessageChannel[FromNode](ours, msgspec.msgpack.Decoder(FromNode))
+    node = MessageChannel[ToNode](theirs, msgspec.msgpack.Decoder(ToNode))
     yield supervisor, node
     supervisor.close()
     node.close()
@@ -58,8 +57,8 @@ def pair() -> Iterator[Pair]:
 @given(st.lists(from_node, max_size=8), st.lists(to_node, max_size=8))
 def test_both_ways_messages_arrive_equal_and_in_order(up: list[FromNode], down: list[ToNode]) -> None:
     ours, theirs = socket.socketpair()
-    supervisor = Link[FromNode](ours, msgspec.msgpack.Decoder(FromNode))
-    node = Link[ToNode](theirs, msgspec.msgpack.Decoder(ToNode))
+    supervisor = MessageChannel[FromNode](ours, msgspec.msgpack.Decoder(FromNode))
+    node = MessageChannel[ToNode](theirs, msgspec.msgpack.Decoder(ToNode))
     for message in up:
         node.send(message)
     for command in down:
@@ -77,7 +76,7 @@ def test_a_message_cut_into_pieces_is_put_together(cuts: list[int]) -> None:
     ours, theirs = socket.socketpair()
     payload = msgspec.msgpack.encode(Round(7, [b"abc", b"d" * 40]))
     stream = (len(payload).to_bytes(4, "little") + payload) * 2
-    link = Link[ToNode](ours, msgspec.msgpack.Decoder(ToNode))
+    link = MessageChannel[ToNode](ours, msgspec.msgpack.Decoder(ToNode))
     start = 0
     for cut in cuts:
         theirs.sendall(stream[start : start + cut])
@@ -85,7 +84,7 @@ def test_a_message_cut_into_pieces_is_put_together(cuts: list[int]) -> None:
     theirs.sendall(stream[start:])
     theirs.close()
     assert [link.receive(), link.receive()] == [Round(7, [b"abc", b"d" * 40])] * 2
-    with pytest.raises(LinkClosed):
+    with pytest.raises(ChannelClosed):
         link.receive()
     link.close()
 
@@ -105,23 +104,23 @@ def test_half_a_message_before_the_end_is_an_end(pair: Pair) -> None:
     supervisor, node = pair
     node.socket.sendall(b"\x10\0\0\0half")
     node.close()
-    with pytest.raises(LinkClosed, match="end of stream"):
+    with pytest.raises(ChannelClosed, match="end of stream"):
         supervisor.receive()
 
 
 def test_talking_to_nobody_says_so(pair: Pair) -> None:
     supervisor, node = pair
     node.close()
-    with pytest.raises(LinkClosed):
+    with pytest.raises(ChannelClosed):
         supervisor.send(Shutdown(0))
-    with pytest.raises(LinkClosed):
+    with pytest.raises(ChannelClosed):
         supervisor.receive()
 
 
 def test_a_hung_up_end_can_still_say_its_last_words(pair: Pair) -> None:
     supervisor, node = pair
     node.socket.shutdown(socket.SHUT_RD)
-    with pytest.raises(LinkClosed):
+    with pytest.raises(ChannelClosed):
         node.receive()
     node.send(Failed("why"))
     assert supervisor.receive() == Failed("why")

@@ -11,7 +11,7 @@ from palp_core import Bench, Node, Params, every
 from palp_core.graph.latency import Latency
 from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
 from palp_core.graph.messages.message import decode
-from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.process.health import PULSE_NS, HealthProbe
 
 
@@ -68,13 +68,13 @@ def test_a_closed_probe_counts_no_more() -> None:
 
 
 def test_an_edge_is_reported_with_its_latencies() -> None:
-    counter = EdgeCounter()
+    counter = SequenceAccount()
     counter.received, counter.lost, counter.repeated, counter.late, counter.dropped = 5, 4, 3, 2, 1
     latency = Latency()
     for milliseconds in range(1, 101):
         latency.add(milliseconds * 1_000_000)
     probe = HealthProbe("a")
-    edges = {"/b/c": (counter, latency), "/b/d": (EdgeCounter(), None)}
+    edges = {"/b/c": (counter, latency), "/b/d": (SequenceAccount(), None)}
     said = decode(NodeHealth, probe.pulse(0, "active", edges))
     probe.close()
     first, second = said.edges

@@ -13,7 +13,7 @@ import pytest
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import RunRecord
-from palp_core.graph.transport.publisher_socket import ask
+from palp_core.graph.transport.requester_socket import ask
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.post import Post
 

@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.graph.bag.reader import read
 from palp_core.graph.messages.frame import parse
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.fake_graph import FakeGraph, FakeNode
 from tests.support.palp import Palp
 
@@ -44,7 +44,7 @@ def sequences(bag: Path, topic: str = "/source/sample") -> list[int]:
 
 def heard(graph: FakeGraph, node: FakeNode) -> None:
     """Wait until everything that was sent so far has left."""
-    ear = Subscriber({node.out.topic: node.at[0]})
+    ear = SubscriberSocket({node.out.topic: node.at[0]})
     try:
         beats: list[bytes] = []
 

@@ -19,7 +19,7 @@ import pytest
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.messages.frame import Frame, Kind, parse
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, finished, wait_for_line
 
 COUNT = 60
@@ -87,7 +87,7 @@ def begun(process: subprocess.Popen[str], palp: Palp) -> RunRecord:
 def hearing(record: RunRecord, *topics: str) -> Iterator[Callable[[int], list[Frame]]]:
     """Subscribe to topics; the function waits for so many messages."""
     at = {entry.name: entry.publish for entry in record.topics}
-    subscriber = Subscriber({topic: at[topic] for topic in topics})
+    subscriber = SubscriberSocket({topic: at[topic] for topic in topics})
 
     def heard(count: int) -> list[Frame]:
         found: list[Frame] = []

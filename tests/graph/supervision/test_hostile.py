@@ -16,7 +16,7 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunDirectory
-from palp_core.graph.process.channel import Hello, Round, Shutdown, node_end
+from palp_core.graph.process.control_messages import Hello, Round, Shutdown, node_end
 from palp_core.graph.supervision import fork_client
 from palp_core.graph.supervision.channel_server import Switchboard
 from tests.support.palp import CHAIN, PATIENCE_S, Palp

@@ -11,7 +11,7 @@ import msgpack
 import pytest
 
 from palp_core.graph.messages.frame import Kind, parse
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import Running
 from tests.support.toys import Hostile
@@ -76,7 +76,7 @@ nodes:
 
 def heard_after(graph: Running, epoch: int, beats: int) -> None:
     """Wait until the source's new process has gone on turning for a while: so many heartbeats."""
-    reader = Subscriber({"/source/word": f"ipc://{graph.folder}/source.pub"})
+    reader = SubscriberSocket({"/source/word": f"ipc://{graph.folder}/source.pub"})
     try:
         while beats:
             assert reader.wait(PATIENCE_S)
@@ -88,7 +88,7 @@ def heard_after(graph: Running, epoch: int, beats: int) -> None:
 
 def counted(graph: Running, life: int) -> int:
     """How many words of a process of the source have reached the sink, when it has said its last."""
-    reader = Subscriber({"/sink/count": f"ipc://{graph.folder}/sink.pub"})
+    reader = SubscriberSocket({"/sink/count": f"ipc://{graph.folder}/sink.pub"})
     try:
         while True:
             assert reader.wait(PATIENCE_S)

@@ -12,7 +12,7 @@ from palp_core.errors import NodeError
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import encode
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import Raised
+from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision import restarts as keeping
 from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Watch

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.transport import matched_readers as audiences
-from palp_core.graph.transport.matched_readers import WAIT_NS, Audience
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.matched_readers import WAIT_NS, MatchedReaders
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.graph.transport.test_publisher_socket import Publisher
 
 
@@ -28,20 +28,20 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def noted(file: Path, *names: str) -> None:
     """Let a process be read by some."""
-    process = Audience(lambda: set(names), file)
+    process = MatchedReaders(lambda: set(names), file)
     assert process.gathered()
     process.note()
 
 
 def test_a_first_process_waits_for_nobody(tmp_path: Path) -> None:
-    assert Audience(set, tmp_path / "a.readers").gathered()
-    assert Audience(set, None).gathered()
+    assert MatchedReaders(set, tmp_path / "a.readers").gathered()
+    assert MatchedReaders(set, None).gathered()
 
 
 def test_a_successor_waits_for_its_predecessors_readers_and_for_nobody_else(tmp_path: Path) -> None:
     file, present = tmp_path / "a.readers", {"stranger"}
     noted(file, "sink", "policy")
-    successor = Audience(lambda: present, file)
+    successor = MatchedReaders(lambda: present, file)
     assert not successor.gathered()
     assert successor.missing == ["policy", "sink"]
     present.add("sink")
@@ -53,7 +53,7 @@ def test_a_successor_waits_for_its_predecessors_readers_and_for_nobody_else(tmp_
 
 def test_the_wait_ends_and_says_who_is_missing(tmp_path: Path, clock: Clock) -> None:
     noted(tmp_path / "a.readers", "sink")
-    successor = Audience(set, tmp_path / "a.readers")
+    successor = MatchedReaders(set, tmp_path / "a.readers")
     clock.now_ns = 5 * WAIT_NS  # the time before it is ready to speak does not count
     assert not successor.gathered()
     clock.now_ns += WAIT_NS - 1
@@ -66,27 +66,27 @@ def test_the_wait_ends_and_says_who_is_missing(tmp_path: Path, clock: Clock) -> 
 def test_a_process_that_dies_while_it_waits_leaves_the_list_to_the_next(tmp_path: Path, clock: Clock) -> None:
     file = tmp_path / "a.readers"
     noted(file, "sink")
-    second = Audience(set, file)
+    second = MatchedReaders(set, file)
     second.note()
     assert not second.gathered()
     second.note()
-    assert Audience(set, file).missing == ["sink"]
+    assert MatchedReaders(set, file).missing == ["sink"]
     clock.now_ns = WAIT_NS
     second.note()  # it has given up: nobody waits for that reader again
-    assert Audience(set, file).missing == []
+    assert MatchedReaders(set, file).missing == []
 
 
 def test_a_list_that_cannot_be_read_counts_as_none(tmp_path: Path) -> None:
     (tmp_path / "a.readers").write_bytes(b"[tr")
-    assert Audience(set, tmp_path / "a.readers").gathered()
+    assert MatchedReaders(set, tmp_path / "a.readers").gathered()
 
 
 def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path) -> None:
     publisher = Publisher(tmp_path)
     publisher.outlet("/a/x")
     place = {"/a/x": publisher.endpoint}
-    named = [Subscriber(place, name=name) for name in ("sink", "sink", "policy")]
-    passing = Subscriber(place)
+    named = [SubscriberSocket(place, name=name) for name in ("sink", "sink", "policy")]
+    passing = SubscriberSocket(place)
     for reader in (*named, passing):
         publisher.match(reader)
     publisher.receive(passing, lambda _: len(publisher.broadcast.present) == 2)  # names follow the topics

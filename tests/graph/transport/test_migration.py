@@ -6,7 +6,7 @@ from collections import defaultdict
 
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import encode_any
-from palp_core.graph.transport.migration import Following, Unordered
+from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.moves import Move
 
 TOPIC = "/a/b"
@@ -28,8 +28,8 @@ def moved(phase: str, to: str) -> Frame:
     return Frame(TOPIC, Kind.MOVED, 0, 7, 0, 0, memoryview(payload))
 
 
-def following(ear: Ear) -> Following:
-    made = Following(ear, {}, defaultdict(Unordered))
+def following(ear: Ear) -> Migration:
+    made = Migration(ear, {}, defaultdict(Unordered))
     made.add(TOPIC, "ipc://0", "")
     return made
 

@@ -16,9 +16,10 @@ from palp_core.graph.messages.fragments import CUT_FROM
 from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.publisher import Outlet
-from palp_core.graph.transport.publisher_socket import Broadcast, ask
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.requester_socket import ask
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from palp_core.units import RatioArray
 
 PATIENCE_S = 60.0
@@ -31,7 +32,7 @@ class Block(Message):
 class Owner:
     publishing = True
 
-    def __init__(self, broadcast: Broadcast) -> None:
+    def __init__(self, broadcast: PublisherSocket) -> None:
         self.send_pieces = broadcast.send_pieces
 
     def now_ns(self) -> int:
@@ -46,20 +47,20 @@ class Publisher:
 
     def __init__(self, folder: Path) -> None:
         self.endpoint, self.serve = f"ipc://{folder}/p", f"ipc://{folder}/s"
-        self.broadcast = Broadcast(self.endpoint, self.serve)
-        self.subscribers: list[Subscriber] = []
+        self.broadcast = PublisherSocket(self.endpoint, self.serve)
+        self.subscribers: list[SubscriberSocket] = []
 
-    def outlet(self, topic: str, epoch: int = 0) -> Outlet[Block]:
-        outlet = Outlet(topic, Block, Qos(), epoch, Owner(self.broadcast), self.broadcast.send)
+    def outlet(self, topic: str, epoch: int = 0) -> PublisherEnd[Block]:
+        outlet = PublisherEnd(topic, Block, Qos(), epoch, Owner(self.broadcast), self.broadcast.send)
         self.broadcast.offer([outlet])
         return outlet
 
-    def reader(self, *topics: str) -> Subscriber:
-        subscriber = Subscriber(dict.fromkeys(topics, self.endpoint))
+    def reader(self, *topics: str) -> SubscriberSocket:
+        subscriber = SubscriberSocket(dict.fromkeys(topics, self.endpoint))
         self.subscribers.append(subscriber)
         return subscriber
 
-    def receive(self, subscriber: Subscriber, enough: Callable[[list[bytes]], bool]) -> list[bytes]:
+    def receive(self, subscriber: SubscriberSocket, enough: Callable[[list[bytes]], bool]) -> list[bytes]:
         """Serve the broadcast and wait on socket events until the reader has enough."""
         frames: list[bytes] = []
         poller = zmq.Poller()
@@ -74,7 +75,7 @@ class Publisher:
                 assert poller.poll(round(PATIENCE_S * 1e3)), f"nothing more came after {frames}"
         return frames
 
-    def match(self, subscriber: Subscriber, topics: int = 1) -> list[bytes]:
+    def match(self, subscriber: SubscriberSocket, topics: int = 1) -> list[bytes]:
         return self.receive(subscriber, lambda frames: len(frames) >= topics)
 
     def serve_until(self, descriptor: Any) -> None:

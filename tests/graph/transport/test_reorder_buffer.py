@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.sequence_account import EdgeCounter
-from palp_core.graph.transport.reorder_buffer import FILL_NS, Reception
+from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.transport.reorder_buffer import FILL_NS, ReorderBuffer
 
 TOPIC = "/p/x"
 
@@ -18,22 +18,22 @@ def frame(sequence: int, epoch: int = 0, kind: int = Kind.DATA, stamp_ns: int = 
 
 
 class Edge:
-    """A reception with the node's account behind it and a publisher that remembers ``depth`` messages."""
+    """A buffer with the node's account behind it and a publisher that remembers ``depth`` messages."""
 
-    def __init__(self, qos: Qos, *, answers: bool = True, counter: EdgeCounter | None = None) -> None:
-        self.counter = counter or EdgeCounter()
+    def __init__(self, qos: Qos, *, answers: bool = True, counter: SequenceAccount | None = None) -> None:
+        self.account = counter or SequenceAccount()
         self.taken: list[int] = []
         self.asked: list[tuple[int, int]] = []
         self.kept: list[Frame] = []
         self.epoch = 0
         self.answers = answers
         self.now_ns = 0
-        self.reception = Reception(TOPIC, qos, self.counter, self._deliver, self._ask)
+        self.buffer = ReorderBuffer(TOPIC, qos, self.account, self._deliver, self._ask)
 
     def _deliver(self, frame: Frame) -> None:
         if frame.kind != Kind.DATA:
-            self.counter.heartbeat(frame.epoch, frame.sequence)
-        elif self.counter.accept(frame.epoch, frame.sequence):
+            self.account.heartbeat(frame.epoch, frame.sequence)
+        elif self.account.accept(frame.epoch, frame.sequence):
             self.taken.append(frame.sequence)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
@@ -47,18 +47,18 @@ class Edge:
 
     def arrive(self, *frames: Frame) -> None:
         for one in frames:
-            self.reception.arrive(one, self.now_ns)
+            self.buffer.arrive(one, self.now_ns)
             self.answer()
 
     def answer(self) -> None:
         while self.asked and self.answers:
             first, last = self.asked.pop(0)
             found = [one for one in self.kept if first <= one.sequence <= last]
-            self.reception.fill(self.epoch, found, self.now_ns)
+            self.buffer.fill(self.epoch, found, self.now_ns)
 
     def wait(self, duration_ns: int) -> None:
         self.now_ns += duration_ns
-        self.reception.expire(self.now_ns)
+        self.buffer.expire(self.now_ns)
         self.answer()
 
 
@@ -84,9 +84,9 @@ def test_a_reliable_edge_loses_nothing_that_the_publisher_still_has(fates: list[
     edge.arrive(frame(last, kind=Kind.HEARTBEAT))
     assert edge.taken == sorted(set(edge.taken))
     assert set(range(max(last - depth, 0) + 1, last + 1)) <= set(edge.taken)
-    assert edge.counter.received == len(edge.taken)
-    assert edge.counter.received + edge.counter.lost == last
-    assert edge.reception.give_up_ns is None
+    assert edge.account.received == len(edge.taken)
+    assert edge.account.received + edge.account.lost == last
+    assert edge.buffer.give_up_ns is None
 
 
 @settings(deadline=None, max_examples=100)
@@ -100,7 +100,7 @@ def test_a_best_effort_edge_asks_for_nothing_and_counts_exactly(fates: list[str]
     edge.arrive(frame(len(fates), kind=Kind.HEARTBEAT))
     assert not edge.asked
     assert edge.taken == [n for n, fate in enumerate(fates, start=1) if fate == "pass"]
-    assert edge.counter.lost == sum(fate != "pass" for fate in fates)
+    assert edge.account.lost == sum(fate != "pass" for fate in fates)
 
 
 def test_what_comes_after_a_gap_waits_for_it() -> None:
@@ -112,7 +112,7 @@ def test_what_comes_after_a_gap_waits_for_it() -> None:
     edge.answers = True
     edge.answer()
     assert edge.taken == [1, 2, 3, 4]
-    assert (edge.counter.lost, edge.reception.filled) == (0, 1)
+    assert (edge.account.lost, edge.buffer.filled) == (0, 1)
 
 
 def test_a_publisher_that_does_not_answer_is_waited_for_and_then_the_gap_is_counted() -> None:
@@ -122,20 +122,20 @@ def test_a_publisher_that_does_not_answer_is_waited_for_and_then_the_gap_is_coun
     assert edge.taken == [1]
     edge.wait(1)
     assert edge.taken == [1, 4]
-    assert edge.counter.lost == 2
+    assert edge.account.lost == 2
 
 
 def test_a_reader_that_was_away_still_waits_for_the_answer_and_blames_nobody() -> None:
     edge = Edge(RELIABLE, answers=False)
     edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1), frame(3))
     edge.now_ns += 5 * FILL_NS  # stopped, or in one long handler, while the answer came
-    edge.reception.pardon(5 * FILL_NS, edge.now_ns)
+    edge.buffer.pardon(5 * FILL_NS, edge.now_ns)
     edge.wait(0)
-    assert edge.reception.heard_ns == edge.reception.data_ns == edge.now_ns
+    assert edge.buffer.heard_ns == edge.buffer.data_ns == edge.now_ns
     edge.kept, edge.answers = [frame(2)], True
     edge.answer()
     assert edge.taken == [1, 2, 3]
-    assert edge.counter.lost == 0
+    assert edge.account.lost == 0
 
 
 def test_a_lost_tail_is_noticed_by_the_heartbeat_and_filled() -> None:
@@ -151,27 +151,27 @@ def test_a_late_joiner_of_a_latched_edge_gets_the_last_messages_first() -> None:
     edge.kept = [frame(n) for n in range(5, 10)]
     edge.arrive(frame(9, kind=Kind.HEARTBEAT), frame(10))
     assert edge.taken == []
-    assert not edge.reception.matched
+    assert not edge.buffer.matched
     edge.answers = True
     edge.answer()
     assert edge.taken == [7, 8, 9, 10]
-    assert edge.counter.lost == 0
-    assert edge.reception.matched
+    assert edge.account.lost == 0
+    assert edge.buffer.matched
 
 
 def test_a_late_joiner_of_a_volatile_edge_begins_with_what_comes() -> None:
     edge = Edge(RELIABLE)
     edge.arrive(frame(9, kind=Kind.HEARTBEAT), frame(10))
     assert edge.taken == [10]
-    assert edge.counter.lost == 0
+    assert edge.account.lost == 0
 
 
 def test_a_restarted_reader_goes_on_where_its_predecessor_stopped() -> None:
-    edge = Edge(RELIABLE, counter=EdgeCounter(epoch=0, sequence=4))
+    edge = Edge(RELIABLE, counter=SequenceAccount(epoch=0, sequence=4))
     edge.kept = [frame(n) for n in range(7, 12)]
     edge.arrive(frame(11, kind=Kind.HEARTBEAT))
     assert edge.taken == [7, 8, 9, 10, 11]
-    assert edge.counter.lost == 2
+    assert edge.account.lost == 2
 
 
 def test_a_restarted_publisher_is_followed_from_its_first_message() -> None:
@@ -181,15 +181,15 @@ def test_a_restarted_publisher_is_followed_from_its_first_message() -> None:
     edge.kept = [frame(n, epoch=1) for n in (1, 2, 3)]
     edge.arrive(frame(3, epoch=1))
     assert edge.taken == [1, 2, 1, 2, 3]
-    assert (edge.counter.lost, edge.counter.repeated) == (0, 0)
+    assert (edge.account.lost, edge.account.repeated) == (0, 0)
     edge.arrive(frame(3, epoch=0))
-    assert edge.counter.repeated == 1
+    assert edge.account.repeated == 1
 
 
 def test_an_answer_of_an_epoch_that_is_over_is_no_answer() -> None:
     edge = Edge(RELIABLE, answers=False)
     edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(2))
-    edge.reception.fill(7, [frame(1, epoch=7)], 0)
+    edge.buffer.fill(7, [frame(1, epoch=7)], 0)
     assert edge.taken == []
     edge.wait(FILL_NS)
     assert edge.taken == [2]
@@ -197,7 +197,7 @@ def test_an_answer_of_an_epoch_that_is_over_is_no_answer() -> None:
 
 def test_replies_are_handed_on_as_they_come() -> None:
     edge = Edge(RELIABLE)
-    edge.reception = Reception(TOPIC, RELIABLE, edge.counter, edge._deliver, edge._ask, ordered=False)
+    edge.buffer = ReorderBuffer(TOPIC, RELIABLE, edge.account, edge._deliver, edge._ask, ordered=False)
     edge.arrive(frame(3), frame(9))
     assert edge.taken == [3, 9]
     assert not edge.asked
@@ -207,7 +207,7 @@ def test_latency_is_known_once_the_graph_has_started() -> None:
     edge = Edge(RELIABLE)
     edge.now_ns = 1_000_000
     edge.arrive(frame(1))
-    assert edge.reception.latency.count == 0
-    edge.reception.origin_ns = 400_000
+    assert edge.buffer.latency.count == 0
+    edge.buffer.origin_ns = 400_000
     edge.arrive(frame(2, stamp_ns=100_000))
-    assert edge.reception.latency.max_ns == 500_000
+    assert edge.buffer.latency.max_ns == 500_000

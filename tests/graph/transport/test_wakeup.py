@@ -11,8 +11,8 @@ import pytest
 import zmq
 
 from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.transport.subscriber_socket import Subscriber
-from palp_core.graph.transport.wakeup import ENDPOINT, Doorbell
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 PATIENCE_MS = 60_000
 
@@ -25,8 +25,8 @@ class House:
         self.read, self.write = os.pipe()
         self.publisher = self.context.socket(zmq.XPUB)
         self.publisher.bind(f"ipc://{folder}/p")
-        self.bell = Doorbell(self.context, [self.read])
-        self.subscriber = Subscriber({"/p/x": f"ipc://{folder}/p"}, self.context)
+        self.bell = Wakeup(self.context, [self.read])
+        self.subscriber = SubscriberSocket({"/p/x": f"ipc://{folder}/p"}, self.context)
         self.subscriber.hear(ENDPOINT)
         self.publisher.recv()
         self.frames: list[bytes] = []

@@ -17,7 +17,7 @@ from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.qos import Qos, incompatibility
-from palp_core.graph.transport.publisher_socket import ask
+from palp_core.graph.transport.requester_socket import ask
 
 ASK_S = 2.0
 HEALTH_S = 1.6

@@ -14,7 +14,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 HEALTH = "/graph/health"
 ASK_S = 1.0
@@ -66,7 +66,7 @@ class HealthReader:
 
     def __init__(self, graph: RunningGraph) -> None:
         path = graph.folder / "graph.pub"
-        self._subscriber = Subscriber({HEALTH: f"ipc://{path}"}) if path.exists() else None
+        self._subscriber = SubscriberSocket({HEALTH: f"ipc://{path}"}) if path.exists() else None
 
     def read(self, timeout_s: float) -> Snapshot | None:
         """Return the latest message, or None if none comes in time."""

@@ -11,9 +11,9 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import TopicEntry
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
-from palp_core.graph.node.sequence_account import EdgeCounter
-from palp_core.graph.transport.migration import Following, Turns
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.transport.migration import Migration, Turns
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 TICK_S = 0.1
 HISTORY_TIMEOUT_S = 2.0
@@ -65,17 +65,17 @@ class Listener:
     ) -> None:
         self._graph = graph
         self._nodes = {topic.name: topic.node for topic in topics}
-        self._counters = {topic.name: EdgeCounter() for topic in topics}
+        self._counters = {topic.name: SequenceAccount() for topic in topics}
         self._late_joiner = late_joiner
         self._reliable = reliable or late_joiner > 0
         self._next_look_ns = 0
         self.last_sequence: dict[str, int] = {}
         self.ended = False
-        self._subscriber = Subscriber({topic.name: topic.publish for topic in topics})
+        self._subscriber = SubscriberSocket({topic.name: topic.publish for topic in topics})
         self._ready: list[Frame] = []
         self._turns = {topic.name: Turns(self._ready.append) for topic in topics}
         places = {topic.name: (topic.publish, "") for topic in topics}
-        self._following = Following(self._subscriber, places, self._turns)
+        self._following = Migration(self._subscriber, places, self._turns)
 
     def __enter__(self) -> Self:
         return self
@@ -121,7 +121,7 @@ class Listener:
         elif counter.accept(frame.epoch, frame.sequence):
             yield Heard(frame, arrived_ns, counter.lost - lost_before)
 
-    def _first_wanted(self, counter: EdgeCounter, epoch: int, last: int) -> int:
+    def _first_wanted(self, counter: SequenceAccount, epoch: int, last: int) -> int:
         """Return the first message to ask the history for, up to ``last``."""
         if counter.epoch < 0:
             return max(last - self._late_joiner, 0) + 1

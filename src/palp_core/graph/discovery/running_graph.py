@@ -288,7 +288,7 @@ class RunningGraph:
 
 
 def _ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
-    from palp_core.graph.transport.publisher_socket import (
+    from palp_core.graph.transport.requester_socket import (
         ask,  # a quarter of a second that `palp node list` does without
     )
 

@@ -22,7 +22,7 @@ from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, Crew, Observer
 from palp_core.graph.network.no_door import NoDoor
-from palp_core.graph.process.channel import Done
+from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_facts
 from palp_core.graph.recording.recorders import Recordings
 from palp_core.graph.supervision.fork_client import ForkServer

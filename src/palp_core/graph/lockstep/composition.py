@@ -14,11 +14,11 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import Done, Round
+from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
-from palp_core.graph.process.node_services import CHANGING, NodeCommands
+from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.shadow import Comparison
-from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
@@ -39,7 +39,9 @@ class Composition:
         NodeError: A node could not be configured.
     """
 
-    def __init__(self, specs: Sequence[NodeSpec], workspace: str, broadcast: Broadcast | None = None) -> None:
+    def __init__(
+        self, specs: Sequence[NodeSpec], workspace: str, broadcast: PublisherSocket | None = None
+    ) -> None:
         self.names = [spec.name for spec in specs]
         self._clock = SimClock()
         self._workspace = workspace
@@ -56,8 +58,8 @@ class Composition:
 
     def _offer(self, executor: Executor) -> None:
         if self._broadcast is not None:
-            self._broadcast.offer(executor.outlets.values())
-            self._broadcast.answer(executor.name, NodeCommands(executor).operations(), CHANGING)
+            self._broadcast.offer(executor.ends.publishers.values())
+            self._broadcast.answer(executor.name, NodeServices(executor).operations(), CHANGING)
 
     def _send(self, frame: bytes) -> None:
         self._frames.append(frame)
@@ -136,7 +138,7 @@ class Composition:
         """Give an understudy the node's part, and publish what it and the other have to say."""
         self._executors[index] = executor
         self._offer(executor)
-        for out in executor.outlets.values():
+        for out in executor.ends.publishers.values():
             out.divert(self._send)
         self._frames = []
         for frame in frames:
@@ -151,7 +153,7 @@ def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composi
     handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
     logger = logging.getLogger("palp")
     logger.addHandler(handler)
-    broadcast = Broadcast(*endpoints(str(directory.path), "composition"))
+    broadcast = PublisherSocket(*endpoints(str(directory.path), "composition"))
     try:
         yield Composition(checked.nodes, checked.workspace, broadcast)
     finally:

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.messages.frame import sequence_of, topic_of
-from palp_core.graph.process.channel import Done, Round
+from palp_core.graph.process.control_messages import Done, Round
 
 MAX_ROUNDS = 1000
 

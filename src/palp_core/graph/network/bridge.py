@@ -58,7 +58,7 @@ from palp_core.graph.network.join_protocol import (
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Exchange
-from palp_core.graph.process.channel import Line, Link, LinkClosed
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0
@@ -82,7 +82,7 @@ class Bridge:
         PalpError: The address cannot be called, or there is no own pair.
     """
 
-    def __init__(self, line: Link[ToBridge], call: Call, keys: KeyFolder) -> None:
+    def __init__(self, line: MessageChannel[ToBridge], call: Call, keys: KeyFolder) -> None:
         self._line, self._call = line, call
         self._view: GraphView | None = None
         self._own_name = ""
@@ -149,16 +149,16 @@ class Bridge:
 
     # palp run
 
-    def _say(self, line: Line) -> None:
+    def _say(self, line: ChannelMessage) -> None:
         try:
             self._line.send(line)
-        except LinkClosed:
+        except ChannelClosed:
             self._ended = True
 
     def _on_line(self) -> None:
         try:
             self._line.fill()
-        except LinkClosed:  # the process is gone; whoever hears the connection end knows that it died
+        except ChannelClosed:  # the process is gone; whoever hears the connection end knows that it died
             self._ended = True
             return
         while self._line.buffered():
@@ -265,15 +265,15 @@ def main(connection: socket.socket) -> int:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
-    line = Link(connection, bridge_decoder())
+    line = MessageChannel(connection, bridge_decoder())
     try:
         call = line.receive()
         assert isinstance(call, Call)
         bridge = Bridge(line, call, KeyFolder())
-    except LinkClosed:
+    except ChannelClosed:
         return 1
     except PalpError as error:
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             line.send(Lost(str(error), finished=False))
         return 2
     bridge.run()

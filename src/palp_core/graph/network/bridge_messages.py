@@ -5,10 +5,10 @@ from __future__ import annotations
 import msgspec
 
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
-from palp_core.graph.process.channel import Line
+from palp_core.graph.process.channel import ChannelMessage
 
 
-class Call(Line, frozen=True):
+class Call(ChannelMessage, frozen=True):
     """Call a gateway; absent nodes get their endpoints in ``run_dir``. Without CURVE the key is ""."""
 
     endpoint: str
@@ -16,45 +16,45 @@ class Call(Line, frozen=True):
     run_dir: str
 
 
-class Apply(Line, frozen=True):
+class Apply(ChannelMessage, frozen=True):
     """Ask to be let into the graph."""
 
     request: JoinRequest
 
 
-class Doing(Line, frozen=True):
+class Doing(ChannelMessage, frozen=True):
     """How the node does: an encoded :class:`NodeHealth`."""
 
     health: bytes
 
 
-class Goodbye(Line, frozen=True):
+class Goodbye(ChannelMessage, frozen=True):
     """The node has ended; ``exit_code`` is -1 if its work was not done."""
 
     text: str
     exit_code: int
 
 
-class Reached(Line, frozen=True):
+class Reached(ChannelMessage, frozen=True):
     """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
 
     view: GraphView
     uncertainty_ns: int
 
 
-class Admitted(Line, frozen=True):
+class Admitted(ChannelMessage, frozen=True):
     """The node may start; it counts from this epoch."""
 
     epoch: int
 
 
-class Runs(Line, frozen=True):
+class Runs(ChannelMessage, frozen=True):
     """The graph runs since then, on this host's monotonic clock."""
 
     start_ns: int
 
 
-class Lost(Line, frozen=True):
+class Lost(ChannelMessage, frozen=True):
     """Not let in, or not any more; ``finished``: because the graph has come to its end."""
 
     text: str

@@ -41,7 +41,7 @@ from palp_core.graph.network.proxies import StandIn
 from palp_core.graph.network.rejected_peers import Refusals
 from palp_core.graph.network.remote_nodes import Guests
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.process.channel import Line, Link, LinkClosed
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 
 MEMORY_BYTES = 1 << 30
 PR_SET_PDEATHSIG = 1
@@ -60,7 +60,7 @@ class Gateway:
         PalpError: It cannot listen there.
     """
 
-    def __init__(self, line: Link[ToGateway], begin: Begin, keys: KeyFolder) -> None:
+    def __init__(self, line: MessageChannel[ToGateway], begin: Begin, keys: KeyFolder) -> None:
         self._line, self._keys, self._secured = line, keys, begin.secured
         self._ended = False
         self._refusals = Refusals()
@@ -86,16 +86,16 @@ class Gateway:
 
     # The launcher
 
-    def _say(self, line: Line) -> None:
+    def _say(self, line: ChannelMessage) -> None:
         try:
             self._line.send(line)
-        except LinkClosed:
+        except ChannelClosed:
             self._end("the graph's launcher has died", finished=False)
 
     def _on_line(self) -> None:
         try:
             self._line.fill()
-        except LinkClosed:
+        except ChannelClosed:
             self._end("the graph's launcher has died", finished=False)
             return
         while self._line.buffered():
@@ -163,15 +163,15 @@ def main(connection: socket.socket) -> int:
     logging.basicConfig(
         level=logging.INFO, format="[%(levelname)s] [gateway]: %(message)s", stream=sys.stderr
     )
-    line = Link(connection, gateway_decoder())
+    line = MessageChannel(connection, gateway_decoder())
     try:
         begin = line.receive()
         assert isinstance(begin, Begin)
         gateway = Gateway(line, begin, KeyFolder())
-    except LinkClosed:
+    except ChannelClosed:
         return 1
     except PalpError as error:
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             line.send(CannotListen(str(error)))
         return 2
     gateway.run()

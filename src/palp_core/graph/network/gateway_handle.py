@@ -29,7 +29,7 @@ from palp_core.graph.network.gateway_messages import (
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest, NodeView
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import Plan, plan
-from palp_core.graph.process.channel import LinkClosed
+from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.supervision.sidecar import Companion
 
 START_TIMEOUT_S = 20.0
@@ -147,7 +147,7 @@ class Door:
             if not select.select((companion.descriptor,), (), (), START_TIMEOUT_S)[0]:
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
             (said,) = companion.news()
-        except (LinkClosed, GraphError) as error:
+        except (ChannelClosed, GraphError) as error:
             companion.close()
             if isinstance(error, GraphError):
                 raise
@@ -198,7 +198,7 @@ class Door:
     def _send(self, line: Opened | Activated | Ending) -> None:
         try:
             self._companion.send(line)
-        except LinkClosed:
+        except ChannelClosed:
             _LOG.debug("the gateway is gone; attend() will find out")
 
     def attend(self) -> None:
@@ -206,7 +206,7 @@ class Door:
         try:
             for said in self._companion.news():
                 self._on_line(said)
-        except LinkClosed:
+        except ChannelClosed:
             self._forget()
             self._mourn(self._companion.close())
             if self._restart_count < MOST_RESTARTS and not self._closed:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import msgspec
 
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
-from palp_core.graph.process.channel import Line
+from palp_core.graph.process.channel import ChannelMessage
 
 
-class Begin(Line, frozen=True):
+class Begin(ChannelMessage, frozen=True):
     """Listen; ``epochs`` says how often each name has joined so far."""
 
     run_dir: str
@@ -17,38 +17,38 @@ class Begin(Line, frozen=True):
     epochs: dict[str, int]
 
 
-class Opened(Line, frozen=True):
+class Opened(ChannelMessage, frozen=True):
     """The graph as it is now; said again when it has changed."""
 
     view: GraphView
 
 
-class Activated(Line, frozen=True):
+class Activated(ChannelMessage, frozen=True):
     """The graph runs since then, on the host's monotonic clock."""
 
     start_ns: int
 
 
-class Ending(Line, frozen=True):
+class Ending(ChannelMessage, frozen=True):
     """Tell every guest that the graph ends, ``finished`` if it has come to its end, and end."""
 
     text: str
     finished: bool
 
 
-class Listening(Line, frozen=True):
+class Listening(ChannelMessage, frozen=True):
     """The gateway can be called there."""
 
     endpoint: str
 
 
-class CannotListen(Line, frozen=True):
+class CannotListen(ChannelMessage, frozen=True):
     """It cannot."""
 
     text: str
 
 
-class GuestIn(Line, frozen=True):
+class GuestIn(ChannelMessage, frozen=True):
     """A node of another host has joined."""
 
     request: JoinRequest
@@ -56,7 +56,7 @@ class GuestIn(Line, frozen=True):
     epoch: int
 
 
-class GuestOut(Line, frozen=True):
+class GuestOut(ChannelMessage, frozen=True):
     """It is gone; ``exit_code`` is -1 if its work was not done."""
 
     name: str
@@ -64,14 +64,14 @@ class GuestOut(Line, frozen=True):
     exit_code: int
 
 
-class GuestDoes(Line, frozen=True):
+class GuestDoes(ChannelMessage, frozen=True):
     """How a joined node does, by its own word: an encoded :class:`NodeHealth`."""
 
     name: str
     health: bytes
 
 
-class TurnedAway(Line, frozen=True):
+class TurnedAway(ChannelMessage, frozen=True):
     """Somebody was refused; not more often than the log says it."""
 
     text: str

@@ -18,7 +18,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
 from palp_core.graph.transport.matched_readers import READER
-from palp_core.graph.transport.migration import Following, Turns
+from palp_core.graph.transport.migration import Migration, Turns
 
 HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10
@@ -96,7 +96,7 @@ class Tap:
         self._named = False
         self._connected: set[str] = set()
         self._turns: dict[str, Turns[list[bytes]]] = {}
-        self._following = Following(self, {}, self._turns)
+        self._following = Migration(self, {}, self._turns)
         self._socket = reactor.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)

@@ -40,7 +40,7 @@ from palp_core.graph.network.join_protocol import (
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Exchange
-from palp_core.graph.process.channel import Line
+from palp_core.graph.process.channel import ChannelMessage
 
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
@@ -68,7 +68,7 @@ class Guests:
         reactor: Reactor,
         begin: Begin,
         keys: KeyFolder,
-        tell: Callable[[Line], None],
+        tell: Callable[[ChannelMessage], None],
         refuse: Callable[[str, str, str], None],
     ) -> None:
         self._keys, self._secured = keys, begin.secured

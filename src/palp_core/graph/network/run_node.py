@@ -33,8 +33,7 @@ from palp_core.graph.network.join_wiring import alone, join_request, outputs_of,
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, resolve
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import LinkClosed
-from palp_core.graph.process.line import Line
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import GraphBus
@@ -95,8 +94,8 @@ class _Remote:
         self.farewell = Goodbye("it could not start", -1)
         self._say(Call(address.endpoint, address.server_key, str(folder)))
 
-    def _say(self, line: Line) -> None:
-        with contextlib.suppress(LinkClosed):
+    def _say(self, line: ChannelMessage) -> None:
+        with contextlib.suppress(ChannelClosed):
             self._bridge.send(line)
 
     def pulse(self, health: bytes) -> None:
@@ -112,7 +111,7 @@ class _Remote:
         """Take in what it has said."""
         try:
             self._said += self._bridge.news()
-        except LinkClosed:
+        except ChannelClosed:
             self._said.append(Lost("the bridge to the graph has died", finished=False))
         for said in self._said:
             if isinstance(said, Runs):

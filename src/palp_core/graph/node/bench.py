@@ -23,7 +23,7 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
-from palp_core.graph.node.service_client import CallEnd, Pending
+from palp_core.graph.node.service_client import ClientEnd, Pending
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.process.node_services import set_parameters
 
@@ -90,7 +90,7 @@ class Bench(Generic[N]):
         """Hand a client the reply to its oldest unanswered call, or to one that it never made."""
         name = topic("bench", port.name) + topic(self.executor.name, port.name)
         end = self.executor.ends.timers[f"timeout:{port.name}"]
-        assert isinstance(end, CallEnd)
+        assert isinstance(end, ClientEnd)
         if not end.pending:
             end.pending.append(Pending(self._sequence.get(name, 0) + 1, self.clock.now_ns() + 1, 0, b""))
         self._sequence[name] = end.pending[0].sequence - 1

@@ -1,4 +1,4 @@
-"""Connect what a node class declares to live ends: outlets, inputs with their accounts, timers and alarms."""
+"""Connect what a node class declares to live ends: publishers, subscriptions, clients, timers and alarms."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import msgspec
 
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.event_publisher import EventLog
+from palp_core.graph.node.event_publisher import EventPublisher
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
 from palp_core.graph.node.ports import Alarm, Timer
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd, EventKind, QosEvent
-from palp_core.graph.node.sequence_account import EdgeCounter
-from palp_core.graph.node.service_client import CallEnd
+from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.node.service_client import ClientEnd
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.node.subscription import CallInput, Input, ReplyInput
+from palp_core.graph.node.subscription import ReplySubscription, RequestSubscription, Subscription
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
 Guard = Callable[[str, Callable[..., Any]], Callable[..., Any]]
-TimedEnd = TimerEnd | AlarmEnd | EventEnd | CallEnd
+TimedEnd = TimerEnd | AlarmEnd | EventEnd | ClientEnd
 SERVICE = Qos(depth=100)
 
 
@@ -33,7 +33,7 @@ class Owner(Protocol):
 
     node: Node
     publishing: bool
-    events: EventLog
+    events: EventPublisher
 
     @property
     def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
@@ -60,8 +60,8 @@ class Bindings:
     def __init__(
         self, declared: Declaration, spec: NodeSpec, owner: Owner, guard: Guard, send: Callable[[bytes], None]
     ) -> None:
-        self.outlets: dict[str, Outlet[Any]] = {}
-        self.inputs: dict[str, list[Input]] = {}
+        self.publishers: dict[str, PublisherEnd[Any]] = {}
+        self.inputs: dict[str, list[Subscription]] = {}
         self.timers: dict[str, TimedEnd] = {}
         self._spec, self._owner, self._send, self._guard = spec, owner, send, guard
         self.services = {name: guard(name, declared.handlers[name]) for name in declared.services}
@@ -70,13 +70,13 @@ class Bindings:
         self._bind_topics(declared, handlers)
         self._bind_services(declared, handlers)
 
-    def outlet(self, name: str, message: type[Message], qos: Qos) -> Outlet[Any]:
+    def publisher(self, name: str, message: type[Message], qos: Qos) -> PublisherEnd[Any]:
         """Add an output."""
-        made: Outlet[Any] = Outlet(name, message, qos, self._spec.epoch, self._owner, self._send)
-        self.outlets[name] = made
+        made: PublisherEnd[Any] = PublisherEnd(name, message, qos, self._spec.epoch, self._owner, self._send)
+        self.publishers[name] = made
         return made
 
-    def _wire(self, name: str, wired: Input) -> None:
+    def _wire(self, name: str, wired: Subscription) -> None:
         self.inputs.setdefault(name, []).append(wired)
 
     def _event(self, kind: EventKind, port: str, name: str, declared: Declaration) -> EventEnd:
@@ -95,14 +95,14 @@ class Bindings:
     def _bind_topics(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
         spec, ends = self._spec, self._owner.node.__dict__
         for name, pub in declared.pubs.items():
-            ends[name] = self.outlet(topic(spec.name, name), pub.message, pub.qos)
+            ends[name] = self.publisher(topic(spec.name, name), pub.message, pub.qos)
         for name, sub in declared.subs.items():
             if name not in spec.inputs:
                 continue
             source, qos = spec.inputs[name], spec.qos.get(name, sub.qos)
             if name in spec.external:
-                self.outlet(source, sub.message, qos)
-            wired = Input(f"input:{name}", name, sub.message, handlers[name], qos)
+                self.publisher(source, sub.message, qos)
+            wired = Subscription(f"input:{name}", name, sub.message, handlers[name], qos)
             wired.handler = declared.handlers[name]
             self._wire(source, wired)
             wired.message_lost = self._event("message_lost", name, source, declared)
@@ -118,10 +118,10 @@ class Bindings:
         spec, ends = self._spec, self._owner.node.__dict__
         for name, client in declared.clients.items():
             own = topic(spec.name, name)
-            requests = self.outlet(own, client.request, SERVICE)
+            requests = self.publisher(own, client.request, SERVICE)
             # The overdue calls ring before the event that says how many of them are given up.
             key = f"timeout:{name}"
-            self.timers[key] = ends[name] = end = CallEnd(
+            self.timers[key] = ends[name] = end = ClientEnd(
                 key,
                 requests,
                 round(client.timeout_ms * 1e6),
@@ -131,14 +131,14 @@ class Bindings:
             )
             self._event("call_timeout", name, spec.inputs.get(name, own), declared)
             if name in spec.inputs:
-                answers = ReplyInput(f"reply:{name}", name, client.reply, handlers[name], SERVICE)
+                answers = ReplySubscription(f"reply:{name}", name, client.reply, handlers[name], SERVICE)
                 answers.end = end
                 self._wire(spec.inputs[name] + own, answers)
         for name, service in declared.services.items():
             for client_topic in spec.requests.get(name, []):
                 source = f"call:{name}{client_topic}"
-                calls = CallInput(source, name, service.request, lambda _: None, SERVICE)
-                calls.reply = self.outlet(topic(spec.name, name) + client_topic, service.reply, SERVICE)
+                calls = RequestSubscription(source, name, service.request, lambda _: None, SERVICE)
+                calls.reply = self.publisher(topic(spec.name, name) + client_topic, service.reply, SERVICE)
                 calls.handle = self._guard(name, _answer(declared.handlers[name], calls))
                 self._wire(client_topic, calls)
 
@@ -167,9 +167,9 @@ class Bindings:
         return [*wired, *(f"timer:{name}" for name in self.timers), *(f"outside:{n}" for n in self.services)]
 
     @property
-    def counters(self) -> dict[str, EdgeCounter]:
+    def accounts(self) -> dict[str, SequenceAccount]:
         """Account of every input topic."""
-        return {name: inputs[0].counter for name, inputs in self.inputs.items()}
+        return {name: inputs[0].account for name, inputs in self.inputs.items()}
 
     @property
     def topic_of_source(self) -> dict[str, str]:
@@ -196,11 +196,11 @@ class Bindings:
             },
             "events": {name: end.total for name, end in ends if isinstance(end, EventEnd)},
             "calls": {
-                name: copy.deepcopy(e.pending) for name, e in ends if isinstance(e, CallEnd) and e.pending
+                name: copy.deepcopy(e.pending) for name, e in ends if isinstance(e, ClientEnd) and e.pending
             },
-            "consumed": {name: msgspec.structs.replace(counter) for name, counter in self.counters.items()},
-            "published": {name: out.sequence for name, out in self.outlets.items()},
-            "idle": [name for name, out in self.outlets.items() if out.idle_until_next],
+            "consumed": {name: msgspec.structs.replace(counter) for name, counter in self.accounts.items()},
+            "published": {name: out.sequence for name, out in self.publishers.items()},
+            "idle": [name for name, out in self.publishers.items() if out.idle_until_next],
         }
 
     def resume(self, hand_over: HandOver) -> None:
@@ -216,13 +216,13 @@ class Bindings:
                 end.resume(hand_over.calls.get(name, []))
         for name, counter in hand_over.consumed.items():
             for wired in self.inputs.get(name, []):
-                wired.counter = msgspec.structs.replace(counter)
-        for name, out in self.outlets.items():
+                wired.account = msgspec.structs.replace(counter)
+        for name, out in self.publishers.items():
             out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
             out.idle_until_next = name in hand_over.idle
 
 
-def _answer(handler: Callable[..., Any], calls: CallInput) -> Callable[..., None]:
+def _answer(handler: Callable[..., Any], calls: RequestSubscription) -> Callable[..., None]:
     @functools.wraps(handler)
     def answer(node: Node, request: Message) -> None:
         calls.reply.reply(handler(node, request), *calls.current)

@@ -11,7 +11,7 @@ import msgspec
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.builtin import NodeEvent
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import QosEvent, is_worth_saying
 
 EVENTS_PORT = "_events"
@@ -21,11 +21,11 @@ class _Owner(Protocol):
     def now_ns(self) -> int: ...
 
 
-class EventLog:
+class EventPublisher:
     """Says events, each kind at a rate that cannot flood.
 
     Args:
-        outlet: Where events are published.
+        publisher: Where events are published.
         log: The node's log.
         owner: Whose time it is.
 
@@ -34,17 +34,17 @@ class EventLog:
         report: Is told of each quality-of-service event worth saying.
     """
 
-    def __init__(self, outlet: Outlet[NodeEvent], log: logging.Logger, owner: _Owner) -> None:
+    def __init__(self, publisher: PublisherEnd[NodeEvent], log: logging.Logger, owner: _Owner) -> None:
         self.rejected_count = 0
         self.report: Callable[[QosEvent], None] = lambda _: None
-        self._outlet = outlet
+        self._publisher = publisher
         self._log = log
         self._owner = owner
 
     def say(self, kind: str, text: str, data: Mapping[str, Any]) -> None:
         """Publish an event."""
         now_ns = self._owner.now_ns()
-        self._outlet.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
+        self._publisher.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
 
     def raised(self, event: QosEvent) -> None:
         """Say that an edge did not keep its promise."""

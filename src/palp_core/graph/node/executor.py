@@ -20,19 +20,17 @@ from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.message import DECODE_ERRORS, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.bindings import Bindings
-from palp_core.graph.node.event_publisher import EVENTS_PORT, EventLog
+from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
 from palp_core.graph.node.failing import Failing
 from palp_core.graph.node.handover import HandOver, first_state
-from palp_core.graph.node.journal import ORDER_PORT, OrderLog
+from palp_core.graph.node.journal import ORDER_PORT, Journal
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.params import load_params
-from palp_core.graph.node.publisher import Outlet
 from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.rng import rng_of
-from palp_core.graph.node.sequence_account import EdgeCounter
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.node.subscription import Input
+from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.node.succession import hand_over_of, leave, snapshot, take_over
 
 
@@ -81,10 +79,10 @@ class Executor:
         self.node.state = first_state(self.declaration.state, self.name)
         self.failing = Failing(self)
         self.ends = Bindings(self.declaration, spec, self, self.failing.guard, send)
-        told = self.ends.outlet(topic(self.name, EVENTS_PORT), NodeEvent, Qos(depth=100))
-        self.events = EventLog(told, self.log, self)
-        self.order = OrderLog(
-            self.ends.outlet(topic(self.name, ORDER_PORT), Order, Qos(depth=1)),
+        told = self.ends.publisher(topic(self.name, EVENTS_PORT), NodeEvent, Qos(depth=100))
+        self.events = EventPublisher(told, self.log, self)
+        self.order = Journal(
+            self.ends.publisher(topic(self.name, ORDER_PORT), Order, Qos(depth=1)),
             self.ends.sources(),
             lambda: encode_any(snapshot(self)),
         )
@@ -198,7 +196,7 @@ class Executor:
                 self.order.note(wired.source, frame.epoch, frame.sequence, self._now_ns)
                 wired.handle(message)
 
-    def take(self, wired: Input, epoch: int, sequence: int, payload: memoryview, now_ns: int) -> None:
+    def take(self, wired: Subscription, epoch: int, sequence: int, payload: memoryview, now_ns: int) -> None:
         """Consume the next message of an edge on which nothing is missing: the short way of :meth:`consume`.
 
         What can wait until the handler has seen the message waits.
@@ -222,7 +220,7 @@ class Executor:
             raise self.failing.failed(wired.port, wired.handler.__name__, error) from error
         finally:
             self.order.note_index(wired.index, epoch, sequence, now_ns)
-            counter = wired.counter
+            counter = wired.account
             if sequence == counter.sequence + 1:
                 counter.sequence = sequence
                 counter.received += 1
@@ -233,16 +231,6 @@ class Executor:
         """Give a command from outside, between two handlers, the present time and a place in the order."""
         self._now_ns = self._clock.now_ns()
         self.order.prepare(self._now_ns)
-
-    @property
-    def outlets(self) -> dict[str, Outlet[Any]]:
-        """Every output by topic."""
-        return self.ends.outlets
-
-    @property
-    def counters(self) -> dict[str, EdgeCounter]:
-        """Account of every input topic."""
-        return self.ends.counters
 
     # Hand-over
 

@@ -13,7 +13,7 @@ import msgspec
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.node import State
-from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import Pending
 
 VERSION = 2
@@ -47,7 +47,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     epoch: int
     now_ns: int
     inbox: list[bytes]
-    consumed: dict[str, EdgeCounter]
+    consumed: dict[str, SequenceAccount]
     published: dict[str, int]
     history: dict[str, list[bytes]]
     timers: dict[str, tuple[int, int | None]]

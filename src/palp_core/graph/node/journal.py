@@ -8,7 +8,7 @@ from typing import Any
 
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 
 ORDER_PORT = "_order"
 PARAMETERS = "parameters"
@@ -18,11 +18,11 @@ BATCH = 256
 SNAPSHOT_INTERVAL_NS = 10_000_000_000
 
 
-class OrderLog:
+class Journal:
     """Collects entries and publishes one :class:`Order` per batch.
 
     Args:
-        outlet: Where batches go.
+        publisher: Where batches go.
         sources: Everything that the node can consume, besides transitions and changes of parameters.
         snapshot: Returns the node's encoded hand-over, without inbox and histories.
 
@@ -30,8 +30,10 @@ class OrderLog:
         next_snapshot_ns: When the next snapshot is due.
     """
 
-    def __init__(self, outlet: Outlet[Order], sources: list[str], snapshot: Callable[[], bytes]) -> None:
-        self._outlet = outlet
+    def __init__(
+        self, publisher: PublisherEnd[Order], sources: list[str], snapshot: Callable[[], bytes]
+    ) -> None:
+        self._publisher = publisher
         ends = Transition.SHUTDOWN.value
         self._sources = [*(transition.value for transition in TRANSITIONS), ends, PARAMETERS, *sources]
         self._index = {source: i for i, source in enumerate(self._sources)}
@@ -66,10 +68,10 @@ class OrderLog:
         To be called ten times a second on the wall clock, between two handlers. With no follower it does
         nothing.
         """
-        outlet = self._outlet
-        if not outlet.listened:
+        publisher = self._publisher
+        if not publisher.listened:
             self._followed = False
-        elif active and (not self._followed or outlet.greeted_count > self._greeted_count):
+        elif active and (not self._followed or publisher.greeted_count > self._greeted_count):
             if not self._followed:
                 self._clear()
             self._follow()
@@ -78,7 +80,7 @@ class OrderLog:
             self.flush(now_ns)
 
     def _follow(self) -> None:
-        self._followed, self._greeted_count = True, self._outlet.greeted_count
+        self._followed, self._greeted_count = True, self._publisher.greeted_count
 
     def index_of(self, source: str) -> int:
         """Return the number of a source, for :meth:`note_index`."""
@@ -103,7 +105,7 @@ class OrderLog:
         """
         if transition is Transition.ACTIVATE and not self._begun:
             self._begun = True
-            if self._outlet.listened:
+            if self._publisher.listened:
                 self._follow()
         if self._begun:
             self.note(transition.value, 0, 0, now_ns)
@@ -118,7 +120,7 @@ class OrderLog:
         """Publish the open batch, if there is anything in it, and begin the next one."""
         if not self._entries and not self._hand_over:
             return
-        if self._outlet.listened and not self._followed:
+        if self._publisher.listened and not self._followed:
             self._clear()  # a new follower cannot tell where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
@@ -133,4 +135,4 @@ class OrderLog:
             hand_over=self._hand_over,
         )
         self._clear()
-        self._outlet.put(batch)
+        self._publisher.put(batch)

@@ -28,7 +28,7 @@ class _Owner(Protocol):
     def resend(self, frame: bytes) -> None: ...
 
 
-class Outlet(Generic[M]):
+class PublisherEnd(Generic[M]):
     """Publishes one topic in order.
 
     Attributes:

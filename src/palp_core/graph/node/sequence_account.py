@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 
 
-class EdgeCounter(msgspec.Struct):
+class SequenceAccount(msgspec.Struct):
     """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).
 
     Attributes:

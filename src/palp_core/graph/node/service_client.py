@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import msgspec
 
 from palp_core.graph.messages.message import Message
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 
 
 class Pending(msgspec.Struct):
@@ -33,12 +33,12 @@ class _Owner(Protocol):
     def resend(self, frame: bytes) -> None: ...
 
 
-class CallEnd:
+class ClientEnd:
     """Sends requests and keeps each until its reply comes; rings like an alarm when one is overdue.
 
     Args:
         name: Of the client's port.
-        outlet: Where requests go.
+        publisher: Where requests go.
         timeout_ns: Length of one try.
         retries: How often a request is sent again.
         owner: Whose time it is.
@@ -48,7 +48,7 @@ class CallEnd:
     def __init__(
         self,
         name: str,
-        outlet: Outlet[Any],
+        publisher: PublisherEnd[Any],
         timeout_ns: int,
         retries: int,
         owner: _Owner,
@@ -56,7 +56,7 @@ class CallEnd:
     ) -> None:
         self.name = name
         self.pending: list[Pending] = []
-        self._outlet = outlet
+        self._publisher = publisher
         self._timeout_ns = timeout_ns
         self._retries = retries
         self._owner = owner
@@ -64,10 +64,10 @@ class CallEnd:
 
     def call(self, request: Message) -> None:
         """Send a request and return at once; the reply arrives at ``@on(client)``."""
-        self._outlet.publish(request)
+        self._publisher.publish(request)
         due_ns = self._owner.now_ns() + self._timeout_ns
-        sent = self._outlet.remembered()[-1]
-        self.pending.append(Pending(self._outlet.sequence, due_ns, self._retries, sent))
+        sent = self._publisher.remembered()[-1]
+        self.pending.append(Pending(self._publisher.sequence, due_ns, self._retries, sent))
 
     def settle(self, sequence: int) -> bool:
         """Take a reply; return False if nothing waits for it (any more)."""

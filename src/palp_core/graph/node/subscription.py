@@ -11,13 +11,13 @@ from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import Message, decode, plain_decoder
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd
-from palp_core.graph.node.sequence_account import EdgeCounter
-from palp_core.graph.node.service_client import CallEnd
+from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.node.service_client import ClientEnd
 
 
-class Input:
+class Subscription:
     """A subscription.
 
     Args:
@@ -47,7 +47,7 @@ class Input:
         self.handle = handle
         self.handler: Callable[..., None] = _no_handler
         self.qos = qos
-        self.counter = EdgeCounter()
+        self.account = SequenceAccount()
         self.deadline: EventEnd | None = None
         self.message_lost: EventEnd | None = None
         self.lifespan: EventEnd | None = None
@@ -57,7 +57,7 @@ class Input:
     @property
     def is_simple(self) -> bool:
         """True if a message that is next in sequence needs no further looks."""
-        return type(self) is Input and not self._lifespan_ns and self.deadline is None
+        return type(self) is Subscription and not self._lifespan_ns and self.deadline is None
 
     def accept(self, frame: Frame, now_ns: int) -> Message | None:
         """Account for a frame and return its message; None if there is none to be handled.
@@ -65,15 +65,15 @@ class Input:
         Raises:
             SchemaMismatch: It carries another type, or bytes that are not this type.
         """
-        lost_before = self.counter.lost
+        lost_before = self.account.lost
         message = None
         if frame.kind == Kind.DATA:
             message = self._take(frame, now_ns)
         else:
-            self.counter.heartbeat(frame.epoch, frame.sequence)
+            self.account.heartbeat(frame.epoch, frame.sequence)
             if frame.kind == Kind.IDLE and self.deadline is not None:
                 self.deadline.expect(None)
-        self.mind_gap(self.counter.lost - lost_before, now_ns)
+        self.mind_gap(self.account.lost - lost_before, now_ns)
         return message
 
     def expects(self, frame: Frame) -> bool:
@@ -82,9 +82,9 @@ class Input:
 
     def skip_to(self, sequence: int, now_ns: int) -> None:
         """Account for a message after one that was refused: that one shows as a gap now."""
-        lost_before = self.counter.lost
-        self.counter.accept(self.counter.epoch, sequence)
-        self.mind_gap(self.counter.lost - lost_before, now_ns)
+        lost_before = self.account.lost
+        self.account.accept(self.account.epoch, sequence)
+        self.mind_gap(self.account.lost - lost_before, now_ns)
 
     def mind_gap(self, lost: int, now_ns: int) -> None:
         """Raise an event if messages were lost."""
@@ -104,25 +104,25 @@ class Input:
     def _take(self, frame: Frame, now_ns: int) -> Message | None:
         message = self._decode(frame)
         if self._lifespan_ns and now_ns - frame.stamp_ns > self._lifespan_ns:
-            self.counter.late += 1
-            self.counter.drop(frame.epoch, frame.sequence)
+            self.account.late += 1
+            self.account.drop(frame.epoch, frame.sequence)
             if self.lifespan is not None:
                 self.lifespan.count(1, now_ns)
             return None
-        if not self.counter.accept(frame.epoch, frame.sequence):
+        if not self.account.accept(frame.epoch, frame.sequence):
             return None
         if self.deadline is not None:
             if now_ns - frame.stamp_ns > self._deadline_ns:
-                self.counter.late += 1
+                self.account.late += 1
             self.deadline.expect(now_ns + self._deadline_ns, self._deadline_ns)
         return message
 
 
-class ReplyInput(Input):
+class ReplySubscription(Subscription):
     """Replies to a client's calls: each is matched with its request, in whatever order they come."""
 
     ordered = False
-    end: CallEnd
+    end: ClientEnd
 
     def expects(self, frame: Frame) -> bool:
         """Tell whether the call it answers still waits."""
@@ -131,14 +131,14 @@ class ReplyInput(Input):
     def _take(self, frame: Frame, now_ns: int) -> Message | None:
         message = self._decode(frame)
         if not self.end.settle(frame.sequence):
-            self.counter.repeated += 1
+            self.account.repeated += 1
             return None
-        self.counter.epoch, self.counter.sequence = frame.epoch, frame.sequence
-        self.counter.received += 1
+        self.account.epoch, self.account.sequence = frame.epoch, frame.sequence
+        self.account.received += 1
         return message
 
 
-class CallInput(Input):
+class RequestSubscription(Subscription):
     """Requests of one client: one that comes again gets its remembered reply and is not done twice.
 
     Attributes:
@@ -146,16 +146,16 @@ class CallInput(Input):
         current: Epoch and sequence of the request at hand.
     """
 
-    reply: Outlet[Any]
+    reply: PublisherEnd[Any]
     current = (0, 0)
 
     def _take(self, frame: Frame, now_ns: int) -> Message | None:
         message = self._decode(frame)
         self.current = (frame.epoch, frame.sequence)
-        if not self.counter.accept(frame.epoch, frame.sequence):
+        if not self.account.accept(frame.epoch, frame.sequence):
             if self.reply.repeat(*self.current):
                 return None
-            self.counter.received += 1  # done by a process that died before its reply got through
+            self.account.received += 1  # done by a process that died before its reply got through
         return message
 
 

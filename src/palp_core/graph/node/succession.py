@@ -43,7 +43,7 @@ def hand_over_of(executor: Executor) -> HandOver:
     return msgspec.structs.replace(
         snapshot(executor),
         inbox=[raw_of(frame) for frame in executor.inbox],
-        history={name: out.remembered() for name, out in executor.outlets.items() if out.history},
+        history={name: out.remembered() for name, out in executor.ends.publishers.items() if out.history},
     )
 
 

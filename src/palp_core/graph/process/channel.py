@@ -1,10 +1,4 @@
-"""A private line between two of palp's own processes: typed messages on a Unix stream socket.
-
-Here are the messages between a node and the supervisor; those of a hot swap are in ``swap_lines``, those with
-the fork server in its module.
-
-Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
-"""
+"""A private channel between two of palp's own processes: typed messages on a Unix stream socket."""
 
 from __future__ import annotations
 
@@ -14,125 +8,23 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from palp_core.graph.process.line import Line
-from palp_core.graph.process.swap_messages import FromSwapped, ToSwapped
-
-__all__ = [
-    "Activate",
-    "Configured",
-    "Done",
-    "Failed",
-    "FromNode",
-    "Hello",
-    "Knock",
-    "Line",
-    "Link",
-    "LinkClosed",
-    "Matched",
-    "Pulse",
-    "Raised",
-    "Relay",
-    "Round",
-    "Shutdown",
-    "ToNode",
-]
-
 _LENGTH = struct.Struct("<I")
 _CHUNK = 1 << 16
 
 
-class Activate(Line, frozen=True):
-    """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
+class ChannelMessage(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """Base of what travels on a channel."""
 
-    start_ns: int
-
-
-class Round(Line, frozen=True):
-    """Lockstep: it is ``now_ns``; run what is due, then consume ``frames``."""
-
-    now_ns: int
-    frames: list[bytes]
-
-
-class Shutdown(Line, frozen=True):
-    """Reach the safe state and end; in lockstep it is ``now_ns``."""
-
-    now_ns: int
-
-
-class Hello(Line, frozen=True):
-    """First words of a node's process; ``name`` is that of its place (see :class:`NodeProcess`)."""
-
-    name: str
-    pid: int
-
-
-class Configured(Line, frozen=True):
-    """The node is inactive and its endpoints are bound."""
-
-
-class Matched(Line, frozen=True):
-    """Every input has heard its publisher; of a predecessor's readers, ``missing`` have not come in time."""
-
-    missing: list[str] = []
-
-
-class Done(Line, frozen=True):
-    """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
-
-    frames: list[bytes]
-    next_due_ns: int
-    exit_code: int | None
-
-
-class Failed(Line, frozen=True):
-    """The node cannot go on."""
-
-    text: str
-
-
-class Relay(Line, frozen=True):
-    """Wall clock: a message that the launch view shows, or news of the node's end."""
-
-    frame: bytes
-    exit_code: int | None
-
-
-class Knock(Line, frozen=True):
-    """Lockstep: a command from outside waits for this node's next round."""
-
-
-class Pulse(Line, frozen=True):
-    """Wall clock: the node's loop turns; ``health`` is an encoded :class:`NodeHealth`."""
-
-    health: bytes
-
-
-class Raised(Line, frozen=True):
-    """A quality-of-service event on an input, and what the launch file wants done about it.
-
-    ``action`` is ``warn``, ``restart`` (the publisher, by its rule) or ``shutdown`` (the graph).
-    """
-
-    kind: str
-    port: str
-    topic: str
-    text: str
-    action: str
-
-
-ToNode = Activate | Round | Shutdown | ToSwapped
-FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised | FromSwapped
 
 Received = TypeVar("Received")
 
 
-class LinkClosed(ConnectionError):
+class ChannelClosed(ConnectionError):
     """The other end is gone."""
 
 
-class Link(Generic[Received]):
-    """One end of the line.
+class MessageChannel(Generic[Received]):
+    """One end of a channel.
 
     Args:
         connection: A connected stream socket.
@@ -146,7 +38,7 @@ class Link(Generic[Received]):
         self._buffer = bytearray()
         self._unsent = bytearray()
 
-    def send(self, message: Line) -> None:
+    def send(self, message: ChannelMessage) -> None:
         """Send one message, whole.
 
         Raises:
@@ -156,9 +48,9 @@ class Link(Generic[Received]):
         try:
             self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
         except OSError as error:
-            raise LinkClosed(str(error)) from error
+            raise ChannelClosed(str(error)) from error
 
-    def post(self, message: Line) -> bool:
+    def post(self, message: ChannelMessage) -> bool:
         """Send without waiting for a reader that is slow; return False if :meth:`flush` has a rest to send.
 
         Raises:
@@ -181,7 +73,7 @@ class Link(Generic[Received]):
         except BlockingIOError:
             return False
         except OSError as error:
-            raise LinkClosed(str(error)) from error
+            raise ChannelClosed(str(error)) from error
         return True
 
     def buffered(self) -> bool:
@@ -197,9 +89,9 @@ class Link(Generic[Received]):
         try:
             data = self.socket.recv(_CHUNK, flags)
         except OSError as error:
-            raise LinkClosed(str(error)) from error
+            raise ChannelClosed(str(error)) from error
         if not data:
-            raise LinkClosed("end of stream")
+            raise ChannelClosed("end of stream")
         self._buffer += data
 
     def receive(self) -> Received:
@@ -216,17 +108,5 @@ class Link(Generic[Received]):
         return self._decoder.decode(payload)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close this end."""
         self.socket.close()
-
-
-def node_end(path: str) -> Link[ToNode]:
-    """Connect a node's process to its supervisor."""
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    connection.connect(path)
-    return Link(connection, msgspec.msgpack.Decoder(ToNode))
-
-
-def supervisor_end(connection: socket.socket) -> Link[FromNode]:
-    """Wrap a connection that a node's process has made."""
-    return Link(connection, msgspec.msgpack.Decoder(FromNode))

@@ -11,76 +11,75 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import NodeProcess, endpoints, load_class
-from palp_core.graph.process.channel import (
+from palp_core.graph.process.channel import ChannelMessage, MessageChannel
+from palp_core.graph.process.control_messages import (
     Activate,
     Configured,
     Done,
     Knock,
-    Link,
     Matched,
     Round,
     Shutdown,
     ToNode,
 )
-from palp_core.graph.process.line import Line
-from palp_core.graph.process.node_services import CHANGING, NodeCommands
+from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
-from palp_core.graph.process.swap_participant import Changeover
-from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.process.swap_participant import SwapParticipant
+from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 
-class LockstepMain:
+class LockstepLoop:
     """The loop of a lockstep node."""
 
-    def __init__(self, birth: NodeProcess, link: Link[ToNode]) -> None:
-        self.link = link
-        self.broadcast = Broadcast(*endpoints(birth.run_dir, birth.place))
+    def __init__(self, process: NodeProcess, channel: MessageChannel[ToNode]) -> None:
+        self.channel = channel
+        self.broadcast = PublisherSocket(*endpoints(process.run_dir, process.place))
         self.clock = SimClock()
         self.frames: list[bytes] = []
-        node_class = load_class(birth.spec.run, birth.workspace, fresh=birth.fresh)
-        self.executor = Executor(node_class, birth.spec, self.clock, self._send)
-        self.broadcast.offer(self.executor.outlets.values())
-        self.broadcast.answer(birth.spec.name, NodeCommands(self.executor).operations(), CHANGING)
-        self.changeover = Changeover(
+        node_class = load_class(process.spec.run, process.workspace, fresh=process.fresh)
+        self.executor = Executor(node_class, process.spec, self.clock, self._send)
+        self.broadcast.offer(self.executor.ends.publishers.values())
+        self.broadcast.answer(process.spec.name, NodeServices(self.executor).operations(), CHANGING)
+        self.participant = SwapParticipant(
             self.executor,
             self.broadcast,
             self._answer,
-            link.socket.fileno(),
+            channel.socket.fileno(),
             succeed=self._succeed,
-            successor=birth.successor,
+            successor=process.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
         self._knocked = False
         self._poll = select.poll()
-        for descriptor in (link.socket.fileno(), *self.broadcast.file_descriptors):
+        for descriptor in (channel.socket.fileno(), *self.broadcast.file_descriptors):
             self._poll.register(descriptor, select.POLLIN)
 
     def _send(self, frame: bytes) -> None:
         self.frames.append(frame)
-        if self.broadcast.heard and not self.changeover.shadowing:
+        if self.broadcast.heard and not self.participant.shadowing:
             self.broadcast.send(frame)
 
     def _await_conductor(self) -> None:
         """Answer tools while the conductor has no work for this node; knock if one asks for a change."""
         if self.broadcast.pending():
             self.broadcast.poll()
-        line = self.link.socket.fileno()
+        line = self.channel.socket.fileno()
         ready: set[int] = set()
-        while line not in ready and not self.link.buffered():
+        while line not in ready and not self.channel.buffered():
             if self.broadcast.waiting and not self._knocked:
                 self._knocked = True
-                self.link.send(Knock())
+                self.channel.send(Knock())
             ready = {descriptor for descriptor, _ in self._poll.poll()}
             if ready - {line}:
                 self.broadcast.poll()
 
     def run(self) -> None:
         """Follow the conductor until it shuts the node down."""
-        self.link.send(Configured())
-        self.link.send(Matched())
+        self.channel.send(Configured())
+        self.channel.send(Matched())
         while True:
             self._await_conductor()
-            message = self.link.receive()
+            message = self.channel.receive()
             self.frames = []
             if isinstance(message, Round):
                 self.clock.set(message.now_ns)
@@ -94,22 +93,22 @@ class LockstepMain:
                 self.executor.transition(Transition.SHUTDOWN)
             else:
                 self._change_over(message)
-                if self.changeover.left:
-                    self.link.send(Done([], -1, None))
+                if self.participant.left:
+                    self.channel.send(Done([], -1, None))
                     self.close()
                     return
                 continue
             due_ns = self.executor.next_due_ns()
-            self.link.send(Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code))
+            self.channel.send(Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code))
             if isinstance(message, Shutdown):
                 self.close()
                 return
 
     def _change_over(self, message: ToSwapped) -> None:
-        self.changeover.obey(message)
-        while self.changeover.waiting:  # for readers: tools, as nodes read the conductor's word only
+        self.participant.obey(message)
+        while self.participant.waiting:  # for readers: tools, as nodes read the conductor's word only
             self._poll.poll(20)
-            self.changeover.turn()
+            self.participant.turn()
 
     def _succeed(self, hand_over: HandOver) -> int:
         """Take up what waits: in lockstep nothing comes between two rounds, so that all of it is handed over.
@@ -118,7 +117,7 @@ class LockstepMain:
         """
         return len(hand_over.inbox)
 
-    def _answer(self, line: Line) -> None:
+    def _answer(self, line: ChannelMessage) -> None:
         """Add what the node has published on the occasion; the conductor hands it on."""
         if isinstance(line, TookOver) and not line.error:
             due_ns = self.executor.next_due_ns()
@@ -126,7 +125,7 @@ class LockstepMain:
             line = msgspec.structs.replace(line, frames=frames, next_due_ns=next_due_ns)
         elif isinstance(line, HandedIn):
             line = msgspec.structs.replace(line, frames=self.frames)
-        self.link.send(line)
+        self.channel.send(line)
 
     def close(self) -> None:
         """Let go of the sockets."""

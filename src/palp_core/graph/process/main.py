@@ -13,45 +13,46 @@ import sys
 from palp_core.errors import NodeError, PalpError, in_words
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import NodeProcess
-from palp_core.graph.process.channel import Failed, Hello, LinkClosed, node_end
-from palp_core.graph.process.lockstep_loop import LockstepMain
-from palp_core.graph.process.wall_loop import WallMain
+from palp_core.graph.process.channel import ChannelClosed
+from palp_core.graph.process.control_messages import Failed, Hello, node_end
+from palp_core.graph.process.lockstep_loop import LockstepLoop
+from palp_core.graph.process.wall_loop import WallLoop
 
 
-def run_node(birth: NodeProcess) -> int:
+def run_node(process: NodeProcess) -> int:
     """Run one node until the supervisor ends it, and return the exit status of its process."""
     logging.basicConfig(
         level=logging.INFO,
-        format=f"[%(levelname)s] [{birth.spec.name}]: %(message)s",
+        format=f"[%(levelname)s] [{process.spec.name}]: %(message)s",
         stream=sys.stderr,
         force=True,
     )
-    link = node_end(f"{birth.run_dir}/supervisor.sock")
-    link.send(Hello(birth.place, os.getpid()))
+    channel = node_end(f"{process.run_dir}/supervisor.sock")
+    channel.send(Hello(process.place, os.getpid()))
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop sees the end of the line, at a handler boundary
-        signal.signal(number, lambda *_: link.socket.shutdown(socket.SHUT_RD))
-    process: LockstepMain | WallMain | None = None
+        signal.signal(number, lambda *_: channel.socket.shutdown(socket.SHUT_RD))
+    loop: LockstepLoop | WallLoop | None = None
     try:
-        process = LockstepMain(birth, link) if birth.clock == "sim" else WallMain(birth, link)
+        loop = LockstepLoop(process, channel) if process.clock == "sim" else WallLoop(process, channel)
         gc.collect()
         gc.freeze()
-        process.run()
-    except LinkClosed:
-        _safe_end(process)
+        loop.run()
+    except ChannelClosed:
+        _safe_end(loop)
         return 1
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         text = in_words(error)
         trace = None if isinstance(error, NodeError) else error  # a NodeError's trace is in the log already
         logging.getLogger("palp").error("%s", text, exc_info=trace)  # noqa: TRY400
-        with contextlib.suppress(LinkClosed):
-            link.send(Failed(text))
-        _safe_end(process)
+        with contextlib.suppress(ChannelClosed):
+            channel.send(Failed(text))
+        _safe_end(loop)
         return 1
     return 0
 
 
-def _safe_end(process: LockstepMain | WallMain | None) -> None:
-    if process is not None:
+def _safe_end(loop: LockstepLoop | WallLoop | None) -> None:
+    if loop is not None:
         with contextlib.suppress(PalpError, SystemExit, KeyboardInterrupt):
-            process.executor.transition(Transition.SHUTDOWN)
-        process.close()
+            loop.executor.transition(Transition.SHUTDOWN)
+        loop.close()

@@ -32,7 +32,7 @@ CHANGING = ("set_parameters", "call", "transition", "publish")
 MOST_HISTORY_BYTES = 8 << 20
 
 
-class NodeCommands:
+class NodeServices:
     """The operations of one node.
 
     Args:
@@ -67,7 +67,7 @@ class NodeCommands:
         more = self._edges(int(request.get("window", 0)))
         inputs = {}
         for name, wired in executor.ends.inputs.items():
-            account = msgspec.to_builtins(wired[0].counter)
+            account = msgspec.to_builtins(wired[0].account)
             fixed = {"port": wired[0].port, "qos": msgspec.to_builtins(wired[0].qos)}
             inputs[name] = (
                 account | {"filled": 0, "rate_hz": None, "latency_s": None} | fixed | more.get(name, {})
@@ -78,7 +78,7 @@ class NodeCommands:
             "pid": os.getpid(),
             "lifecycle": executor.lifecycle.value,
             "params": msgspec.to_builtins(executor.node.params),
-            "published": {name: out.sequence for name, out in executor.outlets.items()},
+            "published": {name: out.sequence for name, out in executor.ends.publishers.items()},
             "inputs": inputs,
             "outputs": {
                 name: {
@@ -86,7 +86,7 @@ class NodeCommands:
                     "sequence": out.sequence,
                     "qos": msgspec.to_builtins(out.qos),
                 }
-                for name, out in executor.outlets.items()
+                for name, out in executor.ends.publishers.items()
             },
             "services": {
                 name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.services.items()
@@ -110,7 +110,7 @@ class NodeCommands:
     def history(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return remembered frames of an output, as many as fit in a reply, the oldest first."""
         executor = self._executor
-        out = executor.outlets.get(request["topic"])
+        out = executor.ends.publishers.get(request["topic"])
         if out is None:
             raise GraphError(f"{executor.name} does not publish {request['topic']}")
         executor.begin_command()
@@ -184,7 +184,7 @@ class NodeCommands:
             )
         self._must_be_active()
         executor.begin_command()
-        out = executor.outlets[executor.spec.inputs[port]]
+        out = executor.ends.publishers[executor.spec.inputs[port]]
         out.put(decode(out.message, encode_any(request["message"])))
         return {"sequence": out.sequence}
 

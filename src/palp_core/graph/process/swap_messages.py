@@ -7,42 +7,42 @@ taken back, after it the predecessor only leaves.
 
 from __future__ import annotations
 
-from palp_core.graph.process.line import Line
+from palp_core.graph.process.channel import ChannelMessage
 
 
-class Place(Line, frozen=True):
+class Place(ChannelMessage, frozen=True):
     """To the predecessor: readers should listen to a second place too, from where the node will go on."""
 
     publish: str
     serve: str
 
 
-class Announced(Line, frozen=True):
+class Announced(ChannelMessage, frozen=True):
     """The readers have been told; ``readers`` are how many there are, by topic."""
 
     readers: dict[str, int]
 
 
-class Listening(Line, frozen=True):
+class Listening(ChannelMessage, frozen=True):
     """From a reader: it listens to a topic at the second place, too."""
 
     topic: str
     publish: str
 
 
-class Meet(Line, frozen=True):
+class Meet(ChannelMessage, frozen=True):
     """To the successor: say when so many readers listen here."""
 
     readers: dict[str, int]
 
 
-class Met(Line, frozen=True):
+class Met(ChannelMessage, frozen=True):
     """They do; ``missing`` are those that did not come in time."""
 
     missing: dict[str, int]
 
 
-class HandIn(Line, frozen=True):
+class HandIn(ChannelMessage, frozen=True):
     """To the predecessor: write down everything at a handler boundary.
 
     Attributes:
@@ -55,7 +55,7 @@ class HandIn(Line, frozen=True):
     pause: bool
 
 
-class HandedIn(Line, frozen=True):
+class HandedIn(ChannelMessage, frozen=True):
     """What the predecessor has written down.
 
     Attributes:
@@ -71,21 +71,21 @@ class HandedIn(Line, frozen=True):
     frames: list[bytes] = []
 
 
-class Rehearse(Line, frozen=True):
+class Rehearse(ChannelMessage, frozen=True):
     """To the successor: would this hand-over fit? ``params`` are those that the swap sets."""
 
     hand_over: bytes
     params: dict[str, object]
 
 
-class Rehearsed(Line, frozen=True):
+class Rehearsed(ChannelMessage, frozen=True):
     """Why not, or ""; and up to where the successor has not heard its inputs (see :class:`HandIn`)."""
 
     error: str
     after: dict[str, tuple[int, int]]
 
 
-class TakeOver(Line, frozen=True):
+class TakeOver(ChannelMessage, frozen=True):
     """To the successor: continue from here, but publish nothing yet. ``start_ns`` is the graph's start."""
 
     hand_over: bytes
@@ -94,7 +94,7 @@ class TakeOver(Line, frozen=True):
     remembered: dict[str, bytes]
 
 
-class Shadow(Line, frozen=True):
+class Shadow(ChannelMessage, frozen=True):
     """To the successor: work as from here, unheard, and compare with what ``publish`` has to say."""
 
     hand_over: bytes
@@ -103,18 +103,18 @@ class Shadow(Line, frozen=True):
     publish: str
 
 
-class EndShadow(Line, frozen=True):
+class EndShadow(ChannelMessage, frozen=True):
     """To the successor: pause, and say how it went."""
 
 
-class Shadowed(Line, frozen=True):
+class Shadowed(ChannelMessage, frozen=True):
     """How it went (JSON, empty in lockstep), and ``after`` as in :class:`Rehearsed`."""
 
     report: bytes
     after: dict[str, tuple[int, int]]
 
 
-class TookOver(Line, frozen=True):
+class TookOver(ChannelMessage, frozen=True):
     """Ready to go on, or why not.
 
     Attributes:
@@ -130,7 +130,7 @@ class TookOver(Line, frozen=True):
     next_due_ns: int = -1
 
 
-class Go(Line, frozen=True):
+class Go(ChannelMessage, frozen=True):
     """To the successor: the node is yours.
 
     ``record`` is what the node is to remember of the swap; ``paused_ns`` when the predecessor took up nothing
@@ -141,21 +141,21 @@ class Go(Line, frozen=True):
     paused_ns: int
 
 
-class Working(Line, frozen=True):
+class Working(ChannelMessage, frozen=True):
     """The successor takes up what comes; ``record`` is what it remembers of the swap."""
 
     record: dict[str, object]
 
 
-class Resume(Line, frozen=True):
+class Resume(ChannelMessage, frozen=True):
     """To the predecessor: the swap is off, go on."""
 
 
-class Stay(Line, frozen=True):
+class Stay(ChannelMessage, frozen=True):
     """To the predecessor: readers can forget the second place."""
 
 
-class Leave(Line, frozen=True):
+class Leave(ChannelMessage, frozen=True):
     """To the predecessor: the successor works; let the readers go, and end."""
 
     patience_ns: int

@@ -1,6 +1,6 @@
 """One process's part in a hot swap: the predecessor's, who hands in, or the successor's, who takes over.
 
-Whoever drives the node asks it to :meth:`Changeover.obey` what the supervisor says.
+Whoever drives the node asks it to :meth:`SwapParticipant.obey` what the supervisor says.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.succession import fitting, hand_over_of
-from palp_core.graph.process.line import Line
+from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.shadow import Comparison, array_fields
 from palp_core.graph.process.swap_messages import (
     Announced,
@@ -42,8 +42,8 @@ from palp_core.graph.process.swap_messages import (
     Working,
 )
 from palp_core.graph.transport.moves import Move
-from palp_core.graph.transport.publisher_socket import Broadcast
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 READERS_NS = 300_000_000
 """How long readers that are no nodes of the graph may take to listen to a second place (assumed: a terminal
@@ -53,7 +53,7 @@ Heard = dict[str, tuple[int, int]]
 """Epoch and sequence by input topic: received, with all that came before."""
 
 
-class Changeover:
+class SwapParticipant:
     """A node's part in a swap.
 
     Args:
@@ -72,8 +72,8 @@ class Changeover:
     def __init__(
         self,
         executor: Executor,
-        broadcast: Broadcast,
-        say: Callable[[Line], None],
+        broadcast: PublisherSocket,
+        say: Callable[[ChannelMessage], None],
         line: int,
         *,
         heard: Callable[[], Heard] = dict[str, tuple[int, int]],
@@ -88,7 +88,7 @@ class Changeover:
         self._hand_in: HandIn | None = None
         self._meet: tuple[Meet, int] | None = None
         self._comparison: Comparison | None = None
-        self._eavesdropper: Subscriber | None = None
+        self._eavesdropper: SubscriberSocket | None = None
         self.silent = successor
         self.left = False
         if successor:
@@ -105,7 +105,10 @@ class Changeover:
         match line:
             case Place():
                 self._place = line
-                self._broadcast.greeting = lambda outlet: [outlet.heartbeat(), self._moved(outlet, "prepare")]
+                self._broadcast.greeting = lambda publisher: [
+                    publisher.heartbeat(),
+                    self._moved(publisher, "prepare"),
+                ]
                 self._broadcast.tell(self._moved_all("prepare"))
                 self._say(Announced(self._broadcast.readers))
             case HandIn():
@@ -115,7 +118,7 @@ class Changeover:
                 self._executor.resume()
             case Stay():
                 self._broadcast.tell(self._moved_all("stay"))
-                self._broadcast.greeting = lambda outlet: [outlet.heartbeat()]
+                self._broadcast.greeting = lambda publisher: [publisher.heartbeat()]
                 self._place = None
             case Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
@@ -156,19 +159,21 @@ class Changeover:
 
     # Predecessor
 
-    def _moved(self, outlet: Outlet[Any], phase: str) -> bytes:
+    def _moved(self, publisher: PublisherEnd[Any], phase: str) -> bytes:
         assert self._place is not None
-        return outlet.moved(encode_any(Move(phase, self._place.publish, self._place.serve)))
+        return publisher.moved(encode_any(Move(phase, self._place.publish, self._place.serve)))
 
     def _moved_all(self, phase: str) -> list[bytes]:
         if self._place is None:
             return []
         readers = self._broadcast.readers
-        return [self._moved(out, phase) for name, out in self._executor.outlets.items() if name in readers]
+        return [
+            self._moved(out, phase) for name, out in self._executor.ends.publishers.items() if name in readers
+        ]
 
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
-        self._broadcast.greeting = lambda outlet: [self._moved(outlet, "gone")]
+        self._broadcast.greeting = lambda publisher: [self._moved(publisher, "gone")]
         self._broadcast.tell(self._moved_all("gone"))
         self._depart()
         self._broadcast.see_off(patience_ns, self._line)
@@ -203,14 +208,14 @@ class Changeover:
     def _begin_shadow(self, line: Shadow) -> TookOver:
         """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
         published = decode_any(HandOver, line.hand_over).published
-        outlets = self._executor.outlets.items()
-        arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in outlets}
+        publishers = self._executor.ends.publishers.items()
+        arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
         self._comparison = Comparison(published, arrays)
         self._broadcast.hold(self._comparison.new)
         if line.publish:
             places = dict.fromkeys(published, line.publish)
-            self._eavesdropper = Subscriber(places, self._broadcast.context, queue=100_000)
-            for out in self._executor.outlets.values():
+            self._eavesdropper = SubscriberSocket(places, self._broadcast.context, queue=100_000)
+            for out in self._executor.ends.publishers.values():
                 out.listened = True
         return self._take_over(TakeOver(line.hand_over, line.params, line.start_ns, {}))
 
@@ -224,7 +229,7 @@ class Changeover:
             self._eavesdropper.close()
             self._eavesdropper = None
             report = msgspec.json.encode(self._comparison.report())
-            self._broadcast.offer(self._executor.outlets.values(), direct=True)
+            self._broadcast.offer(self._executor.ends.publishers.values(), direct=True)
         self._comparison = None
         self._broadcast.hold()
         return Shadowed(report, self._heard())
@@ -232,10 +237,12 @@ class Changeover:
     def _go(self, line: Go) -> None:
         self.silent = False
         broadcast = self._broadcast
-        broadcast.greeting = lambda outlet: [outlet.heartbeat()]
+        broadcast.greeting = lambda publisher: [publisher.heartbeat()]
         here = encode_any(Move("here", *broadcast.endpoints))
         readers = broadcast.readers
-        broadcast.tell(out.moved(here) for name, out in self._executor.outlets.items() if name in readers)
+        broadcast.tell(
+            out.moved(here) for name, out in self._executor.ends.publishers.items() if name in readers
+        )
         broadcast.release()
         gap_s = (monotonic_ns() - line.paused_ns) / 1e9 if line.paused_ns else 0.0
         record = {**line.record, "gap_s": gap_s, "held": len(self._executor.inbox)}

@@ -19,9 +19,9 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
 from palp_core.graph.recording.live_topics import LiveTopic
-from palp_core.graph.transport.migration import Following, Unordered
-from palp_core.graph.transport.requester_socket import Inquirer
-from palp_core.graph.transport.subscriber_socket import Subscriber
+from palp_core.graph.transport.migration import Migration, Unordered
+from palp_core.graph.transport.requester_socket import RequesterSocket
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 QUEUE = 100_000
 SLICE_NS = 20_000_000
@@ -76,9 +76,9 @@ class Feed:
         self._from_start = from_start
         self._topics: dict[str, LiveTopic] = {}
         self._new: set[str] = set()
-        self._subscriber = Subscriber({}, queue=QUEUE, name=f"recorder {os.getpid()}")
-        self._following = Following(self._subscriber, {}, defaultdict(Unordered))
-        self._inquirer = Inquirer(self._subscriber.context)
+        self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
+        self._following = Migration(self._subscriber, {}, defaultdict(Unordered))
+        self._inquirer = RequesterSocket(self._subscriber.context)
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
         self._latest_ns = 0

@@ -5,34 +5,34 @@ from __future__ import annotations
 import msgspec
 
 from palp_core.graph.discovery.run_directory import RunRecord
-from palp_core.graph.process.channel import Line
+from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.recording.record_options import RecordOptions
 
 
-class Record(Line, frozen=True):
+class Record(ChannelMessage, frozen=True):
     """Record this graph."""
 
     record: RunRecord
     options: RecordOptions
 
 
-class Recording(Line, frozen=True):
+class Recording(ChannelMessage, frozen=True):
     """Every topic has been heard."""
 
 
-class Said(Line, frozen=True):
+class Said(ChannelMessage, frozen=True):
     """Something that a person should know."""
 
     text: str
 
 
-class Refused(Line, frozen=True):
+class Refused(ChannelMessage, frozen=True):
     """It cannot be recorded."""
 
     text: str
 
 
-class Recorded(Line, frozen=True):
+class Recorded(ChannelMessage, frozen=True):
     """The bag is finished; what is missing is in ``text``."""
 
     complete: bool

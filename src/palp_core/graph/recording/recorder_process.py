@@ -16,7 +16,7 @@ import sys
 
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.process.channel import Line, Link, LinkClosed
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.recording.recorder_messages import (
     Record,
     Recorded,
@@ -31,13 +31,13 @@ from palp_core.graph.recording.recorder_run import RecordRun
 class _Led(RecordRun):
     """A recording that a launcher ends."""
 
-    def __init__(self, line: Link[Record]) -> None:
+    def __init__(self, line: MessageChannel[Record]) -> None:
         super().__init__(lambda text: self.tell(Said(text)))
         self._line = line
 
-    def tell(self, word: Line) -> None:
+    def tell(self, word: ChannelMessage) -> None:
         """Say something to the launcher, if it is still there."""
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             self._line.send(word)
 
     def wanted(self) -> bool:
@@ -46,7 +46,7 @@ class _Led(RecordRun):
 
 def main(connection: socket.socket) -> int:
     """Record until the line ends."""
-    line: Link[Record] = Link(connection, to_recorder())
+    line: MessageChannel[Record] = MessageChannel(connection, to_recorder())
     run = _Led(line)
     with run.signals():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the launcher, which ends us
@@ -55,7 +55,7 @@ def main(connection: socket.socket) -> int:
             complete, text = run.record(
                 RunningGraph(told.record), told.options, lambda: run.tell(Recording())
             )
-        except LinkClosed:
+        except ChannelClosed:
             return 1
         except PalpError as error:
             run.tell(Refused(str(error)))

@@ -14,7 +14,7 @@ from palp_core.errors import BagError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunRecord
-from palp_core.graph.process.channel import LinkClosed
+from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.recording.record_options import RecordOptions
 from palp_core.graph.recording.recorder_messages import (
     FromRecorder,
@@ -153,7 +153,7 @@ class _Process:
         )
         self._began = self._gone = False
         loop.watch(self._companion.descriptor, self._hear)
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             self._companion.send(Record(record, options))
 
     def _hear(self) -> None:
@@ -165,7 +165,7 @@ class _Process:
         try:
             for word in self._companion.news():
                 self._take(word)
-        except LinkClosed:
+        except ChannelClosed:
             self._lose()
 
     def _take(self, word: FromRecorder) -> None:
@@ -208,7 +208,7 @@ class _Process:
             self._loop.forget(self._companion.descriptor)
             end_ns = monotonic_ns() + FINISH_NS
             self._companion.finish()
-            with contextlib.suppress(LinkClosed):
+            with contextlib.suppress(ChannelClosed):
                 while self._result is None and self._companion.wait((end_ns - monotonic_ns()) / 1e9):
                     for word in self._companion.news():
                         self._take(word)

@@ -21,10 +21,10 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.node_services import CHANGING, NodeCommands
+from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.replay.player import Replayed, replayed_class
 from palp_core.graph.supervision.launcher_node import NAME, GraphBus
-from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 GRAPH = "play"
 PROCESS = "player"
@@ -73,7 +73,7 @@ class PlayRun:
             self._directory = RunDirectory(GRAPH)
             stack.callback(self._directory.remove)
             where = str(self._directory.path)
-            self._broadcast = Broadcast(*endpoints(where, PROCESS))
+            self._broadcast = PublisherSocket(*endpoints(where, PROCESS))
             stack.callback(self._broadcast.close)
             self._bus = GraphBus(where, self._clock.now_ns)
             stack.callback(self._bus.close)
@@ -87,14 +87,14 @@ class PlayRun:
             self._way = {
                 out.topic: (executor, out)
                 for executor in self._executors.values()
-                for out in executor.outlets.values()
+                for out in executor.ends.publishers.values()
             }
             for node, executor in self._executors.items():
                 executor.resend = self._send
                 executor.transition(Transition.CONFIGURE)
                 executor.transition(Transition.ACTIVATE)
-                self._broadcast.offer(executor.outlets.values())
-                self._broadcast.answer(node, NodeCommands(executor).operations(), CHANGING)
+                self._broadcast.offer(executor.ends.publishers.values())
+                self._broadcast.answer(node, NodeServices(executor).operations(), CHANGING)
             self._announce(source, where, topics)
             self._bus.report("started", "", f"{source}: {len(classes)} recorded nodes are played")
             self._stack = stack.pop_all()

@@ -21,7 +21,7 @@ from palp_core.graph.bag.topic import Topic
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.node import Node, Params, ReadOnly, State
 from palp_core.graph.node.ports import Alarm, Pub, on
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.units import Count, Seconds
 
 Rate = Annotated[float, Meta(ge=1e-3, le=1e3)]
@@ -221,7 +221,7 @@ class Player(Node):
                 late = self.now_ns() > due_ns  # as always on the wall clock and never in lockstep
                 self.next_message_is_due.set(self.now_ns() + (ROUND_GAP_NS if late else 0))
                 return
-            outlet: Outlet[Any] = getattr(self, message.stream.topic.name.split("/")[2])
+            outlet: PublisherEnd[Any] = getattr(self, message.stream.topic.name.split("/")[2])
             outlet.forward(message.payload)
             self.state.played_count += 1
             self._next = next(self._messages, None)

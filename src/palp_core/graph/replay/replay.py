@@ -262,7 +262,7 @@ class _Replay:
         """Return the first output that was recorded and not replayed, as far as the order reaches."""
         assert self._executor is not None
         taken_in = {topic(self._spec.name, port) for port in (ORDER_PORT, *self._spec.external)}
-        for name, outlet in self._executor.outlets.items():
+        for name, outlet in self._executor.ends.publishers.items():
             if name in taken_in:
                 continue
             left = self._next_output(name, (outlet.epoch, outlet.sequence + 1))

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from palp_core.graph.process.channel import FromNode, Hello, Link, LinkClosed, ToNode, supervisor_end
+from palp_core.graph.process.channel import ChannelClosed, MessageChannel
+from palp_core.graph.process.control_messages import FromNode, Hello, ToNode, supervisor_end
 
 
 class Switchboard:
@@ -27,8 +28,8 @@ class Switchboard:
 
     def __init__(self, path: Path, names: Sequence[str], others: Iterable[int]) -> None:
         self._names = list(names)
-        self._links: dict[int, Link[FromNode]] = {}
-        self._strangers: dict[int, Link[FromNode]] = {}
+        self._links: dict[int, MessageChannel[FromNode]] = {}
+        self._strangers: dict[int, MessageChannel[FromNode]] = {}
         self._index_of: dict[int, int] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
@@ -77,7 +78,7 @@ class Switchboard:
             LinkClosed: Its line is not open.
         """
         if index not in self._links:
-            raise LinkClosed("no line")
+            raise ChannelClosed("no line")
         link = self._links[index]
         if not link.post(message):
             self._poll.modify(link.socket.fileno(), select.POLLIN | select.POLLOUT)
@@ -108,7 +109,7 @@ class Switchboard:
         try:
             if not link.flush():
                 return
-        except LinkClosed:
+        except ChannelClosed:
             pass  # what it still has to say is read first, then its line ends
         self._poll.modify(link.socket.fileno(), select.POLLIN)
 
@@ -117,7 +118,7 @@ class Switchboard:
         link = self._links[index]
         try:
             link.fill(socket.MSG_DONTWAIT)
-        except LinkClosed:
+        except ChannelClosed:
             self.hang_up(index)  # the fork server will say how it ended
         while link.buffered():
             yield link.receive()
@@ -131,7 +132,7 @@ class Switchboard:
         """Take a line whose first words are a node's name into the list; hang up on anybody else."""
         link = self._strangers[descriptor]
         hello: FromNode | None = None
-        with contextlib.suppress(LinkClosed, msgspec.MsgspecError):
+        with contextlib.suppress(ChannelClosed, msgspec.MsgspecError):
             link.fill(socket.MSG_DONTWAIT)
             if not link.buffered():
                 return []

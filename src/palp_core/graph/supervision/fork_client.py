@@ -14,7 +14,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.loading import NodeProcess
-from palp_core.graph.process.channel import Link, LinkClosed
+from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.supervision.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
@@ -33,7 +33,7 @@ class ForkServer:
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
         self._process, line = started or start_fork_server()
-        self._line = Link(line, msgspec.msgpack.Decoder(News))
+        self._line = MessageChannel(line, msgspec.msgpack.Decoder(News))
 
     @property
     def descriptor(self) -> int:
@@ -53,7 +53,7 @@ class ForkServer:
         """
         try:
             self._line.send(request)
-        except LinkClosed as error:
+        except ChannelClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
 
     def spawn(self, birth: NodeProcess, log: str) -> None:
@@ -72,7 +72,7 @@ class ForkServer:
         """
         try:
             self._line.fill()
-        except LinkClosed as error:
+        except ChannelClosed as error:
             raise GraphError(
                 f"the fork server (process {self.pid}) has ended; its nodes ended with it"
             ) from error

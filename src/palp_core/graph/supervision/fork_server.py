@@ -28,7 +28,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import DescribeRequest, describe
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.loading import NodeProcess
-from palp_core.graph.process.channel import Line, Link, LinkClosed
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.supervision.fork_child import become, take_place
 from palp_core.graph.supervision.logs import LogKeeper
 from palp_core.graph.supervision.preload import Announcer, import_announced, preload
@@ -40,14 +40,14 @@ LOOKING = ""
 """Name of a describing child."""
 
 
-class Spawn(Line, frozen=True):
+class Spawn(ChannelMessage, frozen=True):
     """Fork a node; its output goes to ``log``."""
 
     birth: NodeProcess
     log: str
 
 
-class Describe(Line, frozen=True):
+class Describe(ChannelMessage, frozen=True):
     """Fork a child that describes node classes and writes the answer to a file."""
 
     requests: list[DescribeRequest]
@@ -55,21 +55,21 @@ class Describe(Line, frozen=True):
     answer: str
 
 
-class Signal(Line, frozen=True):
+class Signal(ChannelMessage, frozen=True):
     """Send a signal to a child."""
 
     pid: int
     number: int
 
 
-class Started(Line, frozen=True):
+class Started(ChannelMessage, frozen=True):
     """A child lives; ``name`` is empty for a describing child."""
 
     name: str
     pid: int
 
 
-class Exited(Line, frozen=True):
+class Exited(ChannelMessage, frozen=True):
     """A child is gone and reaped; ``status`` is as :func:`os.waitstatus_to_exitcode` gives it."""
 
     name: str
@@ -85,7 +85,7 @@ class _Server:
     """Children, what they print, and the launcher's line."""
 
     def __init__(self, connection: socket.socket) -> None:
-        self._line = Link(connection, msgspec.msgpack.Decoder(Request))
+        self._line = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
         self._wake, self._wake_write = _quiet_pipe()
         self._announced, self._announce = _quiet_pipe()
         self._children: dict[int, str] = {}
@@ -105,7 +105,7 @@ class _Server:
     def serve(self) -> None:
         """Serve until the launcher's line closes, then end every child."""
         line = self._line.socket.fileno()
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             while True:
                 ready = {descriptor for descriptor, _ in self._poll.poll()}
                 for descriptor in ready - {line, self._wake}:
@@ -160,7 +160,9 @@ class _Server:
         return 0
 
     def _tell(self, news: News) -> None:
-        with contextlib.suppress(LinkClosed):  # the launcher is gone: the loop sees the end of the line next
+        with contextlib.suppress(
+            ChannelClosed
+        ):  # the launcher is gone: the loop sees the end of the line next
             self._line.send(news)
 
     def _reap(self) -> None:

@@ -18,9 +18,9 @@ from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import topic
-from palp_core.graph.transport.publisher_socket import Broadcast
+from palp_core.graph.transport.publisher_socket import PublisherSocket
 from palp_core.graph.transport.request_server import Operation
 
 NAME = "graph"
@@ -55,10 +55,10 @@ class GraphBus:
         self.record_event: Callable[[bytes], None] = lambda _: None
         self.guests: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
-        self._broadcast = Broadcast(*endpoints(folder, NAME))
+        self._broadcast = PublisherSocket(*endpoints(folder, NAME))
         self.resend = self._broadcast.send
-        self._events = Outlet(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._broadcast.send)
-        self._health = Outlet(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._broadcast.send)
+        self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._broadcast.send)
+        self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._broadcast.send)
         self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
         self._broadcast.offer(self._outlets.values())
         self._operations: dict[str, Operation] = {

@@ -11,7 +11,7 @@ from palp_core.errors import NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
-from palp_core.graph.process.channel import Raised
+from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.launcher_node import GraphBus
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, Watch

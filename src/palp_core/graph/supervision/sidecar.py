@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from palp_core.graph.process.channel import Line, Link
+from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 
 CLOSE_TIMEOUT_S = 2.0
 Received = TypeVar("Received")
@@ -42,7 +42,7 @@ class Companion(Generic[Received]):
                 stderr=output,
                 start_new_session=True,
             )
-        self._line = Link(ours, decoder)
+        self._line = MessageChannel(ours, decoder)
 
     @property
     def descriptor(self) -> int:
@@ -54,7 +54,7 @@ class Companion(Generic[Received]):
         """Its process id."""
         return self._process.pid
 
-    def send(self, message: Line) -> None:
+    def send(self, message: ChannelMessage) -> None:
         """Say something to it.
 
         Raises:

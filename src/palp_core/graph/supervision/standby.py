@@ -10,8 +10,8 @@ from pathlib import Path
 from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import Configured, Failed, FromNode, LinkClosed, Matched
-from palp_core.graph.process.line import Line
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
+from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched
 from palp_core.graph.supervision.channel_server import Switchboard
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.fork_server import LOOKING, Describe, News, Started
@@ -113,9 +113,9 @@ class Understudies:
         new, understudy.member = understudy.member, member
         return new
 
-    def send(self, understudy: Understudy, line: Line) -> None:
+    def send(self, understudy: Understudy, line: ChannelMessage) -> None:
         """Say something to one; of one that is gone the fork server tells."""
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             self._lines.send(understudy.number, line)  # type: ignore[arg-type]
 
     def hear(self, number: int, message: FromNode) -> bool:

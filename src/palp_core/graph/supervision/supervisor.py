@@ -13,14 +13,14 @@ from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import (
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
+from palp_core.graph.process.control_messages import (
     Activate,
     Configured,
     Done,
     Failed,
     FromNode,
     Knock,
-    LinkClosed,
     Matched,
     Pulse,
     Raised,
@@ -28,7 +28,6 @@ from palp_core.graph.process.channel import (
     Shutdown,
     ToNode,
 )
-from palp_core.graph.process.line import Line
 from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import Switchboard
@@ -124,7 +123,7 @@ class ProcessCrew:
     def _send(self, index: int, message: ToNode) -> None:
         try:
             self._lines.send(index, message)
-        except LinkClosed:
+        except ChannelClosed:
             while not self.members[index].ended:  # the news of how it ended raises
                 self._pump(1.0)
 
@@ -210,9 +209,9 @@ class ProcessCrew:
 
     # Swap
 
-    def say(self, index: int, line: Line) -> None:
+    def say(self, index: int, line: ChannelMessage) -> None:
         """Say something to a node; of one that is gone the fork server tells."""
-        with contextlib.suppress(LinkClosed):
+        with contextlib.suppress(ChannelClosed):
             self._lines.send(index, line)  # type: ignore[arg-type]
 
     def lose(self, index: int, cause: str) -> None:
@@ -351,7 +350,7 @@ class Supervisor(ProcessCrew):
         if not self._lines.connected(index) or member.ended:
             return Done([], -1, None)
         self._replies.clear()
-        with contextlib.suppress(NodeError, GraphError, LinkClosed):
+        with contextlib.suppress(NodeError, GraphError, ChannelClosed):
             self._lines.send(index, Shutdown(now_ns))
             while not (member.done or member.ended) and not self._patience.over:
                 self._pump(0.2)

@@ -13,7 +13,7 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.succession import fitting, hand_over_of
-from palp_core.graph.process.channel import Done
+from palp_core.graph.process.control_messages import Done
 from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
 
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still

@@ -18,8 +18,8 @@ from palp_core.graph.description.node_class import DescribeRequest, NodeDescript
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.process.channel import Done
-from palp_core.graph.process.line import Line
+from palp_core.graph.process.channel import ChannelMessage
+from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.swap_messages import (
     Announced,
     EndShadow,
@@ -45,7 +45,7 @@ from palp_core.graph.supervision.standby import Understudy
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
 
-Answer = TypeVar("Answer", bound=Line)
+Answer = TypeVar("Answer", bound=ChannelMessage)
 
 
 class SwapTalk:
@@ -85,11 +85,11 @@ class SwapTalk:
         self._say_old(HandIn(after, pause))
         return self._from_old(HandedIn)
 
-    def _say_old(self, line: Line) -> None:
+    def _say_old(self, line: ChannelMessage) -> None:
         self._supervisor.answers.pop(self._index, None)
         self._supervisor.say(self._index, line)
 
-    def _say_new(self, line: Line) -> None:
+    def _say_new(self, line: ChannelMessage) -> None:
         assert self._new is not None
         self._new.said.clear()
         self._supervisor.understudies.send(self._new, line)

@@ -21,7 +21,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
-from palp_core.graph.process.channel import Done
+from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import Comparison, array_fields
 from palp_core.graph.swap.compatibility import objections, replaced
 

@@ -21,7 +21,7 @@ WAIT_NS = 1_000_000_000
 """For how long readers are waited for: a hundred attempts to connect, and as long as a gap waits."""
 
 
-class Audience:
+class MatchedReaders:
     """Who reads a node.
 
     Args:

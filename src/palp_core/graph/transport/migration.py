@@ -88,7 +88,7 @@ class Turns(Generic[Item]):
             self._pass(True, point, self._held.pop(point))
 
 
-class Following:
+class Migration:
     """Where the publishers of some topics are.
 
     Args:

@@ -14,7 +14,7 @@ from pathlib import Path
 _SLOT = struct.Struct("<qQ")
 
 
-class Ledger:
+class Offsets:
     """Epoch and sequence per topic.
 
     Args:

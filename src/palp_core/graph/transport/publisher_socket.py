@@ -14,12 +14,10 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
-from palp_core.graph.node.publisher import Outlet
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.matched_readers import READER
-from palp_core.graph.transport.request_server import Operation, RequestDesk
-from palp_core.graph.transport.requester_socket import ask, readable
-
-__all__ = ["Broadcast", "ask"]
+from palp_core.graph.transport.request_server import Operation, RequestServer
+from palp_core.graph.transport.requester_socket import readable
 
 COPY_BELOW = 512 * 1024
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
@@ -27,7 +25,7 @@ QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages,
 MAX_REQUEST_BYTES = 1 << 20
 
 
-class Broadcast:
+class PublisherSocket:
     """The sending side of one process: publishes frames, greets subscribers, answers requests.
 
     Args:
@@ -57,29 +55,29 @@ class Broadcast:
         self._serve.bind(serve_endpoint)
         self._subscribed: dict[bytes, int] = {}
         self._named: Counter[str] = Counter()
-        self._outlets: dict[bytes, Outlet[Any]] = {}
+        self._publishers: dict[bytes, PublisherEnd[Any]] = {}
         self.file_descriptors = int(self._publish.getsockopt(zmq.FD)), int(self._serve.getsockopt(zmq.FD))
         self._direct: set[str] = set()
-        self._desk = RequestDesk()
+        self._requests = RequestServer()
         self._on_their_way: deque[tuple[zmq.MessageTracker, int]] = deque()
         self._bytes_on_their_way = 0
         self._sent = True
         self._held: list[bytes] | None = None
-        self.greeting: Callable[[Outlet[Any]], list[bytes]] = lambda outlet: [outlet.heartbeat()]
+        self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda publisher: [publisher.heartbeat()]
 
-    def offer(self, outlets: Iterable[Outlet[Any]], *, direct: bool = False) -> None:
+    def offer(self, publishers: Iterable[PublisherEnd[Any]], *, direct: bool = False) -> None:
         """Add topics whose new subscribers are greeted with a heartbeat.
 
         Args:
-            outlets: One per topic.
+            publishers: One per topic.
             direct: Nobody but this takes their frames, and it takes only those that somebody reads.
         """
-        for outlet in outlets:
-            self._outlets[outlet.topic.encode()] = outlet
+        for publisher in publishers:
+            self._publishers[publisher.topic.encode()] = publisher
             if direct:
-                outlet.divert(self._transmit)
-                outlet.listened = outlet.topic.encode() in self._subscribed
-                self._direct.add(outlet.topic)
+                publisher.divert(self._transmit)
+                publisher.listened = publisher.topic.encode() in self._subscribed
+                self._direct.add(publisher.topic)
 
     def answer(self, node: str, operations: Mapping[str, Operation], deferred: Collection[str] = ()) -> None:
         """Answer requests ``{"op": operation, "node": node, ...}`` by functions from map to map.
@@ -89,7 +87,7 @@ class Broadcast:
             operations: By name.
             deferred: Those that wait for :meth:`perform`.
         """
-        self._desk.add(node, operations, deferred)
+        self._requests.add(node, operations, deferred)
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
@@ -109,12 +107,12 @@ class Broadcast:
     @property
     def waiting(self) -> Collection[str]:
         """Nodes for which a deferred request waits."""
-        return self._desk.waiting
+        return self._requests.waiting
 
     @property
     def readers(self) -> dict[str, int]:
         """How many listen, by topic."""
-        return {name.decode(): count for name, count in self._subscribed.items() if name in self._outlets}
+        return {name.decode(): count for name, count in self._subscribed.items() if name in self._publishers}
 
     @property
     def present(self) -> Collection[str]:
@@ -177,9 +175,9 @@ class Broadcast:
     def beat(self) -> None:
         """State every subscribed topic's last sequence."""
         for name in self._subscribed:
-            outlet = self._outlets.get(name)
-            if outlet is not None:
-                self.tell(self.greeting(outlet))
+            publisher = self._publishers.get(name)
+            if publisher is not None:
+                self.tell(self.greeting(publisher))
         self._sent = True
 
     def notice(self) -> None:
@@ -203,30 +201,30 @@ class Broadcast:
             name = event[1:-1]
             if event[:1] == b"\x01":
                 self._subscribed[name] = self._subscribed.get(name, 0) + 1
-                outlet = self._outlets.get(name)
-                if outlet is not None:
-                    outlet.listened = True
-                    outlet.greeted_count += 1
-                    self.tell(self.greeting(outlet))
+                publisher = self._publishers.get(name)
+                if publisher is not None:
+                    publisher.listened = True
+                    publisher.greeted_count += 1
+                    self.tell(self.greeting(publisher))
             elif event[:1] == b"\0":
                 self._subscribed[name] = self._subscribed.get(name, 1) - 1
                 if self._subscribed[name] > 0:
                     continue
                 self._subscribed.pop(name)
-                outlet = self._outlets.get(name)
-                if outlet is not None and outlet.topic in self._direct:
-                    outlet.listened = False
+                publisher = self._publishers.get(name)
+                if publisher is not None and publisher.topic in self._direct:
+                    publisher.listened = False
         while readable(self._serve):
             parts = self._serve.recv_multipart()
-            answer = self._desk.take(parts[:-1], parts[-1] if len(parts) > 1 else b"")
+            answer = self._requests.take(parts[:-1], parts[-1] if len(parts) > 1 else b"")
             if answer is not None:
                 self._serve.send_multipart([*parts[:-1], answer])
                 self._sent = True
 
     def perform(self, node: str | None = None) -> None:
         """Do what was deferred, for one node or for all; a handler's failure passes through."""
-        if self._desk.waiting:
-            self._desk.perform(node, self._reply)
+        if self._requests.waiting:
+            self._requests.perform(node, self._reply)
 
     def _reply(self, envelope: list[bytes], answer: bytes) -> None:
         self._serve.send_multipart([*envelope, answer])
@@ -234,11 +232,11 @@ class Broadcast:
     @property
     def remembered(self) -> dict[str, bytes]:
         """Replies to requests that may be asked again, by their ids."""
-        return self._desk.remembered
+        return self._requests.remembered
 
     def remember(self, replies: Mapping[str, bytes]) -> None:
         """Answer requests with these ids by what another process has answered."""
-        self._desk.remember(replies)
+        self._requests.remember(replies)
 
     def see_off(self, patience_ns: int, line: int) -> None:
         """Answer and wait until nobody listens any more, for so long at most.
@@ -251,12 +249,12 @@ class Broadcast:
         self.poll()
         while self.readers:
             left_ns = until_ns - monotonic_ns()
-            self._desk.turn_away(self._reply)
+            self._requests.turn_away(self._reply)
             ready = select.select((*self.file_descriptors, line), (), (), max(min(left_ns / 1e9, 0.05), 0.0))
             if left_ns <= 0 or line in ready[0]:
                 break
             self.poll()
-        self._desk.turn_away(self._reply)
+        self._requests.turn_away(self._reply)
 
     def close(self) -> None:
         """Send what is queued and let go."""

@@ -17,18 +17,18 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.latency import Latency
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.sequence_account import EdgeCounter
+from palp_core.graph.node.sequence_account import SequenceAccount
 
 FILL_NS = 1_000_000_000
 
 
-class Reception:
+class ReorderBuffer:
     """The reader's end of one topic, before the node's inbox.
 
     Args:
         topic: Its name.
         qos: What holds on the edge.
-        counter: The account of what the node has taken up; a predecessor's says where to go on.
+        account: That of what the node has taken up; a predecessor's says where to go on.
         deliver: Takes each frame in its order.
         ask: Asks the publisher for the messages of this topic from a first to a last sequence.
         ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
@@ -50,7 +50,7 @@ class Reception:
         self,
         topic: str,
         qos: Qos,
-        counter: EdgeCounter,
+        account: SequenceAccount,
         deliver: Callable[[Frame], None],
         ask: Callable[[str, int, int], None],
         *,
@@ -64,8 +64,8 @@ class Reception:
         self.filled = 0
         self.give_up_ns: int | None = None
         self.origin_ns: int | None = None
-        self.epoch = counter.epoch
-        self.next = counter.sequence + 1
+        self.epoch = account.epoch
+        self.next = account.sequence + 1
         self._last = 0  # the highest sequence known to exist in this epoch
         self._held: dict[int, Frame] = {}
         self._asked_to = 0

@@ -15,7 +15,7 @@ REMEMBERED = 256
 LONGEST_ID = 128
 
 
-class RequestDesk:
+class RequestServer:
     """Operations by node and name, and the replies to requests that may be asked again."""
 
     def __init__(self) -> None:

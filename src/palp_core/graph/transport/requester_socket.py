@@ -13,7 +13,7 @@ RECONNECT_MS = 10
 _EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)  # an enum costs a microsecond a call
 
 
-class Inquirer:
+class RequesterSocket:
     """Asks other nodes' ROUTERs without waiting for their replies.
 
     Args:

@@ -16,7 +16,7 @@ RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 _NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
 
 
-class Subscriber:
+class SubscriberSocket:
     """The receiving side of one process.
 
     Args:
@@ -83,7 +83,7 @@ class Subscriber:
         return frames
 
     def hear(self, endpoint: str) -> None:
-        """Let a :class:`~palp_core.graph.transport.wakeup.Doorbell` end :meth:`take`'s waiting."""
+        """Let a :class:`~palp_core.graph.transport.wakeup.Wakeup` end :meth:`take`'s waiting."""
         self._socket.connect(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, RING)
 

@@ -19,7 +19,7 @@ RING = b"\0"
 ENDPOINT = "inproc://doorbell"
 
 
-class Doorbell:
+class Wakeup:
     """Rings once for what has come, and again when it has been answered and something else comes.
 
     Args:

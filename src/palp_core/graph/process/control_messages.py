@@ -1,0 +1,109 @@
+"""What a node's process and its supervisor say to each other; a swap's words are in ``swap_messages``.
+
+Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
+"""
+
+from __future__ import annotations
+
+import socket
+
+import msgspec
+
+from palp_core.graph.process.channel import ChannelMessage, MessageChannel
+from palp_core.graph.process.swap_messages import FromSwapped, ToSwapped
+
+
+class Activate(ChannelMessage, frozen=True):
+    """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
+
+    start_ns: int
+
+
+class Round(ChannelMessage, frozen=True):
+    """Lockstep: it is ``now_ns``; run what is due, then consume ``frames``."""
+
+    now_ns: int
+    frames: list[bytes]
+
+
+class Shutdown(ChannelMessage, frozen=True):
+    """Reach the safe state and end; in lockstep it is ``now_ns``."""
+
+    now_ns: int
+
+
+class Hello(ChannelMessage, frozen=True):
+    """First words of a node's process; ``name`` is that of its place (see :class:`NodeProcess`)."""
+
+    name: str
+    pid: int
+
+
+class Configured(ChannelMessage, frozen=True):
+    """The node is inactive and its endpoints are bound."""
+
+
+class Matched(ChannelMessage, frozen=True):
+    """Every input has heard its publisher; of a predecessor's readers, ``missing`` have not come in time."""
+
+    missing: list[str] = []
+
+
+class Done(ChannelMessage, frozen=True):
+    """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
+
+    frames: list[bytes]
+    next_due_ns: int
+    exit_code: int | None
+
+
+class Failed(ChannelMessage, frozen=True):
+    """The node cannot go on."""
+
+    text: str
+
+
+class Relay(ChannelMessage, frozen=True):
+    """Wall clock: a message that the launch view shows, or news of the node's end."""
+
+    frame: bytes
+    exit_code: int | None
+
+
+class Knock(ChannelMessage, frozen=True):
+    """Lockstep: a command from outside waits for this node's next round."""
+
+
+class Pulse(ChannelMessage, frozen=True):
+    """Wall clock: the node's loop turns; ``health`` is an encoded :class:`NodeHealth`."""
+
+    health: bytes
+
+
+class Raised(ChannelMessage, frozen=True):
+    """A quality-of-service event on an input, and what the launch file wants done about it.
+
+    ``action`` is ``warn``, ``restart`` (the publisher, by its rule) or ``shutdown`` (the graph).
+    """
+
+    kind: str
+    port: str
+    topic: str
+    text: str
+    action: str
+
+
+ToNode = Activate | Round | Shutdown | ToSwapped
+FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised | FromSwapped
+
+
+def node_end(path: str) -> MessageChannel[ToNode]:
+    """Connect a node's process to its supervisor."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.connect(path)
+    return MessageChannel(connection, msgspec.msgpack.Decoder(ToNode))
+
+
+def supervisor_end(connection: socket.socket) -> MessageChannel[FromNode]:
+    """Wrap a connection that a node's process has made."""
+    return MessageChannel(connection, msgspec.msgpack.Decoder(FromNode))
