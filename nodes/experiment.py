@@ -8,80 +8,12 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
-from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_of
+from nodes.experiment_params import ExperimentParams, ExperimentState
+from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_of, plan_of, planned
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
-from nodes.experiment_swaps import name_of, planned
-from palp_core import Alarm, Node, Params, Progress, Pub, State, Sub, Swap, on
+from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.trials_csv import Record
-from palp_core.units import Count, CountPositive, Metres, Seconds
-
-
-class ExperimentParams(Params):
-    """Set in the launch file.
-
-    ``training`` palpations per phantom and ring position, ``trials`` of estimation per phantom. Order,
-    re-homing and remounting were not published: ``training_order`` mixes the ring positions of a mounting
-    (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's actuator is
-    driven to its stop and back. ``swaps`` names policies that take over: ``30=nodes.policy_markov:Markov``.
-    ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
-    """
-
-    out: str = "results"
-    plan: Literal["paper", "repeatability"] = "paper"
-    wait_s: Seconds = 3600.0
-    phantoms: str = ""
-    policy: str = ""
-    swaps: str = ""
-    seed: Count = 0
-    trials: Count = 100
-    training: Count = 25
-    training_order: Literal["randomised", "blocked"] = "randomised"
-    rehome: Literal["palpation", "trial", "condition"] = "trial"
-    training_mounts: CountPositive = 1
-    estimation_mounts: CountPositive = 1
-    depths: Count = 0
-    stop: str = ""
-    from_m: Metres = -0.03
-    to_m: Metres = 0.05
-
-
-class ExperimentState(State):
-    """What a replacement inherits: the plan's replies so far, and the facts of the present step."""
-
-    plan_seed: int = -1
-    replies: list[str] = []
-    phase: str = ""
-    code: str = ""
-    remount: int = -1
-    depth_m: float = 0.0
-    trial: int = 0
-    trial_announced: bool = True
-    label_m: float = 0.0
-    iteration: int = 0
-    commanded: bool = False
-    swept: bool = False
-    goal_id: int = 0
-    stage_ready: bool = True
-    ring_trial: int = -1
-    ring_iteration: int = -1
-    ring_settled: bool = False
-    ring_landed: bool = False
-    last_ring_m: float = -1.0
-    rehomed: bool = False
-    waited: bool = False
-    true_ring_m: float | None = None
-    true_height_m: float | None = None
-    palpation: list[Palpation] = []
-    belief: list[Belief] = []
-    row: int = 0
-    palpations_done: int = 0
-    right_count: int = 0
-    trials_done: int = 0
-    sweep_s: float = 0.0
-    finished: bool = False
-    policy: str = ""
-    next_policy: str = ""
 
 
 class Experiment(Node):

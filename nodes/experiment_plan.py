@@ -1,13 +1,12 @@
-"""Which plan the experiment follows, from its parameters."""
+"""Which plan the experiment follows, from its parameters, and which policies take over in it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nodes.experiment_swaps import planned
+from nodes.experiment_params import ExperimentParams
 from nodes.named_files import file_mistakes
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -16,9 +15,6 @@ from palp_core.palpation.perception.belief.trial_filter import classes_of as gri
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability
-
-if TYPE_CHECKING:
-    from nodes.experiment import ExperimentParams
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
@@ -88,3 +84,32 @@ def plan_of(design: plan.Design | RepeatDesign, seed: int) -> plan.Plan:
     if isinstance(design, RepeatDesign):
         return repeatability(design)
     return plan.experiment(design, np.random.default_rng(seed))
+
+
+def planned(text: str) -> dict[int, str]:
+    """Return the class by the number of the trial in which it takes over, counted from 1.
+
+    >>> planned("30=nodes.policy_markov:Markov, 60=nodes.policy_uniform:Uniform")
+    {30: 'nodes.policy_markov:Markov', 60: 'nodes.policy_uniform:Uniform'}
+
+    Raises:
+        ValueError: Not of that form.
+    """
+    found = {}
+    for entry in filter(None, map(str.strip, text.split(","))):
+        number, sign, run = entry.partition("=")
+        if not sign or not number.strip().isdigit() or ":" not in run:
+            raise ValueError(
+                f"swaps: '{entry}' is not TRIAL=MODULE:CLASS, as in 30=nodes.policy_markov:Markov"
+            )
+        found[int(number)] = run.strip()
+    return found
+
+
+def name_of(run: str) -> str:
+    """Return the name under which a policy stands in the record.
+
+    >>> name_of("nodes.policy_markov:Markov")
+    'markov'
+    """
+    return run.rpartition(":")[2].lower()

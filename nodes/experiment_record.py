@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial, TrialResult
+from nodes.experiment_params import ExperimentParams, ExperimentState
 from palp_core import Progress
 from palp_core.palpation.session.plan import Design
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.trials_csv import Row
-
-if TYPE_CHECKING:
-    from msgs.estimation import Belief, Palpation, PrimitivesLearnt
-    from nodes.experiment import ExperimentParams, ExperimentState
 
 
 def row_of(

@@ -38,7 +38,9 @@ def node_classes() -> dict[str, ast.ClassDef]:
     for path in sorted((ROOT / "nodes").glob("*.py")):
         wanted = {path.stem.replace("_", ""), path.stem.rpartition("_")[2]}
         for statement in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(statement, ast.ClassDef) and statement.name.lower() in wanted:
+            if not isinstance(statement, ast.ClassDef) or statement.name.lower() not in wanted:
+                continue
+            if not {ast.unparse(base) for base in statement.bases} & {"Params", "State"}:
                 found[path.stem] = statement
     return found
 

@@ -11,8 +11,7 @@ import pytest
 from msgs.safety import SafetyBeat
 from msgs.stage import SweepGoal
 from nodes import rig_stage
-from nodes.rig_stage import RigStage
-from nodes.rig_stage_window import RigStageParams
+from nodes.rig_stage import RigStage, RigStageParams
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition

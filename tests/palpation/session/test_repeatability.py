@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nodes.actuator import Actuator
-from nodes.experiment import ExperimentParams
+from nodes.experiment_params import ExperimentParams
 from nodes.experiment_plan import design_of
 from nodes.phantom import Phantom
 from nodes.torque import Torque

@@ -12,9 +12,9 @@ import numpy as np
 
 from palp_core.cli.rig.device_catalogue import kind_of
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgBlock, TorqueBlock
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink

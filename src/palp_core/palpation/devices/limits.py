@@ -11,11 +11,28 @@ from typing import Self
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.units import Float64Array
 
 CLEARANCE_M = 0.5e-3
 """Least gap between raised probe and gel; assumed: five standard deviations of a mounting's height."""
+
+
+def check_range(where: str, quantity: str, value: float, low: float, high: float) -> float:
+    """Return ``value`` if it lies in [``low``, ``high``]; NaN never does.
+
+    Args:
+        where: The device, as a person calls it.
+        quantity: Name with its unit, as in ``target_m``.
+        value: What was asked, in that unit.
+        low: Smallest allowed value, finite.
+        high: Largest allowed value, finite.
+
+    Raises:
+        DeviceError: The value is NaN, infinite or outside of the limits.
+    """
+    if not low <= value <= high:
+        raise DeviceError(f"{where}: {quantity} = {value:.9g} must lie in [{low:.9g}, {high:.9g}]")
+    return value
 
 
 def check_lift(lift_m: float, indentation_m: float) -> None:

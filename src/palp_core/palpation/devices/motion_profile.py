@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.units import Float64Array
 

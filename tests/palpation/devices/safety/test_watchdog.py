@@ -14,7 +14,7 @@ from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.safety.motion_permit import Leash
 from palp_core.palpation.devices.safety.state_machine import Cause
 from palp_core.palpation.devices.safety.watchdog import Load, Stage, Watchdog, WatchLimits
-from palp_core.palpation.devices.stage.crossing import crossing_ns
+from palp_core.palpation.devices.stage.position_history import crossing_ns
 
 MS = 1_000_000
 WINDOW = TravelLimits.around(-0.03, 0.05, 0.004, 0.020)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import pytest
 
@@ -10,9 +11,8 @@ from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.palpation.devices.health import Watch
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.stage import aerotech_link, aerotech_stop
-from palp_core.palpation.devices.stage.aerotech_leg import Leg
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
-from palp_core.palpation.devices.stage.aerotech_motion import Motion
+from palp_core.palpation.devices.stage.aerotech_motion import ControllerAxes, Leg, Motion
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.devices.wire import aerotech as wire
 
@@ -45,6 +45,12 @@ def test_a_position_that_is_no_number_is_garbled_and_never_a_place(
     assert link.garbled_count == 1
 
 
+def motion_on(link: Any, watch: Watch) -> Motion:
+    """Return the motion of two axes on a scripted link."""
+    host = HostTime()
+    return Motion(link, ControllerAxes(link, ("X", "Y"), host), host, watch, 50.0)
+
+
 class DeafLink:
     """A link on which a move is taken, and somebody aborts before its answer, which may never come."""
 
@@ -60,14 +66,14 @@ class DeafLink:
         if not self.answers:
             raise DeviceTimeout("aerotech: no answer")
 
-    def shout(self, commands: bytes) -> None:
+    def send_at_once(self, commands: bytes) -> None:
         self.sent.append(commands)
 
 
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_move_that_is_taken_behind_an_abort_is_aborted_too(answers: bool) -> None:
     link = DeafLink(answers=answers)
-    motion = Motion(link, ("X", "Y"), HostTime(), Watch(1.0), 50.0)  # type: ignore[arg-type]
+    motion = motion_on(link, Watch(1.0))
     link.motion = motion
     with pytest.raises(DeviceError, match="stopped while a move began" if answers else "no answer"):
         motion.follow([Leg("X", 0.0, 80.0, 20.0, 0.080)])
@@ -83,12 +89,12 @@ class TakingLink:
     def do(self, sent: bytes) -> None:
         self.sent.append(sent)
 
-    shout = do
+    send_at_once = do
 
 
 def test_a_path_that_does_not_end_in_its_time_is_aborted_and_not_left_to_itself() -> None:
     link = TakingLink()
-    motion = Motion(link, ("X", "Y"), HostTime(), Watch(1.0), 50.0)  # type: ignore[arg-type]
+    motion = motion_on(link, Watch(1.0))
     motion.follow([Leg("X", 0.0, 80.0, 20.0, 0.080)])
     assert not motion.wait(0.001)
     assert [words.split()[0] for words in link.sent] == [b"MOVEABS", b"ABORT"]
@@ -139,7 +145,7 @@ class HealthyLink:
 def test_an_input_level_of_a_healthy_axis_is_no_emergency_stop() -> None:
     assert wire.mask(b"-1791485433") == 0x95381A07
     watch = Watch(1.0)
-    motion = Motion(HealthyLink(), ("X", "Y"), HostTime(), watch, 50.0)  # type: ignore[arg-type]
+    motion = motion_on(HealthyLink(), watch)
     watch.fresh(HostTime().now_ns())
     for _ in range(4):
         motion._poll()

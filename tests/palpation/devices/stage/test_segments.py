@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
-from palp_core.palpation.devices.stage.aerotech_leg import Leg, in_segments
+from palp_core.palpation.devices.stage.aerotech_motion import Leg, in_segments
 
 PLACE = st.floats(-60.0, 60.0)
 

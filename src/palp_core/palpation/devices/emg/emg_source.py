@@ -7,8 +7,8 @@ from collections.abc import Callable
 import msgspec
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.receiver import Receiver, Session
 from palp_core.palpation.devices.link.sample_line import SampleLine

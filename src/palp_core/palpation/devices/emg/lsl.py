@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState, EmgStream
 from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import EmgBlock

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import ClockFit, Int64Array
 from palp_core.units import Float64Array
 

@@ -15,9 +15,8 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import Health, Watch
-from palp_core.palpation.devices.limits import DutyCycle
+from palp_core.palpation.devices.limits import DutyCycle, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.protocols import RingReading
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import check_range
 
 
 class Leash:

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palp_core.palpation.devices.checks import check_range
-from palp_core.palpation.devices.limits import Level, TravelLimits, WrenchLimits
+from palp_core.palpation.devices.limits import Level, TravelLimits, WrenchLimits, check_range
 from palp_core.palpation.devices.safety.state_machine import Cause
 from palp_core.units import Float64Array
 

@@ -18,8 +18,8 @@ from scipy.signal import butter, sosfilt
 from scipy.special import ndtr
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgBlock
 from palp_core.units import Float64Array
 

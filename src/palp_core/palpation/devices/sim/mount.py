@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import check_range
 
 
 @dataclass(frozen=True)

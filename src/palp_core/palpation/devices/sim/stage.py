@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
 from palp_core.units import Float64Array

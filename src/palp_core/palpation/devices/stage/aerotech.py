@@ -15,15 +15,19 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import Health, Watch
-from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
-from palp_core.palpation.devices.stage.aerotech_leg import Leg, duration_s, in_segments
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
-from palp_core.palpation.devices.stage.aerotech_motion import Motion
+from palp_core.palpation.devices.stage.aerotech_motion import (
+    ControllerAxes,
+    Leg,
+    Motion,
+    duration_s,
+    in_segments,
+)
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import aerotech as wire
 
@@ -118,17 +122,18 @@ class AerotechStage:
             raise DeviceError("stage: open already; close it first")
         warn_unverified("stage", self.UNVERIFIED, self.verified)
         link = AerotechLink(self.url, self.baud, self.timeout_s)
-        motion = Motion(link, self.axes, self._host, self._watch, self.poll_hz)
+        axes = ControllerAxes(link, self.axes, self._host)
+        motion = Motion(link, axes, self._host, self._watch, self.poll_hz)
         try:
-            motion.enable()
+            axes.enable()
             self._accel_m_per_s2 = 1e-3 * link.number(
                 f"GETPARM({self.axes[0]}, {wire.Parameter.DEFAULT_RAMP_RATE})"
             )
             check_range("stage", "ramp rate read from the controller, m/s^2", self._accel_m_per_s2, 1e-6, 1e3)
-            if not motion.homed():
+            if not axes.homed():
                 if not self.home_on_open:
                     raise DeviceError("stage: not homed; home it at the controller, or set home_on_open")
-                motion.home(self.home_timeout_s)
+                axes.home(self.home_timeout_s, 1.0 / self.poll_hz)
                 state.homed = False
             motion.start()
         except BaseException:
@@ -233,12 +238,12 @@ class AerotechStage:
             DeviceError: The stage is not open, or the last poll is older than that.
         """
         motion = self._opened(state)
-        positions = motion.positions(times_ns, self.stale_s)
+        positions = motion.history.at(times_ns, self.stale_s, moving=motion.on_leg)
         return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
 
     def measured(self) -> tuple[float, float, float]:
         """Return the y and z that were polled last, in m, and the larger speed, in m/s."""
-        y, z, speed_mm_per_s = self._opened(AerotechState()).measured()
+        y, z, speed_mm_per_s = self._opened(AerotechState()).history.measured()
         return float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3
 
     @property
@@ -267,7 +272,7 @@ class AerotechStage:
             raise DeviceError("stage: not homed; open it with a fresh state")
         if motion.busy:
             raise DeviceError("stage: moves; wait for the end or stop it first")
-        y, z = motion.here()
+        y, z = motion.history.last
         return motion, float(self._place(0, y)), float(self._place(1, z))
 
     def _place(self, axis: int, controller_mm: np.ndarray | float) -> np.ndarray:
@@ -275,7 +280,7 @@ class AerotechStage:
 
     def _way_to(self, y_m: float, z_m: float) -> list[Leg]:
         motion = self._opened(AerotechState())
-        y, z = (float(self._place(i, value)) for i, value in enumerate(motion.here()))
+        y, z = (float(self._place(i, value)) for i, value in enumerate(motion.history.last))
         return [
             self._leg("z", z, z_m, self.lift_speed_m_per_s),
             self._leg("y", y, y_m, self.return_speed_m_per_s),

@@ -97,7 +97,7 @@ class AerotechLink:
         except DeviceError as error:
             raise self._out_of_step(f"answered {answer!r} to '{question}', no 32 bits") from error
 
-    def shout(self, commands: bytes) -> None:
+    def send_at_once(self, commands: bytes) -> None:
         """Send at once, past a question that is under way; its answer, and this one's, are not waited for."""
         self._in_step = False
         self._link.write(commands)

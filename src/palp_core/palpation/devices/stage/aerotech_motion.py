@@ -1,22 +1,22 @@
-"""Legs of motion on an Aerotech controller, and the thread that sends them and watches."""
+"""Motion on an Aerotech controller: its axes, the legs of a path, the thread that sends them and watches."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.palpation.devices.health import Condition, Watch
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.serial_link import LinkLost
-from palp_core.palpation.devices.protocols import Int64Array
-from palp_core.palpation.devices.stage.aerotech_home import home
-from palp_core.palpation.devices.stage.aerotech_leg import Leg, condition_of
+from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
 from palp_core.palpation.devices.stage.position_history import PositionHistory
 from palp_core.palpation.devices.wire import aerotech as wire
-from palp_core.units import Float64Array
 
 _TRIES = 3
 _REST_S = 2.0
@@ -24,24 +24,175 @@ _THERE_MM = 0.1  # how far off a leg may end (assumed; a controller in position 
 _RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
 
 
+@dataclass(frozen=True)
+class Leg:
+    """One straight move of one axis, in the controller's units, and its length."""
+
+    axis: str
+    start_mm: float
+    target_mm: float
+    speed_mm_per_s: float
+    length_m: float
+
+    @property
+    def command(self) -> bytes:
+        """The bytes that start it."""
+        return wire.move(self.axis, self.target_mm, self.speed_mm_per_s)
+
+
+def in_segments(legs: Iterable[Leg], longest_m: float) -> list[Leg]:
+    """Return legs in parts of at most ``longest_m`` (0: whole), each of which ends at rest.
+
+    Whoever commands them may die: the stage then rests at the end of a part.
+    """
+    parts: list[Leg] = []
+    for leg in legs:
+        count = max(1, math.ceil(leg.length_m / longest_m - 1e-9)) if longest_m > 0.0 else 1
+        step_mm = (leg.target_mm - leg.start_mm) / count
+        for k in range(1, count + 1):
+            start_mm, target_mm = leg.start_mm + (k - 1) * step_mm, leg.start_mm + k * step_mm
+            last = leg.target_mm if k == count else target_mm
+            parts.append(replace(leg, start_mm=start_mm, target_mm=last, length_m=leg.length_m / count))
+    return parts
+
+
+def duration_s(legs: Iterable[Leg], accel_m_per_s2: float, settle_s: float) -> float:
+    """Return how long legs take one after another, with an allowance for each."""
+
+    def one(leg: Leg) -> float:
+        profile = MotionProfile(0.0, leg.length_m, leg.speed_mm_per_s * 1e-3, accel_m_per_s2, 0)
+        return profile.end_ns * 1e-9 + settle_s
+
+    return sum(one(leg) for leg in legs)
+
+
+class ControllerAxes:
+    """The axes as the controller has them: enabled, homed, at fault, moving, and where.
+
+    Args:
+        link: Open link.
+        names: The controller's names.
+        host: Time.
+    """
+
+    def __init__(self, link: AerotechLink, names: tuple[str, str], host: HostTime) -> None:
+        self.names = names
+        self._link, self._host = link, host
+        self._abort = wire.each("ABORT", names)
+
+    def enable(self) -> None:
+        """Enable every axis.
+
+        Raises:
+            DeviceError: An axis has a latched fault, which only a person acknowledges.
+        """
+        for axis in self.names:
+            fault = self.fault(axis)
+            if fault:
+                raise DeviceError(
+                    f"stage: axis {axis} has a latched fault: {fault.words}; clear the cause,"
+                    " then acknowledge it at the controller (FAULTACK) before opening"
+                )
+            self._link.do(wire.command(f"ENABLE {axis}"))
+        self._link.do(wire.command("WAIT MODE NOWAIT"))
+
+    def acknowledge(self) -> None:
+        """Clear the latched faults and enable.
+
+        Raises:
+            DeviceError: The controller refuses: the cause persists.
+        """
+        for axis in self.names:
+            self._link.do(wire.command(f"FAULTACK {axis}"))
+        self.enable()
+
+    def homed(self) -> bool:
+        """Tell whether every axis knows where it is."""
+        return all(self.status(axis) & wire.Status.HOMED for axis in self.names)
+
+    def home(self, timeout_s: float, period_s: float) -> None:
+        """Home the lifting axis, then the sweeping one.
+
+        Of all motion only this ends when the controller alone decides. Whatever ends it early also stops it,
+        as nobody would watch it then.
+
+        Args:
+            timeout_s: Longest for an axis.
+            period_s: Time between two looks.
+
+        Raises:
+            DeviceError: It takes too long, somebody stops it, or an answer is missing.
+        """
+        try:
+            for axis in self.names[::-1]:
+                self._home(axis, timeout_s, period_s)
+        except BaseException:
+            with suppress(DeviceError):
+                self.abort()
+            raise
+
+    def abort(self) -> None:
+        """Send ABORT for every axis past whatever is under way.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+        self._link.send_at_once(self._abort)
+
+    def status(self, axis: str) -> int:
+        """Return the bits of :class:`wire.Status` of an axis."""
+        return self._link.bits(f"AXISSTATUS({axis})")
+
+    def fault(self, axis: str) -> wire.Fault:
+        """Return the latched faults of an axis."""
+        return wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
+
+    def moving(self) -> bool:
+        """Tell whether an axis moves."""
+        return any(self.status(axis) & wire.Status.MOVING for axis in self.names)
+
+    def poll_positions(self, history: PositionHistory) -> None:
+        """Ask where both axes are, in mm, and add it, stamped in the middle of the first exchange."""
+        asked_ns = self._host.now_ns()
+        first_mm = self._link.number(f"PFBKPROG({self.names[0]})")
+        error_ns = (self._host.now_ns() - asked_ns) // 2
+        second_mm = self._link.number(f"PFBKPROG({self.names[1]})")
+        history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
+
+    def _home(self, axis: str, timeout_s: float, period_s: float) -> None:
+        self._link.do(wire.command(f"HOMEASYNC {axis}"))
+        pause, until_ns = threading.Event(), self._host.now_ns() + round(timeout_s * 1e9)
+        while True:
+            status = self.status(axis)
+            if status & wire.Status.HOMED and not status & (wire.Status.HOMING | wire.Status.MOVING):
+                return
+            if not status & wire.Status.ENABLED:
+                raise DeviceError(f"stage: axis {axis} was disabled while it homed")
+            if self._host.now_ns() > until_ns:
+                raise DeviceTimeout(f"stage: axis {axis} did not home within {timeout_s:g} s")
+            pause.wait(period_s)
+
+
 class Motion:
     """Poll the axes, send leg after leg, stop at the first sign of trouble.
 
     Args:
         link: Open link; closed by :meth:`stop_polling`.
-        axes: The controller's names.
+        axes: The axes at the other end of it.
         host: Time.
         watch: Told of faults and loss.
         poll_hz: Rate of the polls.
+
+    Attributes:
+        history: Where the axes were at the polls, in mm.
     """
 
     def __init__(
-        self, link: AerotechLink, axes: tuple[str, str], host: HostTime, watch: Watch, poll_hz: float
+        self, link: AerotechLink, axes: ControllerAxes, host: HostTime, watch: Watch, poll_hz: float
     ) -> None:
         self._link, self._axes, self._host, self._watch = link, axes, host, watch
         self._period_s = 1.0 / poll_hz
-        self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
-        self._history = PositionHistory()
+        self.history = PositionHistory()
         self._legs: deque[Leg] = deque()
         self._active: Leg | None = None
         self._starting = self._aborting = False
@@ -53,48 +204,12 @@ class Motion:
     @property
     def busy(self) -> bool:
         """Whether legs are under way or waiting."""
-        return self._starting or self._aborting or self._active is not None or bool(self._legs)
+        return self._starting or self._aborting or self.on_leg or bool(self._legs)
 
-    def enable(self) -> None:
-        """Enable every axis.
-
-        Raises:
-            DeviceError: An axis has a latched fault, which only a person acknowledges.
-        """
-        for axis in self._axes:
-            fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
-            if fault:
-                raise DeviceError(
-                    f"stage: axis {axis} has a latched fault: {fault.words}; clear the cause,"
-                    " then acknowledge it at the controller (FAULTACK) before opening"
-                )
-            self._link.do(wire.command(f"ENABLE {axis}"))
-        self._link.do(wire.command("WAIT MODE NOWAIT"))
-
-    def acknowledge(self) -> None:
-        """Clear faults, enable, and let the next good poll end the trip.
-
-        Raises:
-            DeviceError: The controller refuses: the cause persists.
-        """
-        with self._judging:
-            self._forget()
-            for axis in self._axes:
-                self._link.do(wire.command(f"FAULTACK {axis}"))
-            self.enable()
-            self._watch.fresh(self._host.now_ns())
-
-    def homed(self) -> bool:
-        """Tell whether every axis knows where it is."""
-        return all(self._link.bits(f"AXISSTATUS({axis})") & wire.Status.HOMED for axis in self._axes)
-
-    def home(self, timeout_s: float) -> None:
-        """Home the lifting axis, then the sweeping one.
-
-        Raises:
-            DeviceError: It takes too long, or somebody stops it.
-        """
-        home(self._link, self._axes[::-1], self._host, timeout_s, self._period_s)
+    @property
+    def on_leg(self) -> bool:
+        """Whether a leg is under way."""
+        return self._active is not None
 
     def start(self) -> None:
         """Stop what may still move from before, wait for rest, and begin to poll.
@@ -102,14 +217,14 @@ class Motion:
         Raises:
             DeviceError: No rest, or no answer.
         """
-        self._link.shout(self._abort)
+        self._axes.abort()
         until_ns = self._host.now_ns() + round(_REST_S * 1e9)
         self._aborting = True
         while self._aborting:
             if self._host.now_ns() > until_ns:
                 raise DeviceTimeout(f"stage: moves still {_REST_S:g} s after ABORT; check the controller")
             self._see_rest()
-        self._poll_positions()
+        self._axes.poll_positions(self.history)
         self._watch.fresh(self._host.now_ns())
         self._thread.start()
 
@@ -119,6 +234,17 @@ class Motion:
         self._thread.join()
         self._link.close()
         self._watch.report(Condition.CLOSED, self._host.now_ns())
+
+    def acknowledge(self) -> None:
+        """Clear faults, enable, and let the next good poll end the trip.
+
+        Raises:
+            DeviceError: The controller refuses: the cause persists.
+        """
+        with self._judging:
+            self._forget_legs()
+            self._axes.acknowledge()
+            self._watch.fresh(self._host.now_ns())
 
     def follow(self, legs: list[Leg]) -> int:
         """Send the first leg now and the others one after another; return when the first started, in ns.
@@ -136,21 +262,21 @@ class Motion:
         try:
             self._send(legs[0], aborts)
         except DeviceError:
-            self._forget()
+            self._forget_legs()
             raise
         finally:
             self._starting = False
         return self._host.now_ns()
 
     def abort(self) -> None:
-        """Send ABORT for every axis past whatever is under way, and forget the legs.
+        """Stop every axis past whatever is under way, and forget the legs.
 
         Raises:
             DeviceError: The link is lost.
         """
-        self._forget()
+        self._forget_legs()
         self._aborting = True
-        self._link.shout(self._abort)
+        self._axes.abort()
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the end of all legs; abort them if it does not come; tell whether it came, in health."""
@@ -160,18 +286,6 @@ class Motion:
             with suppress(DeviceError):
                 self.abort()
         return done and self._watch.read(self._host.now_ns()).ok
-
-    def measured(self) -> tuple[float, float, float]:
-        """Return the last positions and the larger speed, in mm and mm/s."""
-        return self._history.measured()
-
-    def here(self) -> tuple[float, float]:
-        """Return the last positions, in mm."""
-        return self._history.last
-
-    def positions(self, times_ns: Int64Array, beyond_s: float) -> tuple[Float64Array, Float64Array]:
-        """Return both positions in mm at times; errors as for :meth:`PositionHistory.at`."""
-        return self._history.at(times_ns, beyond_s, moving=self._active is not None)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -192,18 +306,18 @@ class Motion:
             self._stop.wait(max(0.0, self._period_s - spent_s))
 
     def _poll(self) -> None:
-        self._poll_positions()
-        active = self._active
-        axis = active.axis if active else self._axes[self._turn % 2]
-        status = self._link.bits(f"AXISSTATUS({axis})")
+        self._axes.poll_positions(self.history)
+        active, names = self._active, self._axes.names
+        axis = active.axis if active else names[self._turn % 2]
+        status = self._axes.status(axis)
         self._turn += 1
-        watched = self._axes[self._turn // 2 % 2] if status & wire.Status.ENABLED else axis
-        fault = wire.Fault(self._link.bits(f"AXISFAULT({watched})"))
+        watched = names[self._turn // 2 % 2] if status & wire.Status.ENABLED else axis
+        fault = self._axes.fault(watched)
         now_ns = self._host.now_ns()
         if self._aborting:
             self._see_rest()
         if fault:
-            self._trouble(condition_of(fault), f"axis {watched}: {fault.words}")
+            self._trouble(_condition_of(fault), f"axis {watched}: {fault.words}")
         elif not status & wire.Status.ENABLED:
             self._trouble(Condition.DISABLED, f"axis {axis} is disabled, and not by this driver")
         else:
@@ -214,7 +328,7 @@ class Motion:
 
     def _see_rest(self) -> None:
         """Notice that every axis has come to rest after an abort."""
-        if not any(self._link.bits(f"AXISSTATUS({axis})") & wire.Status.MOVING for axis in self._axes):
+        if not self._axes.moving():
             with self._change:
                 self._aborting = False
                 self._change.notify_all()
@@ -223,8 +337,8 @@ class Motion:
         """Start the next leg once the plane agrees that the last has ended, and only from its end."""
         if self._link.bits("PLANESTATUS(0)") & wire.Plane.MOVING:
             return
-        self._poll_positions()
-        off_mm = abs(self.here()[self._axes.index(done.axis)] - done.target_mm)
+        self._axes.poll_positions(self.history)
+        off_mm = abs(self.history.last[self._axes.names.index(done.axis)] - done.target_mm)
         with self._change:
             if self._active is not done:  # aborted meanwhile
                 return
@@ -253,21 +367,14 @@ class Motion:
             self._link.do(leg.command)
         except DeviceError:  # it may have begun all the same, and after somebody's ABORT
             with suppress(DeviceError):
-                self._link.shout(self._abort)
+                self._axes.abort()
             raise
         with self._change:
             if self._aborts == aborts:
                 self._active = leg
                 return
-        self._link.shout(self._abort)
+        self._axes.abort()
         raise DeviceError("stage: stopped while a move began")
-
-    def _poll_positions(self) -> None:
-        asked_ns = self._host.now_ns()
-        first_mm = self._link.number(f"PFBKPROG({self._axes[0]})")
-        error_ns = (self._host.now_ns() - asked_ns) // 2
-        second_mm = self._link.number(f"PFBKPROG({self._axes[1]})")
-        self._history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
 
     def _failed(self, condition: Condition, cause: str) -> None:
         """Take up to two bad answers in a row as noise on the line."""
@@ -279,17 +386,26 @@ class Motion:
         """Enter a condition, send no further leg, and stop what is still under way."""
         was_busy = self.busy and not self._aborting
         self._watch.report(condition, self._host.now_ns(), cause)  # first: who sees it at rest sees why
-        self._forget()
+        self._forget_legs()
         if condition is Condition.LINK_LOST:
             self._aborting = False
         elif was_busy:
             self._aborting = True
             with suppress(DeviceError):
-                self._link.shout(self._abort)
+                self._axes.abort()
 
-    def _forget(self) -> None:
+    def _forget_legs(self) -> None:
         with self._change:
             self._aborts += 1
             self._legs.clear()
             self._active = None
             self._change.notify_all()
+
+
+def _condition_of(fault: wire.Fault) -> Condition:
+    """Return the name of the state that latched faults mean."""
+    if fault & wire.Fault.E_STOP:
+        return Condition.E_STOP
+    if fault & wire.Fault.LIMITS:
+        return Condition.LIMIT
+    return Condition.DEVICE_FAULT

@@ -71,8 +71,8 @@ class AerotechStop:
         self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
         self._turn = 0
         self._link = AerotechLink(url, baud, timeout_s)
-        self._abort = b"".join(wire.command(f"ABORT {axis}") for axis in axes)
-        self._disable = b"".join(wire.command(f"DISABLE {axis}") for axis in axes)
+        self._abort = wire.each("ABORT", axes)
+        self._disable = wire.each("DISABLE", axes)
         self._heard: list[AxisReport | DeviceError] = []
         self._hearing, self._closing = threading.Lock(), threading.Event()
         self._looks: threading.Thread | None = None
@@ -125,7 +125,7 @@ class AerotechStop:
         Raises:
             DeviceError: The link is lost.
         """
-        self._link.shout(self._abort)
+        self._link.send_at_once(self._abort)
         return self._clock()
 
     def disable(self) -> None:
@@ -134,7 +134,7 @@ class AerotechStop:
         Raises:
             DeviceError: The link is lost.
         """
-        self._link.shout(self._disable)
+        self._link.send_at_once(self._disable)
 
     def trip(self) -> StopTimes:
         """Abort, wait a little for rest, disable whatever the answers were.

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.receiver import Receiver
 from palp_core.palpation.devices.protocols import EXACT, TorqueBlock

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.checks import check_range
 from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.receiver import Receiver
 from palp_core.palpation.devices.link.sample_line import SampleLine

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import IntFlag
 
 from palp_core.errors import DeviceError
@@ -74,6 +75,11 @@ class Fault(Bits):
 def command(text: str) -> bytes:
     """Return a command as bytes."""
     return text.encode("ascii") + END
+
+
+def each(verb: str, axes: Iterable[str]) -> bytes:
+    """Return a command for every axis, as one write."""
+    return b"".join(command(f"{verb} {axis}") for axis in axes)
 
 
 def move(axis: str, position: float, speed: float) -> bytes:

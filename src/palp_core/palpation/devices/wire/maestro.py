@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palp_core.palpation.devices.checks import check_range
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.wire.bits import Bits
 
 SPEED_UNIT_US_PER_S = 25.0
