@@ -2,6 +2,7 @@ import io
 import sys
 from pathlib import Path
 
+import edfio
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -26,10 +27,10 @@ def edf_bytes(
     most = 2**23 - 1 if wide else 2**15 - 1
     span = float(np.ceil(np.abs(signals).max()))
     units = labels or {"EMG FDS": "uV", "EMG EDC": "uV"}
-    own, records = len(units), signals.shape[1] // rate
+    own, records, name = len(units), signals.shape[1] // rate, "BDF" if wide else "EDF"
     count = own + (starts_s is not None)
     fields = {
-        "label": (16, [*units, "EDF Annotations"]),
+        "label": (16, [*units, f"{name} Annotations"]),
         "transducer": (80, [""] * (own + 1)),
         "unit": (8, [*units.values(), ""]),
         "pmin": (8, [f"{-span:g}"] * own + ["-1"]),
@@ -37,10 +38,10 @@ def edf_bytes(
         "dmin": (8, [str(-most)] * (own + 1)),
         "dmax": (8, [str(most)] * (own + 1)),
         "filter": (80, [""] * (own + 1)),
-        "samples": (8, [str(rate)] * own + ["15"]),
+        "samples": (8, [str(rate)] * own + ["10" if wide else "15"]),
         "reserved": (32, [""] * (own + 1)),
     }
-    kind = "EDF+D" if starts_s is not None else ""
+    kind = f"{name}+D" if starts_s is not None else ""
     main = (b"\xffBIOSEMI" if wide else b"0       ") + b" " * 160 + b"01.01.2601.01.26"
     head = f"{256 * (1 + count):<8}{kind:<44}{records:<8}{1:<8}{count:<4}".encode()
     text = "".join(f"{v:<{w}}" for w, values in fields.values() for v in values[:count]).encode()
@@ -146,9 +147,10 @@ def test_edf_and_bdf(tmp_path: Path, wide: bool) -> None:
     assert np.abs(both - EMG).max() < (1e-10 if wide else 2e-8)
 
 
-def test_gaps_of_a_discontinuous_edf_are_lost_samples(tmp_path: Path) -> None:
-    path = tmp_path / "a.edf"
-    path.write_bytes(edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5]))
+@pytest.mark.parametrize("wide", [False, True])
+def test_gaps_of_a_discontinuous_edf_are_lost_samples(tmp_path: Path, wide: bool) -> None:
+    path = tmp_path / ("a.bdf" if wide else "a.edf")
+    path.write_bytes(edf_bytes(1e6 * EMG, 100, wide=wide, starts_s=[0.0, 1.0, 2.5, 3.5]))
     _, both = read(path, None)
     assert both.shape == (2, 450)
     assert np.flatnonzero(np.isnan(both[0])).tolist() == list(range(200, 250))
@@ -177,6 +179,24 @@ def test_an_edf_with_other_signals_needs_no_names_where_two_are_voltages(tmp_pat
     assert found.columns_why == "FDS by order, of the voltages, EDC by order, of the voltages"
     assert np.abs(both - EMG).max() < 1e-10
     assert [one.name for one in read_emg(path).columns] == ["EMG1+", "EMG2+", "ACC X"]
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_rates_units_and_annotations_of_a_library_that_writes_both_formats(
+    tmp_path: Path, wide: bool
+) -> None:
+    path = tmp_path / ("a.bdf" if wide else "a.edf")
+    signal = edfio.BdfSignal if wide else edfio.EdfSignal
+    rows = [
+        signal(1e6 * EMG[0], 100.0, label="EMG FDS", physical_dimension="uV"),
+        signal(np.linspace(-1.0, 1.0, 40), 10.0, label="ACC X"),
+    ]
+    said = [edfio.EdfAnnotation(1.25, None, "press")]
+    (edfio.Bdf if wide else edfio.Edf)(rows, annotations=said).write(path)  # type: ignore[arg-type]
+    fds, acc = read_emg(path).columns
+    assert (fds.name, fds.rate_hz, fds.unit, fds.samples.size) == ("EMG FDS", 100.0, "uV", 400)
+    assert (acc.name, acc.rate_hz, acc.unit, acc.samples.size) == ("ACC X", 10.0, "", 40)
+    assert np.abs(acc.samples - np.linspace(-1.0, 1.0, 40)).max() < (1e-6 if wide else 4e-5)
 
 
 def test_a_cut_edf_keeps_its_whole_records_and_says_so(tmp_path: Path) -> None:

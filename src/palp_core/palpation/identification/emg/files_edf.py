@@ -1,15 +1,19 @@
-"""European Data Format, EDF and EDF+ (16 bit), and BioSemi's BDF and BDF+ (24 bit).
+"""European Data Format, EDF and EDF+ (16 bit), and BioSemi's BDF and BDF+ (24 bit), as edfio reads them.
 
-The layout is the one published by Kemp et al., Electroenceph. clin. Neurophysiol. 82 (1992) 391, and Kemp and
-Olivan, Clin. Neurophysiol. 114 (2003) 1755: a header of text, then records of interleaved blocks of integers.
+edfio reads the header and the integers. What it does not do is done here: gaps of a discontinuous file become
+NaN (edfio keeps the begin of each record to itself), what fills up the last record is left out, and a header
+that promises another number of records than there are is noted.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from edfio import BdfSignal, EdfSignal, read_bdf
+from edfio import read_edf as read_narrow
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
@@ -17,19 +21,10 @@ from palp_core.palpation.identification.emg.files import Column, EmgFile
 from palp_core.units import Float64Array
 
 _LEAST_PADDING = 8  # samples; EMG does not stay that long at one value
-_MAIN = 256  # bytes of the main header, and of the header of each signal
-_WIDTHS = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)  # label, transducer, unit, ranges (4), filter, samples, reserved
-_ANNOTATIONS = ("EDF Annotations", "BDF Annotations")
+_PROMISED = slice(236, 244)  # the header's number of records, which edfio mends to what it finds
+_MAIN, _LABEL_WIDTH = 256, 16  # bytes of the main header, and of a label
+_CLOCK = "Record begins"
 _TRIGGERS = "Status"  # BioSemi's channel of bits
-
-
-@dataclass(frozen=True)
-class _Signal:
-    label: str
-    unit: str
-    physical: tuple[float, float]
-    digital: tuple[float, float]
-    per_record: int
 
 
 def read_edf(path: Path) -> EmgFile:
@@ -43,90 +38,60 @@ def read_edf(path: Path) -> EmgFile:
     if not wide and data[:8].strip() != b"0":
         raise PalpError(f"{path}: not an EDF or BDF file; its first bytes are {data[:8]!r}")
     try:
-        signals, record_count, record_s, discontinuous, begin = _header(data)
-    except (ValueError, IndexError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a cut file and a wrong number of records: noted below
+            file = (read_bdf if wide else read_narrow)(_with_clock(data), header_encoding="latin-1")
+        promised, there, record_s = int(data[_PROMISED]), file.num_data_records, file.data_record_duration
+        signals = {one: one.label.strip() for one in file.signals if one.samples_per_data_record > 0}
+        shown = [one for one, label in signals.items() if label not in (_CLOCK, _TRIGGERS if wide else "")]
+        samples = {one: _physical(one) for one in shown}
+    except (
+        ValueError,
+        ArithmeticError,
+        LookupError,
+        NameError,
+    ) as error:  # edfio's, on fields it cannot read
         raise PalpError(f"{path}: damaged EDF header: {error}") from error
-    bytes_each = 3 if wide else 2
-    record_size = bytes_each * sum(signal.per_record for signal in signals)
-    there = (len(data) - begin) // record_size if record_size else 0
-    notes = []
-    if 0 <= record_count != there:
-        notes.append(f"the header promises {record_count} records, the file has {there}")
     if there < 1 or record_s <= 0.0:
         raise PalpError(f"{path}: no whole record of positive duration after the header")
-    raw = np.frombuffer(data, np.uint8, there * record_size, begin).reshape(there, record_size)
-    blocks = {}
-    at = 0
-    for number, signal in enumerate(signals):
-        size = bytes_each * signal.per_record
-        blocks[number] = raw[:, at : at + size]
-        at += size
+    notes = []
+    if 0 <= promised != there:
+        notes.append(f"the header promises {promised} records, the file has {there}")
     starts_s = None
-    if discontinuous:
-        clock = next((n for n, signal in enumerate(signals) if signal.label in _ANNOTATIONS), None)
+    if file.reserved.startswith(("EDF+D", "BDF+D")):
+        clock = next((one for one, label in signals.items() if label == _CLOCK), None)
         if clock is None:
             raise PalpError(f"{path}: discontinuous, but without the annotations that say when records begin")
-        starts_s = np.array([_onset(path, block.tobytes()) for block in blocks[clock]])
+        starts_s = np.array([_onset(path, record) for record in _bytes(clock, there, wide=wide)])
         notes.append("discontinuous: gaps count as lost samples")
-    digital = {
-        number: _integers(blocks[number], wide=wide)
-        for number, signal in enumerate(signals)
-        if signal.label not in (*_ANNOTATIONS, _TRIGGERS if wide else "") and signal.per_record > 0
-    }
-    padded = min((_held_share(values[-1]) for values in digital.values()), default=0.0)
+    padded = min((_held_share(one.digital[-one.samples_per_data_record :]) for one in shown), default=0.0)
     if padded > 0.0:
         notes.append(f"the last record is padded; its last {padded * record_s:.3g} s are left out")
     columns = []
-    for number, values in digital.items():
-        signal = signals[number]
-        rate_hz = signal.per_record / record_s
-        physical = _scaled(values, signal)
-        samples = physical.ravel() if starts_s is None else _spread(physical, starts_s, rate_hz)
-        there = samples.size - round(padded * signal.per_record)
-        columns.append(Column(signal.label, samples[:there], rate_hz, signal.unit))
+    for one in shown:
+        rate_hz = one.samples_per_data_record / record_s
+        values = samples[one]
+        if starts_s is not None:
+            values = _spread(values.reshape(there, -1), starts_s, rate_hz)
+        end = values.size - round(padded * one.samples_per_data_record)
+        columns.append(Column(signals[one], values[:end], rate_hz, one.physical_dimension.strip()))
     return EmgFile(path, "BDF" if wide else "EDF", tuple(columns), notes=tuple(notes))
 
 
-def _header(data: bytes) -> tuple[list[_Signal], int, float, bool, int]:
-    """Return signals, number of records (-1: unknown), seconds of each, whether it has gaps, its size."""
-    count = int(data[252:256])
-    begin = _MAIN * (1 + count)
-    if count < 1 or len(data) < begin:
-        raise ValueError(f"{count} signals in {len(data)} bytes")
-    fields: list[list[str]] = []
-    at = _MAIN
-    for width in _WIDTHS:
-        fields.append(
-            [data[at + i * width : at + (i + 1) * width].decode("latin-1").strip() for i in range(count)]
-        )
-        at += width * count
-    signals = [
-        _Signal(
-            fields[0][i],
-            fields[2][i],
-            (float(fields[3][i]), float(fields[4][i])),
-            (float(fields[5][i]), float(fields[6][i])),
-            int(fields[8][i]),
-        )
-        for i in range(count)
-    ]
-    if min(signal.per_record for signal in signals) < 0:
-        raise ValueError("a negative number of samples in a record")
-    if any(s.digital[0] == s.digital[1] for s in signals if s.label not in _ANNOTATIONS):
-        raise ValueError("a signal whose digital range is empty")
-    return signals, int(data[236:244]), float(data[244:252]), data[192:197] in (b"EDF+D", b"BDF+D"), begin
+def _with_clock(data: bytes) -> bytes:
+    """Return a file whose annotations are an ordinary signal: edfio shows them without the records' begins.
+
+    Raises:
+        ValueError: The header does not say how many signals there are.
+    """
+    end = _MAIN + _LABEL_WIDTH * int(data[_MAIN - 4 : _MAIN])
+    labels = data[_MAIN:end]
+    for kind in (b"EDF", b"BDF"):
+        labels = labels.replace(kind + b" Annotations ", _CLOCK.encode().ljust(_LABEL_WIDTH))
+    return data[:_MAIN] + labels + data[end:]
 
 
-def _integers(block: NDArray[np.uint8], *, wide: bool) -> Float64Array:
-    """Return the little-endian integers of the records, shape (records, samples)."""
-    if not wide:
-        return np.ascontiguousarray(block).view("<i2").astype(np.float64)
-    parts = block.reshape(len(block), -1, 3).astype(np.int32)
-    value = parts[..., 0] | parts[..., 1] << 8 | parts[..., 2] << 16
-    return (value - ((value & 0x800000) << 1)).astype(np.float64)
-
-
-def _held_share(record: Float64Array) -> float:
+def _held_share(record: NDArray[np.integer[Any]]) -> float:
     """Return which share of a record, at its end, is one value; 0 where that is all of it or next to nothing.
 
     A record cannot be shorter than the others, so a writer fills the last one up.
@@ -136,9 +101,19 @@ def _held_share(record: Float64Array) -> float:
     return held / record.size if held >= _LEAST_PADDING else 0.0
 
 
-def _scaled(digital: Float64Array, signal: _Signal) -> Float64Array:
-    (low, high), (least, most) = signal.physical, signal.digital
-    return np.asarray(low + (digital - least) * (high - low) / (most - least))
+def _physical(signal: EdfSignal | BdfSignal) -> Float64Array:
+    """Return the samples in their unit; edfio's own give bare integers where the physical range is empty."""
+    (least, most), (low, high) = signal.digital_range, signal.physical_range
+    if least == most:
+        raise ValueError("a signal whose digital range is empty")
+    return np.asarray(low + (signal.digital.astype(np.float64) - least) * (high - low) / (most - least))
+
+
+def _bytes(clock: EdfSignal | BdfSignal, record_count: int, *, wide: bool) -> list[bytes]:
+    """Return the text of each record's annotations."""
+    whole = clock.digital.astype("<i4" if wide else "<i2").view(np.uint8)
+    text = whole.reshape(-1, 4)[:, :3] if wide else whole
+    return [row.tobytes() for row in text.reshape(record_count, -1)]
 
 
 def _onset(path: Path, annotations: bytes) -> float:
