@@ -13,7 +13,7 @@ from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.trials_csv import Record
+from palp_core.palpation.session.trials_csv import SessionWriter
 
 
 class Experiment(Node):
@@ -42,7 +42,7 @@ class Experiment(Node):
     def on_configure(self) -> None:
         self.design = design_of(self.params)
         self.swaps = planned(self.params.swaps)
-        self.record = Record(self.params.out, believed(self.params))
+        self.record = SessionWriter(self.params.out, believed(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -59,7 +59,7 @@ class Experiment(Node):
         """Return the plan under way; a replacement leads a fresh one there by the replies it inherits."""
         if self.plan is None:
             self.plan = plan_of(self.design, self.state.plan_seed)
-            replies = (plan.Reply(word) for word in self.state.replies)  # type: ignore[arg-type]
+            replies = (plan.StepReply(word) for word in self.state.replies)  # type: ignore[arg-type]
             self.step = plan.resume(self.plan, replies)
         return self.plan
 
@@ -74,7 +74,7 @@ class Experiment(Node):
                 return
             self.state.replies.append(word)
             try:
-                self.step = current.send(plan.Reply(word))
+                self.step = current.send(plan.StepReply(word))
             except StopIteration:
                 self.step = None
         if not self.state.finished:
@@ -84,11 +84,11 @@ class Experiment(Node):
 
     def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
         match step:
-            case plan.Mount():
+            case plan.MountPhantom():
                 return self._put_on(step)
             case plan.Rehome():
                 return self._rehome()
-            case plan.Trial():
+            case plan.BeginTrial():
                 state = self.state
                 state.phase, state.trial, state.label_m = step.phase, step.index, step.label_m
                 state.trial_announced = False
@@ -98,7 +98,7 @@ class Experiment(Node):
             case plan.Palpate():
                 return self._palpate(step)
 
-    def _put_on(self, step: plan.Mount) -> Literal["done"] | None:
+    def _put_on(self, step: plan.MountPhantom) -> Literal["done"] | None:
         state = self.state
         if not state.commanded:
             state.commanded, state.code = True, ""

@@ -29,13 +29,15 @@ def believed(params: ExperimentParams) -> list[float]:
     return depths
 
 
-def is_right(design: plan.Design | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
+def is_right(design: plan.ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
     """Tell whether the true depth is, of all phantoms' depths, the nearest to the estimate."""
-    depths_m = (phantom.depth_m for phantom in design.phantoms) if isinstance(design, plan.Design) else ()
+    depths_m = (
+        (phantom.depth_m for phantom in design.phantoms) if isinstance(design, plan.ExperimentDesign) else ()
+    )
     return abs(min(depths_m, key=lambda d: abs(d - estimate_m), default=estimate_m) - depth_m) < 1e-9
 
 
-def design_of(params: ExperimentParams) -> plan.Design | RepeatDesign:
+def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
     """Return the numbers of the plan that the parameters name.
 
     Raises:
@@ -49,8 +51,8 @@ def design_of(params: ExperimentParams) -> plan.Design | RepeatDesign:
         require_classes(params.stop, len(believed(params)))
     if params.trials and not params.training:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
-    return plan.Design(
-        phantoms=tuple(plan.Phantom(code, depth_m) for code, depth_m in depths_m.items()),
+    return plan.ExperimentDesign(
+        phantoms=tuple(plan.PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
         rings_m=RINGS_M,
         repeats=params.training,
         trials_per_phantom=params.trials,
@@ -79,7 +81,7 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
     return found
 
 
-def plan_of(design: plan.Design | RepeatDesign, seed: int) -> plan.Plan:
+def plan_of(design: plan.ExperimentDesign | RepeatDesign, seed: int) -> plan.Plan:
     """Return a fresh plan; the same seed gives the same one."""
     if isinstance(design, RepeatDesign):
         return repeatability(design)

@@ -8,7 +8,7 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial, TrialResult
 from nodes.experiment_params import ExperimentParams, ExperimentState
 from palp_core import Progress
-from palp_core.palpation.session.plan import Design
+from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.trials_csv import Row
 
@@ -82,7 +82,9 @@ def result_of(state: ExperimentState, belief: Belief, now_ns: int) -> TrialResul
     )
 
 
-def progress_of(design: Design | RepeatDesign, state: ExperimentState, phase: str, now_ns: int) -> Progress:
+def progress_of(
+    design: ExperimentDesign | RepeatDesign, state: ExperimentState, phase: str, now_ns: int
+) -> Progress:
     """Return how far a phase has come: palpations in training, trials afterwards."""
     if isinstance(design, RepeatDesign):
         return Progress(

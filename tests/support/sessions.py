@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palp_core.graph.launch.graph import RunSummary
-from palp_core.palpation.session.trials_csv import Record, Row
+from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RINGS_M = (0.0, 0.016)
 RATE_HZ = 1000.0
@@ -41,7 +41,7 @@ def record(tmp_path: Path) -> Writer:
         primitives: bool = True,
     ) -> Path:
         out, rng, count = tmp_path / name, np.random.default_rng(5), 0
-        keeper = Record(str(out), depths_m)
+        keeper = SessionWriter(str(out), depths_m)
         keeper.start()
 
         def keep(depth_m: float, ring_m: float, **more: Any) -> None:

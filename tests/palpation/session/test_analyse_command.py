@@ -24,9 +24,9 @@ from palp_core.palpation.perception.belief.rig_noise import (
     write_noise,
 )
 from palp_core.palpation.session.filters import height_slope
-from palp_core.palpation.session.reanalysis import Methods, redecide
+from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.recorded_sweeps import read_stored
+from palp_core.palpation.session.recorded_sweeps import read_sweeps
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAT = [[0.4, 0.3, 0.3]] * 4
@@ -61,7 +61,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("kind", [0, 1])
 def test_the_default_methods_give_the_verdicts_of_the_run(rig: tuple[Path, Path], kind: int) -> None:
-    again = redecide(read_stored(rig[kind]), Methods())
+    again = reanalyse(read_sweeps(rig[kind]), Methods())
     recorded = read_session(rig[0])
     assert recorded.primitives is not None
     assert np.array_equal(again.primitives.mean, recorded.primitives.mean)
@@ -73,7 +73,7 @@ def test_the_default_methods_give_the_verdicts_of_the_run(rig: tuple[Path, Path]
 
 
 def test_folder_and_bag_of_a_run_hold_the_same_sweeps(rig: tuple[Path, Path]) -> None:
-    folder, bag = (read_stored(path) for path in rig)
+    folder, bag = (read_sweeps(path) for path in rig)
     assert folder.ring_moves_each_time is False
     for a, b in zip(folder.sweeps, bag.sweeps, strict=True):
         assert (a.phase, a.trial, a.iteration, a.remount, a.depth_m, a.ring_m, a.phantom) == (
@@ -134,9 +134,9 @@ def test_the_latent_filter_needs_a_noise_file_and_takes_it(session: Path, tmp_pa
 
 
 def test_the_latent_filter_is_less_sure_of_readings_that_share_an_error(session: Path) -> None:
-    stored = read_stored(session)
+    stored = read_sweeps(session)
     naive, latent = (
-        redecide(stored, Methods(filter=name, stop="fixed_number"), noise=NOISE)
+        reanalyse(stored, Methods(filter=name, stop="fixed_number"), noise=NOISE)
         for name in ("naive", "latent")
     )
     assert np.mean([t.confidence for t in latent.trials]) <= np.mean([t.confidence for t in naive.trials])

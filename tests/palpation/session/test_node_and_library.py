@@ -20,8 +20,8 @@ from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise,
 from palp_core.palpation.perception.belief.trial_filter import Probe, known
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
-from palp_core.palpation.session.reanalysis import Methods, learn, readings, redecide
-from palp_core.palpation.session.recorded_sweeps import StoredSession, read_stored
+from palp_core.palpation.session.reanalysis import Methods, learn, readings, reanalyse
+from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
 
 SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
 NOISE = RigNoise(
@@ -40,17 +40,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def session(folder: Path) -> StoredSession:
+def session(folder: Path) -> RecordedSweeps:
     """Run a session whose every trial has six probes, some of them with a new landing at the same ring."""
     with Graph(
         SIM, compose=True, record=folder / "bag", out=str(folder / "out"), trials=2, training=3,
         policy="information", knows="latent_ring", stop="fixed_number", stop_value=6.0,
     ) as graph:  # fmt: skip
         graph.run()
-    return read_stored(folder / "out")
+    return read_sweeps(folder / "out")
 
 
-def feed(session: StoredSession, **params: Any) -> Iterator[Any]:
+def feed(session: RecordedSweeps, **params: Any) -> Iterator[Any]:
     """Give an estimator a session's sweeps as the rig would, and yield its beliefs."""
     bench = Bench(Estimator, params)
     before = -1
@@ -93,7 +93,7 @@ def feed(session: StoredSession, **params: Any) -> Iterator[Any]:
      ("latent_trial", "normal")],
 )  # fmt: skip
 def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
-    session: StoredSession, folder: Path, name: str, likelihood: str, feature: str, depths: int
+    session: RecordedSweeps, folder: Path, name: str, likelihood: str, feature: str, depths: int
 ) -> None:
     methods = Methods(
         filter=name, feature=feature, likelihood=likelihood, depth_count=depths, stop="fixed_number"
@@ -127,9 +127,9 @@ def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
 )
 @pytest.mark.parametrize("name", ["naive", "latent"])
 def test_node_and_library_stop_at_the_same_probe(
-    session: StoredSession, folder: Path, name: str, stop: str, value: float
+    session: RecordedSweeps, folder: Path, name: str, stop: str, value: float
 ) -> None:
-    again = redecide(session, Methods(filter=name, stop=stop, stop_value=value, max_probes=5), noise=NOISE)
+    again = reanalyse(session, Methods(filter=name, stop=stop, stop_value=value, max_probes=5), noise=NOISE)
     noise = str(folder / "noise.yaml")
     ended: dict[int, Any] = {}
     for said in feed(session, filter=name, noise=noise, stop=stop, stop_value=value, max_probes=5):
@@ -141,14 +141,14 @@ def test_node_and_library_stop_at_the_same_probe(
         assert (said.estimate_m, said.confidence) == (trial.estimate_m, trial.confidence)
 
 
-def test_folder_and_bag_tell_alike_when_the_ring_landed(session: StoredSession, folder: Path) -> None:
+def test_folder_and_bag_tell_alike_when_the_ring_landed(session: RecordedSweeps, folder: Path) -> None:
     told = [sweep.landed for sweep in session.phase("estimation")]
     assert {True, False} <= set(told) or all(told)
-    assert told == [sweep.landed for sweep in read_stored(folder / "bag").phase("estimation")]
+    assert told == [sweep.landed for sweep in read_sweeps(folder / "bag").phase("estimation")]
 
 
 def test_the_policy_has_the_estimators_own_belief(
-    session: StoredSession, folder: Path, monkeypatch: pytest.MonkeyPatch
+    session: RecordedSweeps, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With equal parameters the posterior that the policy makes of its history is the estimator's."""
     seen: list[tuple[Any, Any]] = []

@@ -9,29 +9,29 @@ from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session.plan import (
-    Design,
-    Mount,
+    BeginTrial,
+    ExperimentDesign,
+    MountPhantom,
     Palpate,
-    Phantom,
+    PlannedPhantom,
     Rehome,
-    Reply,
     Step,
-    Trial,
+    StepReply,
     experiment,
     resume,
 )
 from palp_core.palpation.session.plan_summary import Pace, summarise
 
-SMALL = Design(repeats=2, trials_per_phantom=2)
+SMALL = ExperimentDesign(repeats=2, trials_per_phantom=2)
 
 
-def _run(design: Design, seed: int = 0, probes: int = 2) -> list[tuple[Step, Reply]]:
+def _run(design: ExperimentDesign, seed: int = 0, probes: int = 2) -> list[tuple[Step, StepReply]]:
     plan, steps = experiment(design, np.random.default_rng(seed)), []
     step = next(plan, None)
     while step is not None:
-        reply = Reply("done")
+        reply = StepReply("done")
         if isinstance(step, Palpate) and not step.ring_given:
-            reply = Reply("decided" if step.iteration >= probes else "continue")
+            reply = StepReply("decided" if step.iteration >= probes else "continue")
         steps.append((step, reply))
         try:
             step = plan.send(reply)
@@ -41,8 +41,8 @@ def _run(design: Design, seed: int = 0, probes: int = 2) -> list[tuple[Step, Rep
 
 
 def test_training_is_25_palpations_of_each_of_15_conditions() -> None:
-    steps = [s for s, _ in _run(Design())]
-    trials = {s.index: s for s in steps if isinstance(s, Trial)}
+    steps = [s for s, _ in _run(ExperimentDesign())]
+    trials = {s.index: s for s in steps if isinstance(s, BeginTrial)}
     cells = Counter(
         (trials[s.trial].phantom, s.ring_m) for s in steps if isinstance(s, Palpate) and s.ring_given
     )
@@ -57,29 +57,34 @@ def test_training_is_25_palpations_of_each_of_15_conditions() -> None:
 
 def test_the_depth_is_told_in_training_only() -> None:
     for step, _ in _run(SMALL):
-        if isinstance(step, Trial):
+        if isinstance(step, BeginTrial):
             assert step.label_known == (step.phase == "training")
             assert (step.label_m > 0.0) == step.label_known
 
 
 def test_every_trial_is_of_the_mounted_phantom_and_training_comes_first() -> None:
     mounted, phases = "", []
-    for step, _ in _run(Design(repeats=4, trials_per_phantom=4, training_mounts=2, estimation_mounts=4)):
-        if isinstance(step, Mount):
+    for step, _ in _run(
+        ExperimentDesign(repeats=4, trials_per_phantom=4, training_mounts=2, estimation_mounts=4)
+    ):
+        if isinstance(step, MountPhantom):
             mounted = step.phantom
-        elif isinstance(step, Trial):
+        elif isinstance(step, BeginTrial):
             phases.append(step.phase)
             assert step.phantom == mounted
     assert [phase for phase, _ in groupby(phases)] == ["training", "estimation"]
 
 
 def test_blocked_goes_through_phantoms_and_rings_in_turn_and_randomised_does_not() -> None:
-    def order(design: Design) -> list[tuple[str, float]]:
+    def order(design: ExperimentDesign) -> list[tuple[str, float]]:
         steps = [s for s, _ in _run(design)]
-        where = {s.index: s.phantom for s in steps if isinstance(s, Trial)}
+        where = {s.index: s.phantom for s in steps if isinstance(s, BeginTrial)}
         return [(where[s.trial], s.ring_m) for s in steps if isinstance(s, Palpate) and s.ring_given]
 
-    blocked, mixed = order(Design(order="blocked", trials_per_phantom=0)), order(Design(trials_per_phantom=0))
+    blocked, mixed = (
+        order(ExperimentDesign(order="blocked", trials_per_phantom=0)),
+        order(ExperimentDesign(trials_per_phantom=0)),
+    )
     assert blocked == sorted(blocked)
     assert len(list(groupby(mixed))) > 100
     assert sorted(mixed) == blocked
@@ -89,7 +94,7 @@ def test_blocked_goes_through_phantoms_and_rings_in_turn_and_randomised_does_not
     ("rehome", "count"), [("palpation", 30 + 12), ("trial", 30 + 6), ("condition", 15 + 3)]
 )
 def test_the_ring_is_rehomed_as_often_as_asked(rehome: str, count: int) -> None:
-    design = Design(repeats=2, trials_per_phantom=2, order="blocked", rehome=rehome)  # type: ignore[arg-type]
+    design = ExperimentDesign(repeats=2, trials_per_phantom=2, order="blocked", rehome=rehome)  # type: ignore[arg-type]
     assert sum(isinstance(s, Rehome) for s, _ in _run(design)) == count
 
 
@@ -102,38 +107,38 @@ def test_a_trial_goes_on_until_its_verdict() -> None:
 
 @pytest.mark.parametrize("word", ["decided", "undecided"])
 def test_both_verdicts_end_a_trial(word: str) -> None:
-    plan = experiment(Design(repeats=0, trials_per_phantom=1), np.random.default_rng(0))
+    plan = experiment(ExperimentDesign(repeats=0, trials_per_phantom=1), np.random.default_rng(0))
     step = next(plan)
     while not isinstance(step, Palpate):
-        step = plan.send(Reply())
-    assert isinstance(plan.send(Reply(word)), Mount)  # type: ignore[arg-type]
+        step = plan.send(StepReply())
+    assert isinstance(plan.send(StepReply(word)), MountPhantom)  # type: ignore[arg-type]
 
 
 def test_a_failed_palpation_is_repeated() -> None:
     plan = experiment(SMALL, np.random.default_rng(0))
     step = next(plan)
     while not isinstance(step, Palpate):
-        step = plan.send(Reply())
-    assert plan.send(Reply("failed")) == step
+        step = plan.send(StepReply())
+    assert plan.send(StepReply("failed")) == step
 
 
 def test_a_reply_that_does_not_fit_is_refused() -> None:
     plan = experiment(SMALL, np.random.default_rng(0))
     next(plan)
     with pytest.raises(PerceptionError, match="answered 'decided'"):
-        plan.send(Reply("decided"))
+        plan.send(StepReply("decided"))
     training = experiment(SMALL, np.random.default_rng(0))
     step = next(training)
     while not isinstance(step, Palpate):
-        step = training.send(Reply())
+        step = training.send(StepReply())
     with pytest.raises(PerceptionError, match="training trial 0"):
-        training.send(Reply("continue"))
+        training.send(StepReply("continue"))
 
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 1000), st.floats(0.0, 1.0), st.sampled_from(["palpation", "trial", "condition"]))
 def test_recorded_replies_resume_a_fresh_plan_at_the_same_step(seed: int, share: float, rehome: str) -> None:
-    design = Design(repeats=2, trials_per_phantom=2, rehome=rehome)  # type: ignore[arg-type]
+    design = ExperimentDesign(repeats=2, trials_per_phantom=2, rehome=rehome)  # type: ignore[arg-type]
     steps = _run(design, seed)
     done = int(share * len(steps))
     plan = experiment(design, np.random.default_rng(seed))
@@ -144,11 +149,14 @@ def test_recorded_replies_resume_a_fresh_plan_at_the_same_step(seed: int, share:
 def test_replies_beyond_the_end_are_refused() -> None:
     steps = _run(SMALL)
     with pytest.raises(PerceptionError, match="another design"):
-        resume(experiment(SMALL, np.random.default_rng(0)), [*(r for _, r in steps), Reply()])
+        resume(experiment(SMALL, np.random.default_rng(0)), [*(r for _, r in steps), StepReply()])
 
 
 def test_an_empty_plan_ends_at_once() -> None:
-    assert resume(experiment(Design(repeats=0, trials_per_phantom=0), np.random.default_rng(0)), []) is None
+    assert (
+        resume(experiment(ExperimentDesign(repeats=0, trials_per_phantom=0), np.random.default_rng(0)), [])
+        is None
+    )
 
 
 @pytest.mark.parametrize(
@@ -158,25 +166,25 @@ def test_an_empty_plan_ends_at_once() -> None:
         ({"rehome": "nope"}, "condition"),
         ({"training_mounts": 0}, "training_mounts"),
         ({"estimation_mounts": 101}, "estimation_mounts"),
-        ({"phantoms": (Phantom("A", 0.002), Phantom("A", 0.004))}, "same code"),
+        ({"phantoms": (PlannedPhantom("A", 0.002), PlannedPhantom("A", 0.004))}, "same code"),
     ],
 )
 def test_bad_designs_are_refused(settings_: dict[str, Any], match: str) -> None:
     with pytest.raises(PerceptionError, match=match):
-        Design(**settings_)
+        ExperimentDesign(**settings_)
 
 
 def test_a_summary_counts_what_the_plan_does() -> None:
-    found = summarise(Design(training_mounts=5), np.random.default_rng(0), probes_per_trial=5)
+    found = summarise(ExperimentDesign(training_mounts=5), np.random.default_rng(0), probes_per_trial=5)
     assert (found.training_palpations, found.estimation_palpations) == (375, 1500)
     assert (found.trial_count, found.mount_count, found.rehome_count) == (675, 15 + 3, 675)
     with pytest.raises(PerceptionError, match="at least one"):
-        summarise(Design(), np.random.default_rng(0), probes_per_trial=0)
+        summarise(ExperimentDesign(), np.random.default_rng(0), probes_per_trial=0)
 
 
 def test_the_least_duration_is_sweeps_returns_mounts_and_ring_travel() -> None:
-    design = Design(
-        phantoms=(Phantom("A", 0.002),),
+    design = ExperimentDesign(
+        phantoms=(PlannedPhantom("A", 0.002),),
         rings_m=(0.004, 0.012),
         repeats=2,
         trials_per_phantom=0,

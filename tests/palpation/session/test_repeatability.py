@@ -18,9 +18,9 @@ from palp_core.errors import PalpError, PerceptionError
 from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, read_noise, write_noise
 from palp_core.palpation.perception.statistics.variance_components import Block, estimate
-from palp_core.palpation.session.plan import Mount, Palpate, Rehome, Reply, Trial, Wait
+from palp_core.palpation.session.plan import BeginTrial, MountPhantom, Palpate, Rehome, StepReply, Wait
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
-from palp_core.palpation.session.recorded_sweeps import StoredSession, read_stored
+from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
 from palp_core.palpation.session.repeatability import measure_repeatability
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -54,7 +54,7 @@ def test_the_rig_repeats_itself_as_the_simulation_was_told(rig: Path) -> None:
 
 
 def test_the_record_has_a_row_per_sweep_of_the_plan(rig: Path) -> None:
-    stored = read_stored(rig)
+    stored = read_sweeps(rig)
     design = RepeatDesign("A")
     assert len(stored.sweeps) == sweep_count(design)
     assert {s.remount for s in stored.phase("remount")} == set(range(1, design.remounts + 1))
@@ -62,11 +62,11 @@ def test_the_record_has_a_row_per_sweep_of_the_plan(rig: Path) -> None:
 
 
 def test_a_session_that_ended_early_says_so(rig: Path) -> None:
-    stored = read_stored(rig)
+    stored = read_sweeps(rig)
     with pytest.raises(PalpError, match="re-positioned"):
-        measure_repeatability(StoredSession(rig, stored.sweeps[:10]))
+        measure_repeatability(RecordedSweeps(rig, stored.sweeps[:10]))
     with pytest.raises(PalpError, match="plan:=repeatability"):
-        measure_repeatability(StoredSession(rig, ()))
+        measure_repeatability(RecordedSweeps(rig, ()))
 
 
 def test_simulated_devices_load_the_noise_file(tmp_path: Path) -> None:
@@ -104,23 +104,23 @@ def test_the_plan_moves_only_what_each_condition_is_about() -> None:
     while step is not None:
         steps.append(step)
         try:
-            step = plan.send(Reply())
+            step = plan.send(StepReply())
         except StopIteration:
             step = None
     assert sum(isinstance(s, Palpate) for s in steps) == sweep_count(design)
-    assert [s.index for s in steps if isinstance(s, Trial)] == list(range(10))
+    assert [s.index for s in steps if isinstance(s, BeginTrial)] == list(range(10))
     before = {
         trial.phase: tuple(
             type(s) for s in itertools.takewhile(lambda s: not isinstance(s, Palpate), steps[i::-1])
         )
         for i, trial in enumerate(steps)
-        if isinstance(trial, Trial)
+        if isinstance(trial, BeginTrial)
     }
     assert before == {
-        "stay": (Trial, Rehome),
-        "reposition": (Trial, Rehome),
-        "remount": (Trial, Mount),
-        "hour": (Trial, Wait),
+        "stay": (BeginTrial, Rehome),
+        "reposition": (BeginTrial, Rehome),
+        "remount": (BeginTrial, MountPhantom),
+        "hour": (BeginTrial, Wait),
     }
 
 
@@ -128,10 +128,10 @@ def test_a_failed_sweep_is_repeated_and_another_word_is_refused() -> None:
     plan = repeatability(RepeatDesign("A"))
     step = next(plan)
     while not isinstance(step, Palpate):
-        step = plan.send(Reply())
-    assert plan.send(Reply("failed")) == step
+        step = plan.send(StepReply())
+    assert plan.send(StepReply("failed")) == step
     with pytest.raises(PerceptionError, match="decided"):
-        plan.send(Reply("decided"))
+        plan.send(StepReply("decided"))
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.palpation.session.trials_csv import Record
+from palp_core.palpation.session.trials_csv import SessionWriter
 
 
 def test_a_second_session_is_refused_until_the_first_has_closed(tmp_path: Path) -> None:
-    first, second = Record(str(tmp_path), [0.002]), Record(str(tmp_path), [0.002])
+    first, second = SessionWriter(str(tmp_path), [0.002]), SessionWriter(str(tmp_path), [0.002])
     first.start()
     with pytest.raises(PalpError, match="another session is writing"):
         second.start()

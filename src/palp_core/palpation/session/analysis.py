@@ -18,8 +18,8 @@ from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.resampling import Interval, cluster_bootstrap, share_interval
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
-from palp_core.palpation.session.reanalysis import Again, Decided, Methods, redecide
-from palp_core.palpation.session.recorded_sweeps import StoredSession
+from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
+from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.whole_file import write_json
 
 _SEED = 1
@@ -62,7 +62,7 @@ def combinations(
 
 
 def analyse(
-    sessions: Sequence[StoredSession],
+    sessions: Sequence[RecordedSweeps],
     combos: Sequence[Methods],
     *,
     noise: RigNoise | None = None,
@@ -83,7 +83,7 @@ def analyse(
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
     rows, first = [], None
     for combo in combos:
-        decided = [redecide(session, combo, noise=noise, scene=scene) for session in sessions]
+        decided = [reanalyse(session, combo, noise=noise, scene=scene) for session in sessions]
         shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
         first = shares if first is None else first
         rows.append(_row(combo, decided, shares, first))
@@ -103,12 +103,12 @@ def analyse(
     }
 
 
-def _rights(again: Again) -> list[bool]:
+def _rights(again: ReanalysedSession) -> list[bool]:
     """Return whether each trial of known depth was right."""
     return [_right(again, t) for t in again.trials if t.depth_m is not None]
 
 
-def _right(again: Again, trial: Decided) -> bool:
+def _right(again: ReanalysedSession, trial: ReanalysedTrial) -> bool:
     """Tell whether of all trained depths the true one is the nearest to the estimate."""
     taught = again.primitives.depths_m
     nearest_m = float(taught[np.argmin(np.abs(taught - trial.estimate_m))])
@@ -116,7 +116,10 @@ def _right(again: Again, trial: Decided) -> bool:
 
 
 def _row(
-    combo: Methods, decided: Sequence[Again], shares: Sequence[float | None], first: Sequence[float | None]
+    combo: Methods,
+    decided: Sequence[ReanalysedSession],
+    shares: Sequence[float | None],
+    first: Sequence[float | None],
 ) -> dict[str, Any]:
     trials = [trial for again in decided for trial in again.trials]
     scored = [t for t in trials if t.depth_m is not None]

@@ -10,14 +10,14 @@ from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, ring_colours, tidy
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY
-from palp_core.palpation.session.recorded_session import Session, mm
+from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def belief_chart(session: Session) -> Chart | None:
+def belief_chart(session: RecordedSession) -> Chart | None:
     """Return the expected depth against iteration, Figures 10 and 11; None without a trial."""
     if not session.trials:
         return None
@@ -70,7 +70,7 @@ def belief_chart(session: Session) -> Chart | None:
     )
 
 
-def _carried_forward(session: Session, depth_m: float, longest: int) -> Float64Array:
+def _carried_forward(session: RecordedSession, depth_m: float, longest: int) -> Float64Array:
     """Return expected depths, m, shape (trials, longest + 1); a trial that has ended keeps its last one."""
     curves = [session.expected_depth_m(trial) for trial in session.at_depth(depth_m)]
     return np.array([np.pad(curve, (0, longest + 1 - curve.size), mode="edge") for curve in curves])
@@ -85,7 +85,7 @@ def _standard_error(curves: Float64Array) -> Float64Array:
     return error
 
 
-def accuracy_chart(session: Session) -> Chart | None:
+def accuracy_chart(session: RecordedSession) -> Chart | None:
     """Return accuracy per depth with intervals, Figure 12; None without a trial."""
     if not session.trials:
         return None
@@ -138,7 +138,7 @@ def accuracy_chart(session: Session) -> Chart | None:
     )
 
 
-def calibration_chart(session: Session) -> Chart | None:
+def calibration_chart(session: RecordedSession) -> Chart | None:
     """Return stated confidence against actual accuracy; None without a trial."""
     if not session.trials:
         return None
@@ -184,7 +184,7 @@ def calibration_chart(session: Session) -> Chart | None:
     )
 
 
-def rings_chart(session: Session) -> Chart | None:
+def rings_chart(session: RecordedSession) -> Chart | None:
     """Return how often each ring position was used in estimation; None without a trial."""
     probes = [probe for trial in session.trials for probe in trial.probes]
     if not probes:

@@ -1,7 +1,7 @@
 """The experiment as a generator: what to do next, given what came of the last step.
 
-A plan yields typed steps and is sent a :class:`Reply` to each. It holds no device and no clock, so it can be
-run dry and summarised, and a run that was interrupted resumes by sending the recorded replies to a fresh
+A plan yields typed steps and is sent a :class:`StepReply` to each. It holds no device and no clock, so it can
+be run dry, and a run that was interrupted resumes by sending the recorded replies to a fresh
 plan::
 
     plan = experiment(design, np.random.default_rng(seed))
@@ -24,7 +24,7 @@ Phase = Literal["training", "estimation", "stay", "reposition", "remount", "hour
 
 
 @dataclass(frozen=True)
-class Phantom:
+class PlannedPhantom:
     """A phantom by the code that may be shown, and the depth of its nodule, m."""
 
     code: str
@@ -32,7 +32,7 @@ class Phantom:
 
 
 @dataclass(frozen=True)
-class Mount:
+class MountPhantom:
     """Put a phantom on the rig, anew even if it is the same one."""
 
     phantom: str
@@ -51,7 +51,7 @@ class Wait:
 
 
 @dataclass(frozen=True)
-class Trial:
+class BeginTrial:
     """Begin a trial: forget the belief.
 
     Attributes:
@@ -86,11 +86,11 @@ class Palpate:
     ring_m: float
 
 
-Step = Mount | Rehome | Trial | Palpate | Wait
+Step = MountPhantom | Rehome | BeginTrial | Palpate | Wait
 
 
 @dataclass(frozen=True)
-class Reply:
+class StepReply:
     """What came of a step.
 
     Attributes:
@@ -101,11 +101,11 @@ class Reply:
     word: Literal["done", "continue", "decided", "undecided", "failed"] = "done"
 
 
-Plan = Generator[Step, Reply, None]
+Plan = Generator[Step, StepReply, None]
 
 
 @dataclass(frozen=True)
-class Design:
+class ExperimentDesign:
     """The experiment's numbers.
 
     Attributes:
@@ -122,7 +122,9 @@ class Design:
         estimation_mounts: The same in estimation.
     """
 
-    phantoms: tuple[Phantom, ...] = tuple(Phantom(code, d) for code, d in zip("ABC", DEPTHS_M, strict=True))
+    phantoms: tuple[PlannedPhantom, ...] = tuple(
+        PlannedPhantom(code, d) for code, d in zip("ABC", DEPTHS_M, strict=True)
+    )
     rings_m: tuple[float, ...] = RINGS_M
     repeats: int = 25
     trials_per_phantom: int = 100
@@ -148,7 +150,7 @@ class Design:
                 )
 
 
-def experiment(design: Design, rng: np.random.Generator) -> Plan:
+def experiment(design: ExperimentDesign, rng: np.random.Generator) -> Plan:
     """Yield the steps of training, then of estimation.
 
     Args:
@@ -161,11 +163,11 @@ def experiment(design: Design, rng: np.random.Generator) -> Plan:
     index = 0
     homed: tuple[str, float] | None = None
     for phase, phantom, rings_m in _mountings(design, rng):
-        yield from _done(Mount(phantom.code))
+        yield from _done(MountPhantom(phantom.code))
         for ring_m in rings_m:
             training = phase == "training"
             yield from _done(
-                Trial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0)
+                BeginTrial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0)
             )
             condition = (phase + phantom.code, ring_m)
             if design.rehome == "trial" or (design.rehome == "condition" and condition != homed):
@@ -192,7 +194,9 @@ def _done(step: Step) -> Plan:
         raise PerceptionError(f"{step} was answered '{reply.word}', not 'done'")
 
 
-def _mountings(design: Design, rng: np.random.Generator) -> Iterator[tuple[Phase, Phantom, list[float]]]:
+def _mountings(
+    design: ExperimentDesign, rng: np.random.Generator
+) -> Iterator[tuple[Phase, PlannedPhantom, list[float]]]:
     """Yield for every mounting its phase, phantom and ring per trial (0 where a policy sets it)."""
     rounds: list[tuple[Phase, list[float]]] = [
         ("training", [ring for ring in design.rings_m for _ in range(share)])
@@ -219,7 +223,7 @@ def _shares(total: int, parts: int) -> list[int]:
     return [share for share in (whole + (part < rest) for part in range(parts)) if share]
 
 
-def resume(plan: Plan, replies: Iterable[Reply]) -> Step | None:
+def resume(plan: Plan, replies: Iterable[StepReply]) -> Step | None:
     """Send recorded replies to a fresh plan and return the first step that has none, or None at its end.
 
     Raises:

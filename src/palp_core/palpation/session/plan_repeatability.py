@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.session.plan import Mount, Palpate, Phase, Plan, Rehome, Trial, Wait
+from palp_core.palpation.session.plan import BeginTrial, MountPhantom, Palpate, Phase, Plan, Rehome, Wait
 
 CONDITIONS: tuple[Phase, ...] = ("stay", "reposition", "remount", "hour")
 
@@ -70,13 +70,13 @@ def repeatability(design: RepeatDesign) -> Plan:
         PerceptionError: A step is not answered ``done``, or ``failed`` where a sweep is to be repeated.
     """
     for index, (before, phase, ring_m, count) in enumerate(_groups(design)):
-        for step in (*before, Trial(index, phase, design.phantom, label_known=False, label_m=0.0)):
+        for step in (*before, BeginTrial(index, phase, design.phantom, label_known=False, label_m=0.0)):
             yield from _until_done(step)
         for iteration in range(1, count + 1):
             yield from _until_done(Palpate(index, iteration, ring_given=True, ring_m=ring_m))
 
 
-def _until_done(step: Mount | Rehome | Wait | Trial | Palpate) -> Plan:
+def _until_done(step: MountPhantom | Rehome | Wait | BeginTrial | Palpate) -> Plan:
     word = (yield step).word
     while word == "failed" and isinstance(step, Palpate):
         word = (yield step).word
@@ -84,10 +84,12 @@ def _until_done(step: Mount | Rehome | Wait | Trial | Palpate) -> Plan:
         raise PerceptionError(f"{step} was answered '{word}', not 'done'")
 
 
-def _groups(design: RepeatDesign) -> Iterator[tuple[tuple[Mount | Rehome | Wait, ...], Phase, float, int]]:
+def _groups(
+    design: RepeatDesign,
+) -> Iterator[tuple[tuple[MountPhantom | Rehome | Wait, ...], Phase, float, int]]:
     """Yield for every group the handling before it, its condition, ring and number of sweeps."""
-    mount, rehome = Mount(design.phantom), Rehome()
-    first: tuple[Mount | Rehome | Wait, ...] = (mount,)
+    mount, rehome = MountPhantom(design.phantom), Rehome()
+    first: tuple[MountPhantom | Rehome | Wait, ...] = (mount,)
     for ring_m in design.rings_m:
         yield (*first, rehome), "stay", ring_m, design.stay
         first = ()

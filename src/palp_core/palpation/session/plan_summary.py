@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.session.plan import Design, Mount, Palpate, Rehome, Reply, Trial, experiment
+from palp_core.palpation.session.plan import (
+    BeginTrial,
+    ExperimentDesign,
+    MountPhantom,
+    Palpate,
+    Rehome,
+    StepReply,
+    experiment,
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class Summary:
 
 
 def summarise(
-    design: Design, rng: np.random.Generator, *, probes_per_trial: int = 1, pace: Pace | None = None
+    design: ExperimentDesign, rng: np.random.Generator, *, probes_per_trial: int = 1, pace: Pace | None = None
 ) -> Summary:
     """Run a plan dry and count.
 
@@ -76,11 +84,11 @@ def summarise(
     plan = experiment(design, rng)
     step = next(plan, None)
     while step is not None:
-        reply = Reply("done")
+        reply = StepReply("done")
         match step:
-            case Mount():
+            case MountPhantom():
                 mounts += 1
-            case Trial():
+            case BeginTrial():
                 trials += 1
             case Rehome():
                 rehomes += 1
@@ -88,7 +96,7 @@ def summarise(
             case Palpate():
                 palpations[step.ring_given] += 1
                 if not step.ring_given:
-                    reply = Reply("decided" if step.iteration >= probes_per_trial else "continue")
+                    reply = StepReply("decided" if step.iteration >= probes_per_trial else "continue")
                 elif step.ring_m != ring_m:
                     moves += 1
                     travel_m, ring_m = travel_m + abs(step.ring_m - ring_m), step.ring_m

@@ -19,7 +19,7 @@ from palp_core.palpation.perception.belief.stopping import decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, Probe, TrialFilter
 from palp_core.palpation.perception.signal.smoothers import smoother
 from palp_core.palpation.session.filters import filter_of
-from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
+from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 
@@ -54,7 +54,7 @@ class Methods:
 
 
 @dataclass(frozen=True)
-class Decided:
+class ReanalysedTrial:
     """A trial decided again.
 
     Attributes:
@@ -77,15 +77,15 @@ class Decided:
 
 
 @dataclass(frozen=True, eq=False)
-class Again:
+class ReanalysedSession:
     """A session decided again: what training taught, and every trial."""
 
-    session: StoredSession
+    session: RecordedSweeps
     primitives: Primitives
-    trials: tuple[Decided, ...]
+    trials: tuple[ReanalysedTrial, ...]
 
 
-def readings(sweeps: Sequence[StoredSweep], methods: Methods) -> Float64Array:
+def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
     """Return the feature of each sweep, N m, shape (n,).
 
     Raises:
@@ -95,7 +95,7 @@ def readings(sweeps: Sequence[StoredSweep], methods: Methods) -> Float64Array:
     return np.array([feature(smooth.apply(sweep.torque_n_m), edge=smooth.edge).value_n_m for sweep in sweeps])
 
 
-def learn(sweeps: Sequence[StoredSweep], values: Float64Array, where: object) -> Primitives:
+def learn(sweeps: Sequence[RecordedSweep], values: Float64Array, where: object) -> Primitives:
     """Return the memory primitives of training sweeps.
 
     Raises:
@@ -119,9 +119,9 @@ def learn(sweeps: Sequence[StoredSweep], values: Float64Array, where: object) ->
         raise PalpError(f"{where}: {error}") from error
 
 
-def redecide(
-    session: StoredSession, methods: Methods, *, noise: RigNoise | None = None, scene: Scene | None = None
-) -> Again:
+def reanalyse(
+    session: RecordedSweeps, methods: Methods, *, noise: RigNoise | None = None, scene: Scene | None = None
+) -> ReanalysedSession:
     """Learn from a session's training and decide its trials, each with its stored sweeps in their order.
 
     Args:
@@ -158,17 +158,17 @@ def redecide(
     for number, group in groupby(estimation, key=lambda sweep: sweep.trial):
         sweeps = sorted(group, key=lambda sweep: sweep.iteration)
         trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, each, methods))
-    return Again(session, primitives, tuple(trials))
+    return ReanalysedSession(session, primitives, tuple(trials))
 
 
 def _decide(
     number: int,
-    sweeps: Sequence[StoredSweep],
+    sweeps: Sequence[RecordedSweep],
     values: Sequence[float],
     belief: TrialFilter,
     lands_each_time: bool,
     methods: Methods,
-) -> Decided:
+) -> ReanalysedTrial:
     rings_m, depths_m = belief.primitives.rings_m, belief.primitives.depths_m
     rule, flat = stop_rule(methods.stop, methods.stop_value), np.exp(bayes.flat_prior(depths_m.size))
     probes: list[Probe] = []
@@ -189,7 +189,7 @@ def _decide(
             word = verdict.word
             break
     best = int(np.argmax(posteriors[-1]))
-    return Decided(
+    return ReanalysedTrial(
         number,
         sweeps[0].depth_m,
         float(depths_m[best]),

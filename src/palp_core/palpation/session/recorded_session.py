@@ -26,7 +26,7 @@ def mm(length_m: float) -> str:
 
 
 @dataclass(frozen=True)
-class Trial:
+class RecordedTrial:
     """One trial of estimation.
 
     Attributes:
@@ -57,7 +57,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Session:
+class RecordedSession:
     """A session's record in memory, without its sweeps.
 
     Attributes:
@@ -75,7 +75,7 @@ class Session:
     rows: tuple[Row, ...]
     depths_m: tuple[float, ...]
     primitives: Primitives | None
-    trials: tuple[Trial, ...]
+    trials: tuple[RecordedTrial, ...]
     unfinished_count: int
     grid_count: int = 0
 
@@ -88,7 +88,7 @@ class Session:
         """Return the index of the class nearest to a depth."""
         return int(np.argmin(np.abs(np.array(self.depths_m) - depth_m)))
 
-    def at_depth(self, depth_m: float) -> list[Trial]:
+    def at_depth(self, depth_m: float) -> list[RecordedTrial]:
         """Return the trials whose true depth belongs to the class of ``depth_m``."""
         wanted = self.class_of(depth_m)
         return [trial for trial in self.trials if self.class_of(trial.depth_m) == wanted]
@@ -98,7 +98,7 @@ class Session:
         """Depths that have a trial, ascending."""
         return [self.depths_m[i] for i in sorted({self.class_of(trial.depth_m) for trial in self.trials})]
 
-    def expected_depth_m(self, trial: Trial) -> Float64Array:
+    def expected_depth_m(self, trial: RecordedTrial) -> Float64Array:
         """Return the posterior's expected depth after 0, 1, ... probes of a trial, shape (probes + 1,).
 
         The first is the flat prior's.
@@ -109,7 +109,7 @@ class Session:
         return expected
 
 
-def read_session(out: str | Path) -> Session:
+def read_session(out: str | Path) -> RecordedSession:
     """Read a record, whole or cut short.
 
     Raises:
@@ -131,7 +131,9 @@ def read_session(out: str | Path) -> Session:
     every = list(_trials(rows, counted, believed_m, depths_m))
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     unfinished = len(every) - len(ended)
-    return Session(folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid)
+    return RecordedSession(
+        folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid
+    )
 
 
 def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Row:
@@ -154,7 +156,7 @@ def _classes(folder: Path) -> tuple[float, ...]:
 
 def _trials(
     rows: Sequence[Row], counted: Sequence[Row], believed_m: Sequence[float], depths_m: Sequence[float]
-) -> Iterator[Trial]:
+) -> Iterator[RecordedTrial]:
     """Give the trials of estimation, their probes as counted; the mean depth is the belief's own."""
     pairs = (pair for pair in zip(rows, counted, strict=True) if pair[0].phase == "estimation")
     for _, group in groupby(pairs, key=lambda pair: pair[0].trial):
@@ -162,7 +164,7 @@ def _trials(
         believed, last = raw[-1].posterior, probes[-1]
         estimate_m = believed_m[int(np.argmax(believed))] if last.estimate_m is None else last.estimate_m
         stated = last.posterior[int(np.argmin(np.abs(np.array(depths_m) - estimate_m)))]
-        yield Trial(probes, float(np.dot(believed, believed_m)), min(stated, 1.0))
+        yield RecordedTrial(probes, float(np.dot(believed, believed_m)), min(stated, 1.0))
 
 
 def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:

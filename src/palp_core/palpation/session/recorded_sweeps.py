@@ -22,7 +22,7 @@ _TRUTH = "/phantom/truth"
 
 
 @dataclass(frozen=True, eq=False)
-class StoredSweep:
+class RecordedSweep:
     """A sweep and what is known of it.
 
     Attributes:
@@ -51,7 +51,7 @@ class StoredSweep:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredSession:
+class RecordedSweeps:
     """A session's sweeps in their order.
 
     Attributes:
@@ -61,15 +61,15 @@ class StoredSession:
     """
 
     path: Path
-    sweeps: tuple[StoredSweep, ...]
+    sweeps: tuple[RecordedSweep, ...]
     ring_moves_each_time: bool | None = None
 
-    def phase(self, name: str) -> list[StoredSweep]:
+    def phase(self, name: str) -> list[RecordedSweep]:
         """Return the sweeps of a phase."""
         return [sweep for sweep in self.sweeps if sweep.phase == name]
 
 
-def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
+def read_sessions(paths: Sequence[Path]) -> list[RecordedSweeps]:
     """Read sessions, each its own: one that counts twice makes intervals too narrow.
 
     Raises:
@@ -80,7 +80,7 @@ def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
     for path, place in zip(paths, places, strict=True):
         if places.count(place) > 1:
             raise PalpError(f"{path}: named twice; a session counts once")
-    sessions = [read_stored(path) for path in paths]
+    sessions = [read_sweeps(path) for path in paths]
     seen: dict[bytes, Path] = {}
     for session in sessions:
         other = seen.setdefault(_fingerprint(session), session.path)
@@ -89,7 +89,7 @@ def read_sessions(paths: Sequence[Path]) -> list[StoredSession]:
     return sessions
 
 
-def _fingerprint(session: StoredSession) -> bytes:
+def _fingerprint(session: RecordedSweeps) -> bytes:
     """Return what two copies of a session have in common: every sample of every sweep."""
     digest = hashlib.sha256()
     for sweep in session.sweeps:
@@ -97,7 +97,7 @@ def _fingerprint(session: StoredSession) -> bytes:
     return digest.digest()
 
 
-def read_stored(path: Path) -> StoredSession:
+def read_sweeps(path: Path) -> RecordedSweeps:
     """Read a session's folder (``trials.csv`` and ``sweeps/``) or a bag of a run.
 
     Raises:
@@ -112,13 +112,13 @@ def read_stored(path: Path) -> StoredSession:
         raise PalpError(f"{path}: neither a session's folder (trials.csv) nor a bag (*.mcap)")
     if not sweeps:
         raise PalpError(f"{path}: holds no sweep")
-    return StoredSession(path, sweeps, each)
+    return RecordedSweeps(path, sweeps, each)
 
 
-def _of_record(folder: Path) -> Iterator[StoredSweep]:
+def _of_record(folder: Path) -> Iterator[RecordedSweep]:
     for row in read_rows(folder):
         torque_n_m, rate_hz = read_sweep(folder, row.row)
-        yield StoredSweep(
+        yield RecordedSweep(
             row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
             torque_n_m, rate_hz, row.landed,
         )  # fmt: skip
@@ -132,7 +132,7 @@ def _rehomes(folder: Path) -> bool | None:
         return None
 
 
-def _of_bag(path: Path) -> Iterator[StoredSweep]:
+def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     """Yield the bag's sweeps; a phantom's depth is what was recorded of it, else what training told."""
     with Bag(path) as bag:
         missing = [topic for topic in _TOPICS if topic not in bag.topics()]
@@ -161,7 +161,7 @@ def _of_bag(path: Path) -> Iterator[StoredSweep]:
         elif trial is not None and value.trial == trial.trial:
             landed = (homed or value.ring_m != ring_m) if told else None
             homed, ring_m = False, value.ring_m
-            yield StoredSweep(
+            yield RecordedSweep(
                 trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
                 value.torque_n_m, value.rate_hz, landed,
             )  # fmt: skip

@@ -22,7 +22,7 @@ from palp_core.palpation.reporting.html_page import paragraph, table, write_page
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.plan_repeatability import CONDITIONS
 from palp_core.palpation.session.reanalysis import Methods, readings
-from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
+from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
@@ -54,7 +54,7 @@ def is_repeatability(phases: Sequence[str]) -> bool:
     return any(phase in CONDITIONS for phase in phases)
 
 
-def measure_repeatability(session: StoredSession, *, scene: Scene | None = None) -> Repeatability:
+def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None) -> Repeatability:
     """Return the components of a session that followed the plan.
 
     How a reading answers to the ring comes from the session's own means over the rings; how it answers to the
@@ -110,7 +110,7 @@ def measure_repeatability(session: StoredSession, *, scene: Scene | None = None)
 
 
 def _groups(
-    sweeps: Sequence[StoredSweep], values: Float64Array
+    sweeps: Sequence[RecordedSweep], values: Float64Array
 ) -> dict[tuple[str, float], list[Float64Array]]:
     """Return readings by condition and ring, a group per trial."""
     found: dict[tuple[str, float], list[Float64Array]] = {}
@@ -137,7 +137,7 @@ def _component(found: Estimate, factor: float = 1.0) -> Component:
     return Component(factor * found.value, factor * found.low, high if np.isfinite(high) else None)
 
 
-def sample_noise(sweeps: Sequence[StoredSweep]) -> Component:
+def sample_noise(sweeps: Sequence[RecordedSweep]) -> Component:
     """Return a sample's noise: the median of the finest detail, less rounding; t interval over sweeps."""
     each = np.array(
         [
@@ -214,7 +214,7 @@ def _shown(value: Component, scale: float, unit: str) -> tuple[str, str]:
     return f"{scale * value.value:.3g} {unit}", f"{low} to {high}"
 
 
-def headline(found: Repeatability) -> str:
+def repeatability_headline(found: Repeatability) -> str:
     """Return the result in a line."""
     noise = found.noise
     return (

@@ -16,12 +16,12 @@ from palp_core.palpation.session.estimation_charts import (
     calibration_chart,
     rings_chart,
 )
-from palp_core.palpation.session.recorded_session import Session, read_session
-from palp_core.palpation.session.recorded_sweeps import read_stored
-from palp_core.palpation.session.repeatability import headline as headline_of
+from palp_core.palpation.session.recorded_session import RecordedSession, read_session
+from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.repeatability import (
     is_repeatability,
     measure_repeatability,
+    repeatability_headline,
     write_repeatability,
 )
 from palp_core.palpation.session.report_page import headline, page
@@ -53,15 +53,15 @@ def session(summary: RunSummary) -> str:
     return f"{headline(result)}\nReport: {target}"
 
 
-def _repeatability(found: Session, summary: RunSummary) -> str:
+def _repeatability(found: RecordedSession, summary: RunSummary) -> str:
     """Write the noise file and the page of the plan ``repeatability``."""
     path = summary.params.get("phantom", {}).get("scene", "")
-    measured = measure_repeatability(read_stored(found.folder), scene=read_scene(path) if path else None)
+    measured = measure_repeatability(read_sweeps(found.folder), scene=read_scene(path) if path else None)
     write_repeatability(measured, found.folder)
-    return f"{headline_of(measured)}\nReport: {found.folder / 'report.html'}"
+    return f"{repeatability_headline(measured)}\nReport: {found.folder / 'report.html'}"
 
 
-def _charts(found: Session, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:
+def _charts(found: RecordedSession, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
     for chart in (
         accuracy_chart(found),

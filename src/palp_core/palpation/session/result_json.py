@@ -23,7 +23,7 @@ from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
-from palp_core.palpation.session.recorded_session import Session, Trial, mm
+from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def out_of(summary: RunSummary) -> Path:
     return Path(out)
 
 
-def build(session: Session, summary: RunSummary) -> dict[str, Any]:
+def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     """Return the result of a session and its run, in the order in which a person reads it."""
     experiment = {**summary.params.get("experiment", {}), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
@@ -158,26 +158,26 @@ def _share(proportion: statistics.Proportion) -> dict[str, Any]:
     }
 
 
-def _accuracy(trials: Sequence[Trial]) -> dict[str, Any]:
+def _accuracy(trials: Sequence[RecordedTrial]) -> dict[str, Any]:
     if not trials:
         return {"value": None, "ci": None, "right": 0, "of": 0}
     return _share(statistics.wilson(sum(trial.right for trial in trials), len(trials)))
 
 
-def _mounts(session: Session, phase: str) -> int:
+def _mounts(session: RecordedSession, phase: str) -> int:
     """Return how often a phantom was put on the rig; trials of one mounting share its error."""
     return len({row.remount for row in session.rows if row.phase == phase})
 
 
-def _probes(trials: Sequence[Trial]) -> float | None:
+def _probes(trials: Sequence[RecordedTrial]) -> float | None:
     return float(np.mean([len(trial.probes) for trial in trials])) if trials else None
 
 
-def _verdicts(trials: Sequence[Trial]) -> Counter[str]:
+def _verdicts(trials: Sequence[RecordedTrial]) -> Counter[str]:
     return Counter(trial.verdict for trial in trials)
 
 
-def _calibration(trials: Sequence[Trial]) -> dict[str, Any] | None:
+def _calibration(trials: Sequence[RecordedTrial]) -> dict[str, Any] | None:
     if not trials:
         return None
     found = statistics.calibration(
@@ -198,7 +198,7 @@ def _calibration(trials: Sequence[Trial]) -> dict[str, Any] | None:
     }
 
 
-def _confusion(session: Session) -> dict[str, Any]:
+def _confusion(session: RecordedSession) -> dict[str, Any]:
     """Return counts, a row per actual depth, a column per estimate."""
     estimates = [(trial, trial.probes[-1].estimate_m) for trial in session.trials]
     table = statistics.confusion(
@@ -209,7 +209,7 @@ def _confusion(session: Session) -> dict[str, Any]:
     return {"depths_mm": [round(d * 1e3, 6) for d in session.depths_m], "actual_by_estimated": table.tolist()}
 
 
-def _rmse_mm(trials: Sequence[Trial]) -> float | None:
+def _rmse_mm(trials: Sequence[RecordedTrial]) -> float | None:
     """Return the root mean square of the belief's mean depth about the true one, mm."""
     if not trials:
         return None
@@ -226,7 +226,7 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     return {"name": estimator["stop"], "settings": settings | limit}
 
 
-def _mechanics(phantom: dict[str, Any] | None, session: Session) -> dict[str, Any] | None:
+def _mechanics(phantom: dict[str, Any] | None, session: RecordedSession) -> dict[str, Any] | None:
     """Return every phantom's rung, its stated bound, its guards, and the scene; None where touch was real.
 
     Guards are those of sweeps at the ring positions visited and the nominal height.

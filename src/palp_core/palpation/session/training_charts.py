@@ -11,7 +11,7 @@ from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.features import peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, ring_colours, tidy
-from palp_core.palpation.session.recorded_session import Session, mm
+from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.palpation.session.trials_csv import read_sweep
 from palp_core.units import Float64Array
 
@@ -23,7 +23,7 @@ MOST_SWEEPS = 25
 _ZOOM_M = 0.006
 
 
-def primitives_chart(session: Session) -> Chart | None:
+def primitives_chart(session: RecordedSession) -> Chart | None:
     """Return the normals of Figure 9, a panel per ring position; None where nothing was learnt."""
     learnt = session.primitives
     if learnt is None:
@@ -82,7 +82,7 @@ def _normal(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64Ar
     return mean + sd * z, np.exp(-0.5 * z**2) / (sd * np.sqrt(2.0 * np.pi))
 
 
-def sweeps_chart(session: Session, params: Mapping[str, Mapping[str, Any]]) -> Chart | None:
+def sweeps_chart(session: RecordedSession, params: Mapping[str, Mapping[str, Any]]) -> Chart | None:
     """Return the sweeps of Figure 8 over the deepest bead: one as measured, and the mean per ring position.
 
     Args:

@@ -72,7 +72,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     landed: bool | None = None
 
 
-class Record:
+class SessionWriter:
     """Writes a session's record.
 
     Args:

@@ -19,15 +19,15 @@ class Study:
         name: As in ``palp study run NAME``.
         question: What it answers, in a line.
         target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
-        spreads: Whether its function takes ``workers`` and ``dask`` too.
-        keeps: File of its folder that gets a line for every part that is finished; empty if there is none.
+        parallel: Whether its function takes ``workers`` and ``dask`` too.
+        checkpoint: File of its folder that gets a line for every part that is finished; empty: none.
     """
 
     name: str
     question: str
     target: str
-    spreads: bool = False
-    keeps: str = ""
+    parallel: bool = False
+    checkpoint: str = ""
 
     def run(self, out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:
         """Run it and return its page.
@@ -37,7 +37,7 @@ class Study:
         """
         module, _, name = self.target.partition(":")
         function: Callable[..., Path] = getattr(importlib.import_module(module), name)
-        if self.spreads:
+        if self.parallel:
             return function(out, quick=quick, workers=workers, dask=dask)
         if workers > 1 or dask:
             raise PalpError(f"the study '{self.name}' runs in one process; leave out --workers and --dask")
@@ -45,10 +45,10 @@ class Study:
 
     def stopped(self, out: Path) -> str:
         """Return what there is to say when it was stopped: what is kept, and how to go on."""
-        count = len(read_lines(out / self.keeps)) if self.keeps else 0
+        count = len(read_lines(out / self.checkpoint)) if self.checkpoint else 0
         if not count:
             return f"{self.name} stopped before anything was kept; the same command begins again"
-        what = f"{Path(self.keeps).stem} are kept in {out / self.keeps}"
+        what = f"{Path(self.checkpoint).stem} are kept in {out / self.checkpoint}"
         return f"{self.name} stopped: {count} {what}; the same command goes on from there"
 
 
@@ -69,7 +69,7 @@ STUDIES = {
             "contact-validity",
             "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
             "palp_core.palpation.studies.contact.validity:run",
-            keeps="scenes.jsonl",
+            checkpoint="scenes.jsonl",
         ),
         Study(
             "decision-stability",
@@ -80,32 +80,32 @@ STUDIES = {
             "decision-tradeoff",
             "How right are decisions after how many probes and seconds, by policy, stop rule and filter?",
             "palp_core.palpation.studies.decision.tradeoff:run",
-            spreads=True,
+            parallel=True,
         ),
         Study(
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",
-            spreads=True,
+            parallel=True,
         ),
         Study(
             "power",
             "How many trials and sessions does it take to see the paper's differences?",
             "palp_core.palpation.studies.power.study:run",
-            spreads=True,
+            parallel=True,
         ),
         Study(
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",
-            spreads=True,
-            keeps="cells.jsonl",
+            parallel=True,
+            checkpoint="cells.jsonl",
         ),
         Study(
             "why",
             "Which hypotheses make a fixed stiffness stop making progress?",
             "palp_core.palpation.studies.paper.why:run",
-            spreads=True,
+            parallel=True,
         ),
         Study(
             "features",

@@ -27,18 +27,18 @@ from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep, read_stored
-from palp_core.palpation.session.trials_csv import Record, Row
+from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps, read_sweeps
+from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RESOLUTION = 1e-3 / 64
 RINGS_M = (0.008, 0.016)
 TRUTH = {"modulus_pa": 17e3, "friction": 0.25, "indentation_m": 0.0036}
 
 
-def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> StoredSession:
+def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> RecordedSweeps:
     """Return sweeps of the true scene: landings of 0.17 mm, heights of 0.1 mm, the sensor's noise."""
     rng, scene = np.random.default_rng(seed), Scene()
-    sweeps: list[StoredSweep] = []
+    sweeps: list[RecordedSweep] = []
     scene = replace(
         scene,
         phantom=replace(scene.phantom, modulus_pa=TRUTH["modulus_pa"]),
@@ -58,8 +58,8 @@ def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> StoredS
                 torque = table.torque_n_m(stage) + RESOLUTION * rng.standard_normal(stage.size)
                 torque = np.rint(torque / RESOLUTION) * RESOLUTION
                 place = (len(sweeps), 1, remount, depth_m, ring_m)
-                sweeps.append(StoredSweep("training", "ABCD"[remount], *place, torque, 1000.0))
-    return StoredSession(Path("made"), tuple(sweeps))
+                sweeps.append(RecordedSweep("training", "ABCD"[remount], *place, torque, 1000.0))
+    return RecordedSweeps(Path("made"), tuple(sweeps))
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -96,7 +96,7 @@ def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
 
 def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
     session = made((0.002,), 5, repeats=2)
-    keeper = Record(str(tmp_path / "out"), [0.002])
+    keeper = SessionWriter(str(tmp_path / "out"), [0.002])
     keeper.start()
     for number, sweep in enumerate(session.sweeps):
         row = Row(
@@ -129,7 +129,7 @@ def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
     assert read_scene(tmp_path / "s.yaml").phantom.modulus_pa > 0.0
 
 
-def bag_of(folder: Path, sweeps: Sequence[StoredSweep], *, truth: bool) -> Path:
+def bag_of(folder: Path, sweeps: Sequence[RecordedSweep], *, truth: bool) -> Path:
     """A bag as a run of the plan ``repeatability`` leaves it: its trials tell no depth."""
     sent: list[tuple[str, Message]] = []
     for trial, sweep in enumerate(sweeps):
@@ -184,12 +184,12 @@ def bag_of(folder: Path, sweeps: Sequence[StoredSweep], *, truth: bool) -> Path:
 def test_a_bag_whose_trials_tell_no_depth_has_it_from_what_was_mounted(tmp_path: Path) -> None:
     depths_m = (0.0, 0.004, 0.0)
     sweeps = [
-        StoredSweep("stay", "AB"[depth_m > 0.0], n, 1, n, depth_m, 0.016, np.full(9, 1e-3), 1000.0)
+        RecordedSweep("stay", "AB"[depth_m > 0.0], n, 1, n, depth_m, 0.016, np.full(9, 1e-3), 1000.0)
         for n, depth_m in enumerate(depths_m)
     ]
-    stored = read_stored(bag_of(tmp_path / "told", sweeps, truth=True))
+    stored = read_sweeps(bag_of(tmp_path / "told", sweeps, truth=True))
     assert tuple(sweep.depth_m for sweep in stored.sweeps) == depths_m
-    untold = read_stored(bag_of(tmp_path / "untold", sweeps, truth=False))
+    untold = read_sweeps(bag_of(tmp_path / "untold", sweeps, truth=False))
     assert {sweep.depth_m for sweep in untold.sweeps} == {None}
 
 
@@ -197,4 +197,4 @@ def test_sweeps_of_unknown_phantoms_are_refused() -> None:
     session = made((0.002,), 6, repeats=1)
     unknown = tuple(replace(sweep, depth_m=None) for sweep in session.sweeps)
     with pytest.raises(PalpError, match="known phantom"):
-        fit_sources([StoredSession(session.path, unknown)])
+        fit_sources([RecordedSweeps(session.path, unknown)])

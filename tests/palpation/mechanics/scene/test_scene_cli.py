@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from palp_core.cli.rig import cache, scene, study
 from palp_core.errors import MechanicsError, PalpError
 from palp_core.palpation.mechanics import Bead, Phantom, Probe
-from palp_core.palpation.studies.contact.cost import Variant, measure, variants
+from palp_core.palpation.studies.contact.cost import RungVariant, measure, variants
 from palp_core.palpation.studies.contact.tradeoff import pareto
 
 TEXT = """
@@ -101,8 +101,8 @@ def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
 
 def test_a_rung_is_timed_and_held_against_another() -> None:
     phantom, probe = Phantom(bead=Bead(depth_m=0.004)), Probe()
-    truth = measure(Variant("l2"), phantom, probe, (0.016,))
-    other = measure(Variant("l0"), phantom, probe, (0.016,), against=truth)
+    truth = measure(RungVariant("l2"), phantom, probe, (0.016,))
+    other = measure(RungVariant("l0"), phantom, probe, (0.016,), against=truth)
     assert other.setup_s > 0.0
     assert other.sweep_s > 0.0
     assert 0.0 < other.error("peak", 0.016) < 0.01 < other.error("contrast", 0.016) < 0.2

@@ -11,16 +11,16 @@ from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Sc
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.scene.guard import explicit_step_s, guarded_angles, outside, stage_step
 from palp_core.palpation.methods import methods
-from palp_core.palpation.studies.contact.case import Case
+from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.contact.cases_joint import joint_cases
 from palp_core.palpation.studies.contact.cases_other import other_cases
-from palp_core.palpation.studies.contact.map import METHODS, Verdict, judge, map_chart, points
+from palp_core.palpation.studies.contact.map import METHODS, MapVerdict, judge, map_chart, points
 
 STAGE_M = np.linspace(-0.03, 0.05, 41)
 
 
 @pytest.fixture(scope="module")
-def cases() -> dict[str, Case]:
+def cases() -> dict[str, FailureCase]:
     return {case.name: case for case in (*joint_cases(quick=True), *other_cases(quick=True))}
 
 
@@ -41,20 +41,20 @@ FAILS = {
 
 @pytest.mark.parametrize("name", FAILS)
 def test_the_method_fails_where_it_is_said_to_and_the_survivor_does_not(
-    name: str, cases: dict[str, Case]
+    name: str, cases: dict[str, FailureCase]
 ) -> None:
     case = cases[name]
     assert case.threshold.startswith(FAILS[name])
     assert case.survived
 
 
-def test_every_case_is_tested(cases: dict[str, Case]) -> None:
+def test_every_case_is_tested(cases: dict[str, FailureCase]) -> None:
     assert set(cases) == set(FAILS)
 
 
-def a_case(failing: list[float]) -> Case:
+def a_case(failing: list[float]) -> FailureCase:
     values = np.arange(float(len(failing)))
-    return Case("c", "a", "b", "p", values, "s", np.array(failing), np.zeros(len(failing)), 1.0, "why")
+    return FailureCase("c", "a", "b", "p", values, "s", np.array(failing), np.zeros(len(failing)), 1.0, "why")
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_the_users_map_covers_the_grid_and_draws(tmp_path: Path) -> None:
     assert share["plain_newton"] < 0.5
     assert share["fixed_point"] < 0.5
     assert share["lagging_start"] == 1.0
-    whole = [Verdict(point, dict.fromkeys(METHODS, point.depth_m > 0.002)) for point in grid]
+    whole = [MapVerdict(point, dict.fromkeys(METHODS, point.depth_m > 0.002)) for point in grid]
     chart = map_chart(whole, "small_strain")
     save(chart, tmp_path, svg=True)
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".csv"}

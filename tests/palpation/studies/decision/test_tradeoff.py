@@ -20,8 +20,8 @@ from palp_core.palpation.studies.decision.tradeoff import (
 )
 from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin, run
-from palp_core.palpation.studies.simulation.reading_table import Gel, touch
+from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 
 points = st.lists(st.tuples(st.floats(0, 10), st.floats(0, 1)), min_size=1, max_size=8)
 
@@ -47,14 +47,14 @@ def test_a_guess_without_a_probe_is_not_on_the_front() -> None:
 def test_the_average_of_the_fixed_positions_is_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decision_tradeoff, "POLICIES", FIXED)
     monkeypatch.setattr(decision_tradeoff, "FILTERS", ("naive",))
-    found = tradeoff_session(TradeoffJob(touch(Gel()), Conditions(trials=4), (20, 1, 0)))
+    found = tradeoff_session(TradeoffJob(tabulate(Gel()), Conditions(trials=4), (20, 1, 0)))
     for stop in decision_tradeoff.STOPS:
         each = [found[policy, stop, "naive"].correct.mean() for policy in FIXED]
         assert found["fixed_average", stop, "naive"].correct.mean() == pytest.approx(np.mean(each))
 
 
 def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
-    found = limits(touch(Gel()), Conditions(), trial_count=1000)
+    found = limits(tabulate(Gel()), Conditions(), trial_count=1000)
     for best in (found.independent, found.shared):
         by_probes = sorted(best, key=lambda one: one.probes)
         assert all(np.diff([one.accuracy for one in by_probes]) >= -1e-3)
@@ -69,13 +69,13 @@ def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
 
 def test_information_gain_does_not_pass_the_optimum_of_its_own_model() -> None:
     """It once did, by two points: the optimum's settings were chosen beforehand, four of them at most."""
-    felt = touch(Gel())
+    felt = tabulate(Gel())
     conditions = Conditions(height_sd_m=0.1e-3, remount=True, trials=60, distribution="normal")
     (best,) = shared_optimum(what_stays(felt, conditions), [0.005], np.random.default_rng(1), trial_count=600)
     ended = [
-        run(
+        run_policy(
             "information_gain_latent",
-            begin(felt, conditions, seed),
+            begin_session(felt, conditions, seed),
             PosteriorThreshold(),
             filter_name="latent",
         )

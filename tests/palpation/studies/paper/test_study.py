@@ -13,10 +13,10 @@ from palp_core.palpation.studies.paper import study as paper_study
 from palp_core.palpation.studies.paper.charts_human import figure_5
 from palp_core.palpation.studies.paper.jobs import PaperJob, paper_session
 from palp_core.palpation.studies.paper.numbers import statements
-from palp_core.palpation.studies.paper.study import Size, results
+from palp_core.palpation.studies.paper.study import PaperSize, results
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel, touch
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
 NAMES = {
     "chance",
@@ -31,7 +31,7 @@ NAMES = {
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paper_study, "QUICK", Size(2, scene_sessions=2, grid_sessions=0, trials=6))
+        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions=2, grid_sessions=0, trials=6))
         patch.setattr(
             paper_study,
             "_grid",
@@ -44,7 +44,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def jobs() -> list[PaperJob]:
-    felt = touch(Gel())
+    felt = tabulate(Gel())
     return [PaperJob(felt, Conditions(trials=4), (0, 1, number)) for number in range(3)]
 
 
@@ -113,7 +113,7 @@ def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None
 
 
 def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
-    here, there = (spread(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
+    here, there = (run_jobs(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
 
@@ -121,8 +121,8 @@ def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
 def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        there = spread(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)
-    here = spread(paper_session, jobs, label="sessions")
+        there = run_jobs(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)
+    here = run_jobs(paper_session, jobs, label="sessions")
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     texts = [msgspec.json.encode(results(found, Gel().depths_m)) for found in by_name]
     assert texts[0] == texts[1]
@@ -131,12 +131,12 @@ def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(PalpError, match=r"pip install 'palp\[dask\]'"):
-        spread(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
+        run_jobs(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
 
 
 def test_no_worker_is_too_few() -> None:
     with pytest.raises(PalpError, match="at least one process"):
-        spread(len, ["job"], label="jobs", workers=0)
+        run_jobs(len, ["job"], label="jobs", workers=0)
 
 
 def test_a_study_that_cannot_use_workers_says_so(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from palp_core.palpation.studies.paper.why import (
     why_session,
 )
 from palp_core.palpation.studies.simulation.policies import FIXED
-from palp_core.palpation.studies.simulation.reading_table import Gel, touch
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 
 
 def test_every_hypothesis_is_run_alone_and_left_out() -> None:
@@ -44,7 +44,7 @@ def test_every_switch_is_crossed_with_every_other() -> None:
 
 
 def test_without_shared_errors_every_stiff_position_makes_progress_or_is_right_at_once() -> None:
-    felt = touch(Gel())
+    felt = tabulate(Gel())
     found = why_session(WhyJob(felt, conditions_of((), 20), (1,), FIXED[1:], correlation_stop=False))
     for one in found.values():
         assert one.right[:, -1].mean() >= max(0.99, one.right[:, 0].mean())

@@ -32,7 +32,7 @@ from palp_core.palpation.studies.power.model import (
     pooled_p,
     unpaired_p,
 )
-from palp_core.palpation.studies.power.study import Size
+from palp_core.palpation.studies.power.study import PowerSize
 
 shares = st.floats(0.3, 0.9)
 correlations = st.floats(0.0, 0.4)
@@ -152,7 +152,7 @@ def test_more_subjects_see_a_depth_better_and_alike_trials_worse() -> None:
 def test_the_study_writes_the_same_numbers_whatever_the_workers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(power_study, "QUICK", Size(pool=4, trials=8, repeats=30))
+    monkeypatch.setattr(power_study, "QUICK", PowerSize(pool=4, trials=8, repeats=30))
     monkeypatch.setattr(power_study, "SESSIONS", (2, 6))
     monkeypatch.setattr(power_study, "TRIALS", (1, 5))
     page = study("power").run(tmp_path / "one", quick=True)

@@ -16,28 +16,27 @@ from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.robustness import study as robustness_study
-from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, Cell, cells
+from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, RobustnessCell, cells
 from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged
 from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, CellJob, promises, run_cell
-from palp_core.palpation.studies.robustness.study import Size
+from palp_core.palpation.studies.robustness.study import RobustnessSize
 from palp_core.palpation.studies.robustness.text import reasons
-from palp_core.palpation.studies.simulation.policies import begin
-from palp_core.palpation.studies.simulation.policies import run as run_policy
-from palp_core.palpation.studies.simulation.reading_table import ERRORS_M, Gel, Touch, touch
+from palp_core.palpation.studies.simulation.policies import begin_session, run_policy
+from palp_core.palpation.studies.simulation.reading_table import ERRORS_M, Gel, ReadingTable, tabulate
 
 PAPER = (("paper", DESIGNS["paper"]),)
 
 
 @pytest.fixture(scope="module")
-def felt() -> Touch:
-    return touch(Gel())
+def felt() -> ReadingTable:
+    return tabulate(Gel())
 
 
-def named(name: str, trials: int = 10) -> Cell:
+def named(name: str, trials: int = 10) -> RobustnessCell:
     return next(cell for cell in cells(trials=trials) if cell.name == name)
 
 
-def changed(cell: Cell) -> set[str]:
+def changed(cell: RobustnessCell) -> set[str]:
     """What a cell has otherwise than the centre."""
     found = {"chain"} if cell.chain != CENTRE.chain else set()
     for part in ("gel", "conditions"):
@@ -88,7 +87,7 @@ CONDITIONS = sorted({cell.conditions for cell in cells(trials=40)}, key=repr)
 
 
 @pytest.mark.parametrize("number", range(len(CONDITIONS)))
-def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, felt: Touch) -> None:
+def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, felt: ReadingTable) -> None:
     nothing = RectBivariateSpline(ERRORS_M, felt.gel.heights_m, np.zeros((5, 5)))
     flat = replace(
         felt,
@@ -97,7 +96,7 @@ def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, fe
         bias=np.zeros_like(felt.bias),
     )
     right = [
-        run_policy("fixed_0", begin(flat, CONDITIONS[number], (1, n)), PaperVerbatim()).correct.mean()
+        run_policy("fixed_0", begin_session(flat, CONDITIONS[number], (1, n)), PaperVerbatim()).correct.mean()
         for n in range(6)
     ]
     assert np.mean(right) == pytest.approx(1 / 3, abs=0.07)  # 720 trials, four standard errors
@@ -109,7 +108,7 @@ def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, fe
 def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
     gel = replace(named(name).gel, rings_m=figure5.RINGS_M[1:])
     steady = replace(CENTRE.conditions, repeatability_m=0.0, height_sd_m=0.0, trials=30)
-    session = begin(touch(gel, noisy_sweeps=8), steady, (2,))
+    session = begin_session(tabulate(gel, noisy_sweeps=8), steady, (2,))
     for mm in (4, 8, 12, 16):
         assert run_policy(f"fixed_{mm}", session, PaperVerbatim()).correct.mean() >= 0.99
 
@@ -185,7 +184,7 @@ def run_few(folder: Path, workers: int) -> None:
     few = [named("centre", 6), named("training order: not re-homed", 6)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(robustness_study, "cells", lambda **_: few)
-        patch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
+        patch.setattr(robustness_study, "QUICK", RobustnessSize(sessions=3, trials=6, members=3, walk=5))
         study("robustness").run(folder, quick=True, workers=workers)
 
 
@@ -208,7 +207,7 @@ def test_a_run_that_was_stopped_goes_on_with_what_it_has(
 ) -> None:
     few = [named("centre", 6), named("training order: not re-homed", 6)]
     monkeypatch.setattr(robustness_study, "cells", lambda **_: few)
-    monkeypatch.setattr(robustness_study, "QUICK", Size(sessions=3, trials=6, members=3, walk=5))
+    monkeypatch.setattr(robustness_study, "QUICK", RobustnessSize(sessions=3, trials=6, members=3, walk=5))
     lines = (out / "one" / "cells.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
     (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
     whole = (out / "one" / "robustness.json").read_bytes()

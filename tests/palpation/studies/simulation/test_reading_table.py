@@ -4,18 +4,18 @@ import pytest
 from palp_core.palpation.methods import find
 from palp_core.palpation.studies.simulation.reading_table import (
     Gel,
-    Touch,
+    ReadingTable,
     measured,
     read,
     scene_quantities,
     sweep_torque,
-    touch,
+    tabulate,
 )
 
 
 @pytest.fixture(scope="module")
-def felt() -> Touch:
-    return touch(Gel(depths_m=(0.004,), rings_m=(0.004, 0.016)))
+def felt() -> ReadingTable:
+    return tabulate(Gel(depths_m=(0.004,), rings_m=(0.004, 0.016)))
 
 
 def ones(value: float, count: int = 1) -> np.ndarray:
@@ -23,14 +23,14 @@ def ones(value: float, count: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("error_m", "height_m"), [(0.0, 0.0), (0.25e-3, -0.3e-3), (-0.6e-3, 0.9e-3)])
-def test_the_table_is_the_sweep_it_stands_for(felt: Touch, error_m: float, height_m: float) -> None:
+def test_the_table_is_the_sweep_it_stands_for(felt: ReadingTable, error_m: float, height_m: float) -> None:
     whole = read(sweep_torque(felt.gel, 0.004, 0.016 + error_m, height_m), felt.gel)
     at = np.array([0]), np.array([1])
     found = felt.reading(*at, ones(error_m), ones(height_m), ones(0.0))[0] - felt.bias[0, 1]
     assert found == pytest.approx(whole, rel=2e-4)
 
 
-def test_noise_is_what_the_whole_chain_makes_of_it(felt: Touch) -> None:
+def test_noise_is_what_the_whole_chain_makes_of_it(felt: ReadingTable) -> None:
     rng, clean = np.random.default_rng(1), sweep_torque(felt.gel, 0.004, 0.016)
     whole = np.array([read(measured(clean, felt.gel, rng), felt.gel) for _ in range(150)])
     at = np.zeros(4000, dtype=np.int64)
@@ -39,7 +39,7 @@ def test_noise_is_what_the_whole_chain_makes_of_it(felt: Touch) -> None:
     assert found.std() == pytest.approx(whole.std(ddof=1), rel=0.4)
 
 
-def test_slopes_are_differences(felt: Touch) -> None:
+def test_slopes_are_differences(felt: ReadingTable) -> None:
     at, h = (np.array([0]), np.array([1])), 1e-6
     up = felt.reading(*at, ones(h), ones(0.0), ones(0.0))[0]
     down = felt.reading(*at, ones(-h), ones(0.0), ones(0.0))[0]
@@ -49,7 +49,7 @@ def test_slopes_are_differences(felt: Touch) -> None:
     assert felt.height_slope()[0, 1] == pytest.approx((high - low) / (2 * h), rel=1e-3)
 
 
-def test_a_stiffer_joint_and_a_higher_phantom_feel_more(felt: Touch) -> None:
+def test_a_stiffer_joint_and_a_higher_phantom_feel_more(felt: ReadingTable) -> None:
     assert felt.nominal()[0, 1] > 2.0 * felt.nominal()[0, 0]
     assert (felt.height_slope() > 0.0).all()
 
@@ -67,6 +67,6 @@ def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> 
 
 def test_a_coarse_table_has_slopes_too() -> None:
     gel = Gel(rings_m=(0.012, 0.016))
-    coarse, fine = touch(gel, noisy_sweeps=2, coarse=True), touch(gel, noisy_sweeps=2)
+    coarse, fine = tabulate(gel, noisy_sweeps=2, coarse=True), tabulate(gel, noisy_sweeps=2)
     np.testing.assert_allclose(coarse.ring_slope(), fine.ring_slope(), rtol=0.3)
     np.testing.assert_allclose(coarse.height_slope(), fine.height_slope(), rtol=0.3)

@@ -7,33 +7,35 @@ import pytest
 
 from palp_core.errors import PalpError
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import Session, begin
-from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
+from palp_core.palpation.studies.simulation.policies import SimulatedSession, begin_session
+from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 
 EXACT = Conditions(repeatability_m=0.0, height_sd_m=0.0, trials=4, training=4)
 POURED = replace(EXACT, specimens=2, specimen_sd_m=0.2e-3)
 
 
 @pytest.fixture(scope="module")
-def felt() -> Touch:
-    return touch(Gel(depths_m=(0.002, 0.004), rings_m=(0.008, 0.016)), noisy_sweeps=2)
+def felt() -> ReadingTable:
+    return tabulate(Gel(depths_m=(0.002, 0.004), rings_m=(0.008, 0.016)), noisy_sweeps=2)
 
 
-def heights_m(session: Session) -> np.ndarray:
+def heights_m(session: SimulatedSession) -> np.ndarray:
     """Heights of the trials' surfaces, shape (depths, trials)."""
     return session.draws.height_m.reshape(2, -1)
 
 
-def test_one_phantom_per_depth_is_the_default_and_its_own_offset_is_learnt_with_it(felt: Touch) -> None:
+def test_one_phantom_per_depth_is_the_default_and_its_own_offset_is_learnt_with_it(
+    felt: ReadingTable,
+) -> None:
     assert Conditions().specimens == 1
     assert Conditions().specimen_sd_m == 0.0
-    one = begin(felt, replace(EXACT, specimen_sd_m=0.2e-3), (1, 2))
+    one = begin_session(felt, replace(EXACT, specimen_sd_m=0.2e-3), (1, 2))
     assert np.ptp(heights_m(one), axis=1).max() == 0.0
     assert one.latent.offset_sd[1] == 0.0  # in the model of what stays, a trial's phantom is the training's
 
 
-def test_phantoms_take_turns_in_training_and_are_the_same_in_estimation(felt: Touch) -> None:
-    session = begin(felt, POURED, (1, 2))
+def test_phantoms_take_turns_in_training_and_are_the_same_in_estimation(felt: ReadingTable) -> None:
+    session = begin_session(felt, POURED, (1, 2))
     met = heights_m(session)
     assert np.array_equal(met[:, 0], met[:, 2])
     assert np.array_equal(met[:, 1], met[:, 3])
@@ -46,17 +48,17 @@ def test_phantoms_take_turns_in_training_and_are_the_same_in_estimation(felt: To
     assert session.latent.offset_sd[1] == pytest.approx(0.2e-3 / np.sqrt(2.0))
 
 
-def test_a_mounting_is_one_phantoms(felt: Touch) -> None:
-    met = heights_m(begin(felt, replace(EXACT, specimens=2, height_sd_m=0.1e-3), (3, 4)))
+def test_a_mounting_is_one_phantoms(felt: ReadingTable) -> None:
+    met = heights_m(begin_session(felt, replace(EXACT, specimens=2, height_sd_m=0.1e-3), (3, 4)))
     assert np.array_equal(met[:, :2], met[:, 2:])
     assert (met[:, 0] != met[:, 1]).all()
 
 
-def test_phantoms_do_not_touch_the_rest_of_a_sessions_luck(felt: Touch) -> None:
-    usual, poured = (begin(felt, one, (5, 6)).draws for one in (EXACT, POURED))
+def test_phantoms_do_not_touch_the_rest_of_a_sessions_luck(felt: ReadingTable) -> None:
+    usual, poured = (begin_session(felt, one, (5, 6)).draws for one in (EXACT, POURED))
     assert np.array_equal(usual.noise, poured.noise)
     assert np.array_equal(usual.uniforms, poured.uniforms)
-    again = begin(felt, POURED, (5, 6)).draws
+    again = begin_session(felt, POURED, (5, 6)).draws
     assert np.array_equal(again.height_m, poured.height_m)
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from palp_core import palpation
 from palp_core.graph.clock import monotonic_ns
-from palp_core.palpation.studies.toolkit.checkpoint import Kept, append_line, read_lines
+from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint, append_line, read_lines, source_digest
 from palp_core.palpation.studies.toolkit.progress import progress
 
 PATIENCE_S = 240.0
@@ -21,9 +23,10 @@ TOY = """
 import multiprocessing, os, threading
 from dataclasses import dataclass
 from pathlib import Path
+from palp_core import palpation
 from palp_core.graph.clock import monotonic_ns
-from palp_core.palpation.studies.toolkit.checkpoint import Kept
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
 HERE = Path(os.environ["TOY"])
 if multiprocessing.parent_process():
@@ -45,15 +48,17 @@ def work(job):
 
 
 def run(out, *, quick, workers, dask):
-    kept = Kept(out / "cells.jsonl")
-    found = spread(work, [Job(n) for n in range(6)], label="cells", workers=workers, dask=dask, kept=kept)
+    kept = Checkpoint(out / "cells.jsonl")
+    jobs = [Job(n) for n in range(6)]
+    found = run_jobs(work, jobs, label="cells", workers=workers, dask=dask, checkpoint=kept)
     page = out / "page"
     page.write_text(" ".join(str(one["square"]) for one in found))
     return page
 """
 MAIN = (
     "from palp_core.cli.main import main; from palp_core.palpation.studies.catalogue import STUDIES, Study; "
-    "STUDIES['toy'] = Study('toy', 'Does it stop?', 'toy:run', spreads=True, keeps='cells.jsonl'); main()"
+    "STUDIES['toy'] = Study('toy', 'Does it stop?', 'toy:run', parallel=True, checkpoint='cells.jsonl'); "
+    "main()"
 )
 
 Start = Callable[..., subprocess.Popen[str]]
@@ -165,18 +170,32 @@ def test_a_line_cut_short_and_a_line_of_other_source_are_not_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "new" / "cells.jsonl"
-    kept = Kept(file)
+    kept = Checkpoint(file)
     assert kept.add("a", {"x": (1.5, 2)}) == {"x": [1.5, 2]}
     with file.open("a", encoding="utf-8") as opened:
         opened.write('{"code": "cut sh')
     append_line(file, "[]")
-    kept = Kept(file)
+    kept = Checkpoint(file)
     assert len(kept) == 1
     assert "a" in kept
     assert "b" not in kept
     assert kept["a"] == {"x": [1.5, 2]}
     monkeypatch.setattr("palp_core.palpation.studies.toolkit.checkpoint.source_digest", lambda: "other")
-    assert len(Kept(file)) == 0
+    assert len(Checkpoint(file)) == 0
+
+
+def test_a_change_of_the_science_or_of_a_study_is_another_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digests = set()
+    for room in ("", "mechanics", "perception", "studies"):
+        root = tmp_path / f"with_{room}" / "palpation"
+        shutil.copytree(Path(palpation.__file__).parent, root, ignore=shutil.ignore_patterns("__pycache__"))
+        if room:
+            (root / room / "new.py").write_text("CHANGED = True\n")
+        monkeypatch.setattr(palpation, "__file__", str(root / "__init__.py"))
+        digests.add(source_digest.__wrapped__())
+    assert len(digests) == 4
 
 
 def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,13 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import is_recording
 from palp_core.palpation.identification.emg.page import COLUMNS, emg_page
-from palp_core.palpation.identification.emg.trial import Choices, Trial, run_trial, series_rows, trial_record
+from palp_core.palpation.identification.emg.trial import (
+    Choices,
+    EmgTrial,
+    run_trial,
+    series_rows,
+    trial_record,
+)
 from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eigenvalue
 from palp_core.palpation.perception.emg.sweep import sweep
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
@@ -69,7 +75,7 @@ def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
     return result
 
 
-def write_trial(trial: Trial, out: Path) -> dict[str, Any]:
+def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
     """Write the page, its numbers and the time series of one trial, and return its record."""
     from palp_core.palpation.identification.emg.chart import trial_chart
     from palp_core.palpation.reporting.charts import save
@@ -85,7 +91,7 @@ def write_trial(trial: Trial, out: Path) -> dict[str, Any]:
     return record
 
 
-def sweep_trial(trial: Trial, out: Path | None) -> list[dict[str, Any]]:
+def sweep_trial(trial: EmgTrial, out: Path | None) -> list[dict[str, Any]]:
     """Return bursts and lambda_2 over the settings' ranges; with a folder, also write sweep.csv."""
     rows = [asdict(row) for row in sweep([(trial.samples, trial.effort)], trial.settings)]
     for row in rows:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.palpation.identification.emg.trial import Trial
+from palp_core.palpation.identification.emg.trial import EmgTrial
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def trial_chart(trial: Trial) -> Chart:
+def trial_chart(trial: EmgTrial) -> Chart:
     """Return the chart; its numbers are the bursts."""
     result, rate_hz = trial.analysis, trial.settings.rate_hz
     times_s = np.arange(result.cocontraction.size) / rate_hz

@@ -32,7 +32,7 @@ _LEAST_SD = 0.01
 
 
 @dataclass(frozen=True)
-class Source:
+class EmgSource:
     """A recording, or a folder subject/phase/trial of them, and the depth that was palpated if it is known.
 
     Attributes:
@@ -74,7 +74,7 @@ class FittedChain:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class StrategyFit:
     """Every chain of a fit, the pooled one first, and the records of the trials that failed or did not."""
 
     chains: tuple[FittedChain, ...]
@@ -83,18 +83,18 @@ class Fit:
     prior_count: float
 
 
-def source_of(word: str) -> Source:
+def source_of(word: str) -> EmgSource:
     """Return what a word of the command line names: ``FILE`` or ``MM=FILE``.
 
     >>> source_of("2=trial.csv")
     Source(path=PosixPath('trial.csv'), depth_m=0.002)
     """
     stated = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:mm)?=(.+)", word)
-    return Source(Path(stated[2]), float(stated[1]) / 1e3) if stated else Source(Path(word))
+    return EmgSource(Path(stated[2]), float(stated[1]) / 1e3) if stated else EmgSource(Path(word))
 
 
 def fit(
-    sources: Sequence[Source],
+    sources: Sequence[EmgSource],
     mvc: Path | None,
     choices: Choices,
     settings: EmgSettings,
@@ -103,7 +103,7 @@ def fit(
     prior_count: float = 0.5,
     mass: float = 0.95,
     tell: Callable[[str], None],
-) -> Fit:
+) -> StrategyFit:
     """Analyse recordings and learn the chains; no transition spans two trials or a gap.
 
     Args:
@@ -142,7 +142,7 @@ def fit(
             )
         except PalpError as error:
             tell(f"{depth_m * 1e3:g} mm: {error}")
-    return Fit(tuple(chains), tuple(records), settings, prior_count)
+    return StrategyFit(tuple(chains), tuple(records), settings, prior_count)
 
 
 def _named_depth_m(record: dict[str, Any]) -> float | None:
@@ -172,7 +172,7 @@ def _chain(
     )
 
 
-def chain_file(found: Fit) -> ChainFile:
+def chain_file(found: StrategyFit) -> ChainFile:
     """Return what the Markov policy loads."""
     return ChainFile(
         levels=list(LEVELS),
@@ -190,7 +190,7 @@ def chain_file(found: Fit) -> ChainFile:
     )
 
 
-def fit_record(found: Fit) -> dict[str, Any]:
+def fit_record(found: StrategyFit) -> dict[str, Any]:
     """Return a fit's numbers, ready for JSON."""
     settings = found.settings
     return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palp_core.palpation.identification.emg.markov_fit import Fit, FittedChain, chain_file, fit_record
+from palp_core.palpation.identification.emg.markov_fit import FittedChain, StrategyFit, chain_file, fit_record
 from palp_core.palpation.perception.strategy.chain_file import write_chains
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting.charts import Chart
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _SCALE_END = 0.6  # of the published Figure 5; a chain with a larger entry gets its own
 
 
-def write_fit(found: Fit, out: Path) -> dict[str, Any]:
+def write_fit(found: StrategyFit, out: Path) -> dict[str, Any]:
     """Write chain.json (which the Markov policy loads), markov.json, the chart, its table and the page."""
     record = fit_record(found)
     out.mkdir(parents=True, exist_ok=True)
@@ -108,7 +108,7 @@ def _frozen(run: dict[str, Any]) -> str:
     return "no" if run["frozen_after"] is None else f"after {run['frozen_after']} steps"
 
 
-def _matrices_chart(found: Fit) -> Chart:
+def _matrices_chart(found: StrategyFit) -> Chart:
     top = max(_SCALE_END, *(float(one.summary.matrix.max()) for one in found.chains))
 
     def draw(to: Figure) -> None:

@@ -41,7 +41,7 @@ class Choices:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class EmgTrial:
     """A trial that was analysed.
 
     Attributes:
@@ -67,7 +67,7 @@ class Trial:
 
 def run_trial(
     path: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, rest: Path | None = None
-) -> Trial:
+) -> EmgTrial:
     """Read and analyse a trial.
 
     Args:
@@ -102,7 +102,7 @@ def run_trial(
         result = analyse(used, effort, rated, rest=quiet)
     except PerceptionError as error:
         raise PerceptionError(f"{path} with MVC {effort_path}: {error}") from error
-    return Trial(path, effort_path, found, rated, used, effort, result, tuple(notes))
+    return EmgTrial(path, effort_path, found, rated, used, effort, result, tuple(notes))
 
 
 def _load(file: EmgFile, choices: Choices) -> tuple[Guess, Float64Array]:
@@ -193,7 +193,7 @@ def import_report(path: Path, choices: Choices) -> dict[str, Any]:
     return report
 
 
-def trial_record(trial: Trial) -> dict[str, Any]:
+def trial_record(trial: EmgTrial) -> dict[str, Any]:
     """Return a trial's numbers, ready for JSON."""
     result, rate_hz = trial.analysis, trial.settings.rate_hz
     unit = "V" if is_voltage(trial.guess.unit) else trial.guess.unit
@@ -242,7 +242,7 @@ def trial_record(trial: Trial) -> dict[str, Any]:
     }
 
 
-def series_rows(trial: Trial) -> tuple[list[str], list[list[float]]]:
+def series_rows(trial: EmgTrial) -> tuple[list[str], list[list[float]]]:
     """Return heading and rows of a trial's time series; co-contraction is empty where samples were lost."""
     result = trial.analysis
     times_s = np.arange(result.cocontraction.size) / trial.settings.rate_hz

@@ -9,7 +9,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.perception.signal.smoothers import SavitzkyGolay
-from palp_core.palpation.session.recorded_sweeps import StoredSession, StoredSweep
+from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.units import Float64Array
 
 _SMOOTH = SavitzkyGolay(50, 3)
@@ -20,7 +20,7 @@ _TOGETHER = ("stay", "remount", "hour")  # conditions in which the ring stays wh
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class MeanSweep:
     """The mean sweep of one mounting at one ring position, over a bead up to its peak.
 
     Behind the peak the tip can snap off the bead, a little elsewhere in every sweep, and a mean of that is no
@@ -48,8 +48,8 @@ class Cell:
 
 
 def gather(
-    sessions: Sequence[StoredSession], *, from_m: float, speed_m_s: float, sample_sd_n_m: float
-) -> list[Cell]:
+    sessions: Sequence[RecordedSweeps], *, from_m: float, speed_m_s: float, sample_sd_n_m: float
+) -> list[MeanSweep]:
     """Return the cells of every sweep whose phantom is known: training, and the plan ``repeatability``.
 
     Args:
@@ -61,7 +61,7 @@ def gather(
     Raises:
         PalpError: No sweep's phantom is known, or sweeps of a cell differ in length.
     """
-    grouped: dict[tuple[int, int, float, float], list[StoredSweep]] = {}
+    grouped: dict[tuple[int, int, float, float], list[RecordedSweep]] = {}
     for number, session in enumerate(sessions):
         for sweep in session.sweeps:
             if sweep.phase != "estimation" and sweep.depth_m is not None and sweep.ring_m >= _LEAST_RING_M:
@@ -80,11 +80,11 @@ def _cell(
     mount: int,
     depth_m: float,
     ring_m: float,
-    sweeps: Sequence[StoredSweep],
+    sweeps: Sequence[RecordedSweep],
     from_m: float,
     speed_m_s: float,
     sample_sd_n_m: float,
-) -> Cell:
+) -> MeanSweep:
     shapes = {(sweep.torque_n_m.size, sweep.rate_hz) for sweep in sweeps}
     if len(shapes) != 1:
         raise PalpError(f"sweeps at ring {ring_m * 1e3:g} mm differ in length or rate: {sorted(shapes)}")
@@ -96,7 +96,7 @@ def _cell(
     last = edge + int(np.argmax(mean[edge : count - edge])) if depth_m > 0.0 else count - edge
     points = np.arange(edge, max(last, count // 2), step)
     landings = {(s.trial if s.phase not in _TOGETHER else s.phase) for s in sweeps}
-    return Cell(
+    return MeanSweep(
         mount,
         depth_m,
         ring_m,

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from palp_core.errors import MethodError, PalpError
-from palp_core.palpation.identification.phantom.cells import Cell
-from palp_core.palpation.identification.phantom.problem import NAMES, UNIT, Problem, costliest
+from palp_core.palpation.identification.phantom.cells import MeanSweep
+from palp_core.palpation.identification.phantom.problem import NAMES, UNIT, FitProblem, costliest
 from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
@@ -63,7 +63,7 @@ class PhantomFit:
     cell_count: int
 
 
-def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> PhantomFit:
+def fit_phantom(cells: Sequence[MeanSweep], start: Scene, noise: RigNoise) -> PhantomFit:
     """Fit the parameters.
 
     Args:
@@ -75,11 +75,11 @@ def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> Phantom
         PalpError: There are fewer points than parameters, or the mechanics have no answer at the start.
         MethodError: No contact rung is good enough for the start's scene.
     """
-    problem = Problem(cells, start, noise)
+    problem = FitProblem(cells, start, noise)
     best, cost = _minimised(problem)
     wanted = _wanted(problem, problem.scene(best))
     if wanted not in (None, problem.rung):  # what was found needs another contact model than the start
-        problem = Problem(cells, problem.scene(best), noise)
+        problem = FitProblem(cells, problem.scene(best), noise)
         best, cost = _minimised(problem)
     slope = problem.slope(best)
     covariance = np.linalg.pinv(slope.T @ slope)[:3, :3]
@@ -106,7 +106,7 @@ def fit_phantom(cells: Sequence[Cell], start: Scene, noise: RigNoise) -> Phantom
     )
 
 
-def _minimised(problem: Problem) -> tuple[Float64Array, float]:
+def _minimised(problem: FitProblem) -> tuple[Float64Array, float]:
     if not np.isfinite(problem.residuals(problem.start())).all():
         raise PalpError(
             "the mechanics have no answer at the start; give another --scene, nearer to the phantom"
@@ -114,7 +114,7 @@ def _minimised(problem: Problem) -> tuple[Float64Array, float]:
     return problem.minimise()
 
 
-def _wanted(problem: Problem, scene: Scene) -> str | None:
+def _wanted(problem: FitProblem, scene: Scene) -> str | None:
     """Return the rung that the scene's phantoms need; None where one of them gets none."""
     try:
         return costliest(problem.choices(scene))
@@ -122,7 +122,7 @@ def _wanted(problem: Problem, scene: Scene) -> str | None:
         return None
 
 
-def _ring_sd(cells: Sequence[Cell], problem: Problem, x: Float64Array) -> Fitted | None:
+def _ring_sd(cells: Sequence[MeanSweep], problem: FitProblem, x: Float64Array) -> Fitted | None:
     """Return the landing's spread by the peaks' scatter over positionings, with its chi^2 interval."""
     count = len(cells)
     shift = np.zeros(x.size)
@@ -141,7 +141,7 @@ def _ring_sd(cells: Sequence[Cell], problem: Problem, x: Float64Array) -> Fitted
 
 
 def _warnings(
-    parameters: dict[str, Fitted], correlation: Float64Array, misfit: float, cells: Sequence[Cell]
+    parameters: dict[str, Fitted], correlation: Float64Array, misfit: float, cells: Sequence[MeanSweep]
 ) -> list[str]:
     said = [
         f"{NAMES[i]} and {NAMES[j]} cannot be told apart (correlation {correlation[i, j]:+.3f}): only a "
@@ -163,7 +163,7 @@ def _warnings(
     return said
 
 
-def _of_model(scene: Scene, problem: Problem) -> list[str]:
+def _of_model(scene: Scene, problem: FitProblem) -> list[str]:
     """Say where the rung of the fit is not the one that the fitted scene would get."""
     said = []
     for depth_m in problem.depths_m:

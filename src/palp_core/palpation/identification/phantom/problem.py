@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palp_core.errors import MechanicsError, PalpError
-from palp_core.palpation.identification.phantom.cells import Cell
+from palp_core.palpation.identification.phantom.cells import MeanSweep
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -29,10 +29,10 @@ _HELD_STEPS, _CORRECTIONS = 3, 2
 _LOOSENED = (100.0, 1.0)
 
 
-class Problem:
+class FitProblem:
     """Residuals over theta (in :data:`UNIT`), then landings, heights and factors over their priors' sd."""
 
-    def __init__(self, cells: Sequence[Cell], start: Scene, noise: RigNoise) -> None:
+    def __init__(self, cells: Sequence[MeanSweep], start: Scene, noise: RigNoise) -> None:
         self.cells, self.given = cells, start
         self.mount_count = max(cell.mount for cell in cells) + 1
         self.point_count = sum(cell.stage_m.size for cell in cells)

@@ -12,7 +12,7 @@ from palp_core.palpation.identification.phantom.cells import gather
 from palp_core.palpation.identification.phantom.fit import PhantomFit, fit_phantom
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise
-from palp_core.palpation.session.recorded_sweeps import StoredSession
+from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.palpation.session.repeatability import sample_noise
 from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 
@@ -27,7 +27,7 @@ ASSUMED = RigNoise(
 
 
 def fit_sources(
-    sessions: Sequence[StoredSession], *, start: Scene | None = None, noise: RigNoise | None = None
+    sessions: Sequence[RecordedSweeps], *, start: Scene | None = None, noise: RigNoise | None = None
 ) -> tuple[PhantomFit, Component, RigNoise]:
     """Return the fit, the noise of a sample with its interval, and the priors that were used.
 

@@ -10,7 +10,7 @@ from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class FailureCase:
     """Symptom of a failing method and of the survivor over the same range.
 
     Attributes:

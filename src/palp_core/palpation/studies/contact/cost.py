@@ -26,7 +26,7 @@ _LONG_S = 0.5
 
 
 @dataclass(frozen=True)
-class Variant:
+class RungVariant:
     """A rung at a resolution.
 
     Attributes:
@@ -53,7 +53,7 @@ class Variant:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class RungCost:
     """What one variant takes and gives over one phantom.
 
     Attributes:
@@ -68,7 +68,7 @@ class Measured:
         errors: Relative errors by output and ring, against the reference; empty for the reference.
     """
 
-    variant: Variant
+    variant: RungVariant
     depth_m: float
     setup_s: float
     sweep_s: float
@@ -82,18 +82,18 @@ class Measured:
         return self.errors.get((output, ring_m), float("nan"))
 
 
-def variants(*, quick: bool) -> list[Variant]:
+def variants(*, quick: bool) -> list[RungVariant]:
     """Return the rungs and resolutions to measure; the last is the reference."""
     declared = {one.name for one in methods("contact")}
 
-    def sizes(rung: str, name: str, lengths_m: Sequence[float], usual_m: float) -> list[Variant]:
+    def sizes(rung: str, name: str, lengths_m: Sequence[float], usual_m: float) -> list[RungVariant]:
         return [
-            Variant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
+            RungVariant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
             for length_m in lengths_m
         ]
 
     found = [
-        *(Variant(name) for name in ("l0", "l1", "l2")),
+        *(RungVariant(name) for name in ("l0", "l1", "l2")),
         *sizes("l3", "facet_m", (0.002,) if quick else (0.002, 0.001), 0.001),
         *sizes("l5", "facet_m", (0.000375,) if quick else (0.00075, 0.000375), 0.000375),
         *sizes("l4", "cell_m", (0.001, 0.0005) if quick else (0.002, 0.001, 0.0005), 0.001),
@@ -143,12 +143,12 @@ def side_by_side(actions: Mapping[str, Callable[[], object]], repeats: int = 7) 
 
 
 def measure(
-    variant: Variant,
+    variant: RungVariant,
     phantom: Phantom,
     probe: Probe,
     rings_m: Sequence[float],
-    against: Measured | None = None,
-) -> Measured:
+    against: RungCost | None = None,
+) -> RungCost:
     """Time a variant and compare what it gives.
 
     Args:
@@ -186,7 +186,7 @@ def measure(
         for ring_m in solved:
             errors["peak", ring_m] = abs(peaks[ring_m] / against.peak_n_m[ring_m] - 1.0)
             errors["contrast", ring_m] = abs(contrasts[ring_m] / against.contrast_n_m[ring_m] - 1.0)
-    return Measured(variant, depth_m, setup_s, sweep_s, normal_n, peaks, contrasts, errors)
+    return RungCost(variant, depth_m, setup_s, sweep_s, normal_n, peaks, contrasts, errors)
 
 
 def _off(given: Float64Array, true: Float64Array) -> float:

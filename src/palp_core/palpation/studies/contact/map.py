@@ -52,7 +52,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class MapVerdict:
     """Whether each method of :data:`METHODS` is safe at a point."""
 
     point: Point
@@ -69,7 +69,7 @@ def points(*, quick: bool) -> Iterator[Point]:
         yield Point(depth_m, ring_m, modulus_pa, indentation_m)
 
 
-def verdicts(*, quick: bool, progress: Callable[[], None] = lambda: None) -> list[Verdict]:
+def verdicts(*, quick: bool, progress: Callable[[], None] = lambda: None) -> list[MapVerdict]:
     """Return what is safe at each point of the grid."""
     found = []
     for point in points(quick=quick):
@@ -78,7 +78,7 @@ def verdicts(*, quick: bool, progress: Callable[[], None] = lambda: None) -> lis
     return found
 
 
-def judge(point: Point) -> Verdict:
+def judge(point: Point) -> MapVerdict:
     """Return what is safe at a point, each method run there."""
     model = LayeredHertz(Phantom(bead=Bead(depth_m=point.depth_m), modulus_pa=point.modulus_pa), _TIP_M)
     probe = Probe()
@@ -87,14 +87,14 @@ def judge(point: Point) -> Verdict:
     try:
         solved = sweep(model, probe, point.ring_m, point.indentation_m, _STAGE_M)
     except MechanicsError:
-        return Verdict(point, safe | dict.fromkeys(set(METHODS) - set(safe), False))
+        return MapVerdict(point, safe | dict.fromkeys(set(METHODS) - set(safe), False))
     true = continued_newton(joint, _STAGE_M)
 
     def follows(finder: Callable[[Joint, Float64Array], Float64Array]) -> bool:
         return bool(np.all(np.abs(finder(joint, _STAGE_M) - true) < _OFF_RAD))
 
     over = np.abs(solved.offset_m) <= 0.0075
-    return Verdict(
+    return MapVerdict(
         point,
         safe
         | {
@@ -108,7 +108,7 @@ def judge(point: Point) -> Verdict:
     )
 
 
-def map_chart(found: list[Verdict], method: str) -> Chart:
+def map_chart(found: list[MapVerdict], method: str) -> Chart:
     """Return one method's map: a panel per modulus and indentation, depth against ring in each."""
     axis = {
         name: sorted({getattr(v.point, name) for v in found})

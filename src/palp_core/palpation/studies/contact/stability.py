@@ -10,7 +10,7 @@ import numpy as np
 
 from palp_core.palpation.reporting.charts import GREY, Chart, tidy
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
-from palp_core.palpation.studies.contact.case import Case
+from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.contact.cases_fem import fem_cases
 from palp_core.palpation.studies.contact.cases_joint import joint_cases
 from palp_core.palpation.studies.contact.cases_other import other_cases
@@ -64,13 +64,13 @@ def run(out: Path, *, quick: bool = False) -> Path:
     return write_page(out, "Where methods fail", parts)
 
 
-def markdown(cases: Sequence[Case]) -> str:
+def markdown(cases: Sequence[FailureCase]) -> str:
     """Return the table of ``docs/mechanics.md``, a row per case."""
     lines = [_HEAD, ("---",) * len(_HEAD), *(case.row for case in cases)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _overview(cases: Sequence[Case]) -> Chart:
+def _overview(cases: Sequence[FailureCase]) -> Chart:
     """Return all cases as bars over their parameters."""
 
     def draw(to: Figure) -> None:
@@ -121,7 +121,7 @@ def _overview(cases: Sequence[Case]) -> Chart:
     )
 
 
-def _case_chart(case: Case) -> Chart:
+def _case_chart(case: FailureCase) -> Chart:
     def draw(to: Figure) -> None:
         axes = to.subplots()
         shown = np.minimum(np.where(np.isfinite(case.of_failing), case.of_failing, _HUGE), _HUGE)

@@ -13,7 +13,7 @@ from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, Tolerance
 from palp_core.palpation.mechanics import Path as StagePath
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
-from palp_core.palpation.studies.contact.cost import Measured, Variant, measure, variants
+from palp_core.palpation.studies.contact.cost import RungCost, RungVariant, measure, variants
 from palp_core.palpation.studies.toolkit.progress import followed
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
     depths = (0.004,) if quick else DEPTHS_M
     offered = variants(quick=quick)
     reference = offered[-1]
-    rows: list[Measured] = []
+    rows: list[RungCost] = []
     refused: list[tuple[str, str]] = []
     for depth_m in depths:
         phantom = Phantom(bead=Bead(depth_m=depth_m))
@@ -97,7 +97,7 @@ def pareto(cost: Sequence[float], error: Sequence[float]) -> list[int]:
 
 
 def _front(
-    rows: Sequence[Measured], cost: Callable[[Measured], float], output: str, ring_m: float | None
+    rows: Sequence[RungCost], cost: Callable[[RungCost], float], output: str, ring_m: float | None
 ) -> list[int]:
     """Return which rows are on the front; L5 is none of them, as it obeys another law than the reference."""
     errors = [np.nan if row.variant.rung == "l5" else row.error(output, ring_m) for row in rows]
@@ -119,11 +119,11 @@ def _chosen(depth_m: float, output: str) -> str:
         return ""
 
 
-def _total_s(row: Measured) -> float:
+def _total_s(row: RungCost) -> float:
     return row.setup_s + (0.0 if np.isnan(row.sweep_s) else row.sweep_s)
 
 
-def _summary(rows: Sequence[Measured], reference: Variant) -> str:
+def _summary(rows: Sequence[RungCost], reference: RungVariant) -> str:
     said = []
     for output, tolerance in TOLERANCES.items():
         picks = {f"{d * 1e3:g} mm": _chosen(d, output) or "none" for d in sorted({r.depth_m for r in rows})}
@@ -136,10 +136,10 @@ def _summary(rows: Sequence[Measured], reference: Variant) -> str:
     )
 
 
-def _chart(rows: Sequence[Measured], output: str, reference: Variant) -> Chart:
+def _chart(rows: Sequence[RungCost], output: str, reference: RungVariant) -> Chart:
     depths = sorted({row.depth_m for row in rows})
     panels = [(d, r) for d in depths for r in ((None,) if output == "normal" else RINGS_M)]
-    costs: tuple[tuple[str, Callable[[Measured], float]], ...] = (
+    costs: tuple[tuple[str, Callable[[RungCost], float]], ...] = (
         ("set-up and a sweep, s", _total_s),
         ("a sweep, s", lambda row: row.sweep_s),
     )
@@ -171,7 +171,7 @@ def _chart(rows: Sequence[Measured], output: str, reference: Variant) -> Chart:
     )
 
 
-def _records(rows: Sequence[Measured], output: str, reference: Variant) -> list[tuple[object, ...]]:
+def _records(rows: Sequence[RungCost], output: str, reference: RungVariant) -> list[tuple[object, ...]]:
     records: list[tuple[object, ...]] = []
     for depth_m in sorted({row.depth_m for row in rows}):
         here = [row for row in rows if row.depth_m == depth_m and row.variant is not reference]
@@ -191,8 +191,8 @@ def _records(rows: Sequence[Measured], output: str, reference: Variant) -> list[
 
 def _panel(
     axes: Axes,
-    rows: Sequence[Measured],
-    cost: Callable[[Measured], float],
+    rows: Sequence[RungCost],
+    cost: Callable[[RungCost], float],
     output: str,
     ring_m: float | None,
     chosen: str,
@@ -219,7 +219,7 @@ def _panel(
     axes.margins(x=0.3)
 
 
-def _table_chart(rows: Sequence[Measured], reference: Variant) -> Chart:
+def _table_chart(rows: Sequence[RungCost], reference: RungVariant) -> Chart:
     """Return set-up and sweep of every rung as bars, the reference too."""
     first = [row for row in rows if row.depth_m == rows[-1].depth_m]
 

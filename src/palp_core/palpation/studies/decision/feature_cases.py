@@ -60,7 +60,7 @@ class Way:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CleanSweep:
     """A sweep without noise, and the truth.
 
     Attributes:
@@ -79,7 +79,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Measured:
+class FeatureError:
     """How wrong a way is.
 
     Attributes:
@@ -145,7 +145,7 @@ def _streamed(stream: WaveletStream, signal: Float64Array) -> Float64Array:
     return np.concatenate([*parts, stream.finish(state)])
 
 
-def clean_cases(rings_m: tuple[float, ...]) -> list[Case]:
+def clean_cases(rings_m: tuple[float, ...]) -> list[CleanSweep]:
     """Return sweeps over the paper's phantoms without noise, by the cheapest rung that vouches for both."""
     stage = FROM_M + np.arange(round((TO_M - FROM_M) / SPEED_M_PER_S * RATE_HZ)) * SPEED_M_PER_S / RATE_HZ
     probe, cases = Probe(), []
@@ -165,13 +165,13 @@ def clean_cases(rings_m: tuple[float, ...]) -> list[Case]:
                 name: min(abs(other[name] - truth[name]) for other in truths if other is not truth)
                 for name in FEATURES
             }
-            cases.append(Case(depth_m, ring_m, torque, truth, gaps))
+            cases.append(CleanSweep(depth_m, ring_m, torque, truth, gaps))
     return cases
 
 
 def measure(
-    way: Way, cases: list[Case], noise_factor: float, sweep_count: int, rng: np.random.Generator
-) -> list[Measured]:
+    way: Way, cases: list[CleanSweep], noise_factor: float, sweep_count: int, rng: np.random.Generator
+) -> list[FeatureError]:
     """Return how wrong a way is, a row per feature; the same generator gives every way the same noise.
 
     Args:
@@ -200,7 +200,7 @@ def measure(
                 errors[name].append(error)
                 shares[name].append(error / case.gap_n_m[name])
     return [
-        Measured(
+        FeatureError(
             way,
             name,
             noise_factor,

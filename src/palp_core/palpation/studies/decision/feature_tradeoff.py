@@ -12,7 +12,13 @@ from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.palpation.perception.signal.wavelet_stream import tail_weight
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
-from palp_core.palpation.studies.decision.feature_cases import FEATURES, Measured, clean_cases, measure, ways
+from palp_core.palpation.studies.decision.feature_cases import (
+    FEATURES,
+    FeatureError,
+    clean_cases,
+    measure,
+    ways,
+)
 from palp_core.palpation.studies.toolkit.progress import followed
 from palp_core.whole_file import write_json
 
@@ -110,7 +116,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
     return write_page(out, "Features of a sweep: error against lag and cost", parts)
 
 
-def _lead(rows: Sequence[Measured]) -> str:
+def _lead(rows: Sequence[FeatureError]) -> str:
     said = []
     for factor in NOISE_FACTORS:
         for feature in FEATURES:
@@ -124,7 +130,7 @@ def _lead(rows: Sequence[Measured]) -> str:
     return f"Least error, {'; '.join(said)}."
 
 
-def _record(row: Measured) -> dict[str, Any]:
+def _record(row: FeatureError) -> dict[str, Any]:
     return {
         "family": row.way.family,
         "setting": row.way.label,
@@ -147,7 +153,7 @@ def front(x: Sequence[float], y: Sequence[float]) -> list[int]:
     return found
 
 
-def _chart(rows: Sequence[Measured]) -> Chart:
+def _chart(rows: Sequence[FeatureError]) -> Chart:
     def draw(to: Figure) -> None:
         grid = to.subplots(len(FEATURES), 2, squeeze=False, sharey="row")
         for line, feature in enumerate(FEATURES):
@@ -172,7 +178,7 @@ def _chart(rows: Sequence[Measured]) -> Chart:
     )
 
 
-def _panel(axes: Axes, rows: Sequence[Measured], what: str, *, filled: bool) -> None:
+def _panel(axes: Axes, rows: Sequence[FeatureError], what: str, *, filled: bool) -> None:
     x = [max(r.way.lag_s, _LEAST_LAG_S) if what == "lag" else r.cost_s for r in rows]
     y = [r.relative for r in rows]
     best = front(x, y)

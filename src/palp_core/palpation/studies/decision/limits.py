@@ -17,7 +17,7 @@ from palp_core.palpation.perception.strategy.optimal_shared import (
 )
 from palp_core.palpation.perception.strategy.policies_informed import Timing
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Touch
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array
 
 COSTS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
@@ -52,7 +52,7 @@ class Limits:
         return asdict(self)
 
 
-def what_stays(felt: Touch, conditions: Conditions) -> OffsetModel:
+def what_stays(felt: ReadingTable, conditions: Conditions) -> OffsetModel:
     """Return readings as they truly are: the landing stays until the ring moves, the height for the trial.
 
     Args:
@@ -68,7 +68,7 @@ def what_stays(felt: Touch, conditions: Conditions) -> OffsetModel:
     )
 
 
-def limits(felt: Touch, conditions: Conditions, trial_count: int = 4000) -> Limits:
+def limits(felt: ReadingTable, conditions: Conditions, trial_count: int = 4000) -> Limits:
     """Return the limits for a touch and a rig.
 
     Args:

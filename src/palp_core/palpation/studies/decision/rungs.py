@@ -15,9 +15,9 @@ from palp_core.palpation.methods import find
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
 from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import STIFF_M, begin, run
-from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, touch
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.simulation.policies import STIFF_M, begin_session, run_policy
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, tabulate
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
 REFERENCE = "l4"
 RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
@@ -46,7 +46,7 @@ class RungJob:
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class RungWorld:
     """What a rung led to with one feature.
 
     Attributes:
@@ -78,11 +78,11 @@ def rung_rows(
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
     """
-    chosen = set(touch(Gel(), noisy_sweeps=2).rungs)
+    chosen = set(tabulate(Gel(), noisy_sweeps=2).rungs)
     features = FEATURES[:1] if quick else FEATURES
     served = QUICK if quick else RUNGS
     jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]
-    worlds = spread(rung_world, jobs, label="rungs", workers=workers, dask=dask)
+    worlds = run_jobs(rung_world, jobs, label="rungs", workers=workers, dask=dask)
     found = dict(zip(served, worlds, strict=True))
     return [
         _row(rung, feature, filter_name, found, rung in chosen)
@@ -93,7 +93,7 @@ def rung_rows(
 
 
 def _row(
-    rung: str, feature: str, filter_name: str, found: Mapping[str, Mapping[str, World]], chosen: bool
+    rung: str, feature: str, filter_name: str, found: Mapping[str, Mapping[str, RungWorld]], chosen: bool
 ) -> dict[str, Any]:
     world = found[rung][feature] if rung in found else None
     reference = found[REFERENCE][feature]
@@ -113,34 +113,39 @@ def _row(
     }
 
 
-def rung_world(job: RungJob) -> dict[str, World]:
+def rung_world(job: RungJob) -> dict[str, RungWorld]:
     """Return by feature what a rung leads to."""
     return {feature: _decide(job, feature) for feature in job.features}
 
 
-def _decide(job: RungJob, feature: str) -> World:
+def _decide(job: RungJob, feature: str) -> RungWorld:
     gel = Gel(rung=job.rung, rings_m=STIFF_M, feature=feature)
     conditions = Conditions(remount=True, trials=20)
     try:
         sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
-        felt = touch(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
+        felt = tabulate(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
         begun = monotonic_ns()
         sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1])
         sweep_s = 1e-9 * (monotonic_ns() - begun)
     except PalpError as error:
-        return World({}, {}, {}, float("nan"), str(error))
+        return RungWorld({}, {}, {}, float("nan"), str(error))
     estimates, probes, filter_s = {}, {}, {}
     for filter_name in FILTERS:
         begun = monotonic_ns()
         ended = [
-            run("uniform_stiff", begin(felt, conditions, one), PosteriorThreshold(), filter_name=filter_name)
+            run_policy(
+                "uniform_stiff",
+                begin_session(felt, conditions, one),
+                PosteriorThreshold(),
+                filter_name=filter_name,
+            )
             for one in seeds(21, job.seed, job.sessions)
         ]
         count = sum(one.depth.size for one in ended)
         filter_s[filter_name] = 1e-9 * (monotonic_ns() - begun) / count
         estimates[filter_name] = np.concatenate([one.estimate for one in ended])
         probes[filter_name] = float(np.concatenate([one.probes for one in ended]).mean())
-    return World(estimates, probes, filter_s, sweep_s, _doubt(job.rung, feature, gel))
+    return RungWorld(estimates, probes, filter_s, sweep_s, _doubt(job.rung, feature, gel))
 
 
 def _doubt(rung: str, feature: str, gel: Gel) -> str:

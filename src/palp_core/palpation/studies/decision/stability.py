@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
-from palp_core.palpation.studies.decision import traps_belief as decision_traps_belief
-from palp_core.palpation.studies.decision import traps_signal as decision_traps_signal
+from palp_core.palpation.studies.decision import traps_belief, traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
 from palp_core.whole_file import write_json
 
-TRAPS: tuple[Trap, ...] = (*decision_traps_belief.TRAPS, *decision_traps_signal.TRAPS)
+TRAPS: tuple[Trap, ...] = (*traps_belief.TRAPS, *traps_signal.TRAPS)
 
 
 def row(trap: Trap) -> dict[str, Any]:

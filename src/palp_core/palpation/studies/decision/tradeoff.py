@@ -21,12 +21,11 @@ from palp_core.palpation.studies.decision.limits import limits
 from palp_core.palpation.studies.decision.rungs import rung_rows
 from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin
-from palp_core.palpation.studies.simulation.policies import run as run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
+from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from palp_core.whole_file import write_json
 
 POLICIES = NAMES
@@ -48,14 +47,14 @@ UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
 class TradeoffJob:
     """A session of one feature under every policy, stop rule and filter."""
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
 
 
 def tradeoff_session(job: TradeoffJob) -> dict[tuple[str, str, str], Outcomes]:
     """Return outcomes by policy, stop rule and filter; with all fixed positions, their average too."""
-    session = begin(job.touch, job.conditions, job.seed)
+    session = begin_session(job.table, job.conditions, job.seed)
     found = {
         (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
         for policy in POLICIES
@@ -109,16 +108,16 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     count = 2 if quick else 20
     rows: list[dict[str, Any]] = []
     for feature in FEATURES:
-        felt = touch(Gel(feature=feature))
+        felt = tabulate(Gel(feature=feature))
         jobs = [TradeoffJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
-        found = spread(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
+        found = run_jobs(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
         for key in found[0]:
             line = summarise([one[key] for one in found], felt.gel.depths_m)
             names = dict(zip(("policy", "stop", "filter"), key, strict=True))
             rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
     for cost in ("probes", "seconds"):
         mark_front(rows, cost)
-    bounds = limits(touch(Gel()), UNKNOWN, 500 if quick else 4000)
+    bounds = limits(tabulate(Gel()), UNKNOWN, 500 if quick else 4000)
     rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
     report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}

@@ -12,8 +12,14 @@ from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVer
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import Uniform
 from palp_core.palpation.studies.simulation.conditions import Conditions, draw, train
-from palp_core.palpation.studies.simulation.policies import NAMES, STIFF_M, begin, fixed_name, run
-from palp_core.palpation.studies.simulation.reading_table import Gel, Touch
+from palp_core.palpation.studies.simulation.policies import (
+    NAMES,
+    STIFF_M,
+    begin_session,
+    fixed_name,
+    run_policy,
+)
+from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
@@ -40,25 +46,25 @@ The last is a control, added afterwards: the noisy scene with a training that la
 
 @dataclass(frozen=True, eq=False)
 class PaperJob:
-    """A session of the paper's design: touch, conditions, and its seed."""
+    """A session of the paper's design: table, conditions, and its seed."""
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
 
 
 def paper_session(job: PaperJob) -> dict[str, Outcomes]:
     """Return what every policy does in a session: peak, the paper's filter, its stop rule verbatim."""
-    session = begin(job.touch, job.conditions, job.seed)
+    session = begin_session(job.table, job.conditions, job.seed)
     names = [*NAMES, *READINGS[1:]]
-    return {name: run(name, session, PaperVerbatim()) for name in names}
+    return {name: run_policy(name, session, PaperVerbatim()) for name in names}
 
 
 @dataclass(frozen=True, eq=False)
 class SceneJob:
     """A session of a scene: the same as of the paper, with the budgets of fixed rings to compare at."""
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
     most_probes: int = 15
@@ -66,20 +72,22 @@ class SceneJob:
 
 def scene_session(job: SceneJob) -> dict[str, Outcomes]:
     """Return the informed policies under the latent filter, and every fixed ring after 1, 2, ... probes."""
-    session = begin(job.touch, job.conditions, job.seed)
+    session = begin_session(job.table, job.conditions, job.seed)
     stop = PosteriorThreshold()
     found = {
-        "information_gain_latent": run("information_gain_latent", session, stop, filter_name="latent"),
-        "per_second": run("information_gain_latent", session, stop, filter_name="latent", per_second=True),
-        "naive": run("information_gain", session, stop),
-        "uniform": run("uniform", session, stop, filter_name="latent"),
-        "reposition_best": run("reposition_best", session, stop, filter_name="latent"),
-        "fixed_best": run("fixed_best", session, stop, filter_name="latent"),
+        "information_gain_latent": run_policy("information_gain_latent", session, stop, filter_name="latent"),
+        "per_second": run_policy(
+            "information_gain_latent", session, stop, filter_name="latent", per_second=True
+        ),
+        "naive": run_policy("information_gain", session, stop),
+        "uniform": run_policy("uniform", session, stop, filter_name="latent"),
+        "reposition_best": run_policy("reposition_best", session, stop, filter_name="latent"),
+        "fixed_best": run_policy("fixed_best", session, stop, filter_name="latent"),
     }
     for ring_m in figure5.RINGS_M[1:]:
         name = fixed_name(ring_m)
         for filter_name in ("naive", "latent"):
-            whole = run(name, session, FixedNumber(job.most_probes), filter_name=filter_name)
+            whole = run_policy(name, session, FixedNumber(job.most_probes), filter_name=filter_name)
             found[f"{name}/{filter_name}"] = whole
     return found
 
@@ -88,8 +96,8 @@ def scene_session(job: SceneJob) -> dict[str, Outcomes]:
 class GridJob:
     """A session whose nodules lie at any of 31 depths, while training knew three."""
 
-    trained_touch: Touch
-    grid_touch: Touch
+    trained_touch: ReadingTable
+    grid_touch: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
 
@@ -114,11 +122,11 @@ def grid_session(job: GridJob) -> dict[str, Float64Array]:
     return found
 
 
-def _aware(model: OffsetModel, touch: Touch, conditions: Conditions, floor: float) -> OffsetModel:
+def _aware(model: OffsetModel, table: ReadingTable, conditions: Conditions, floor: float) -> OffsetModel:
     """Return interpolated primitives that know landing and height to stay."""
-    slope = np.stack([touch.ring_slope(), touch.height_slope()], axis=-1)[:, :, None, :]
+    slope = np.stack([table.ring_slope(), table.height_slope()], axis=-1)[:, :, None, :]
     sds = np.array([conditions.ring_sd_m, np.sqrt(2.0) * conditions.height_sd_m])
-    noise = (touch.noise_sd**2 + floor**2)[..., None, None]
+    noise = (table.noise_sd**2 + floor**2)[..., None, None]
     return OffsetModel(model.mean, noise, slope, sds, (True, False))
 
 

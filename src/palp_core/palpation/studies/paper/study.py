@@ -13,9 +13,7 @@ from palp_core.palpation.perception.statistics.resampling import cluster_bootstr
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import figure, write_page
-from palp_core.palpation.studies.paper import charts_human as paper_charts_human
-from palp_core.palpation.studies.paper import charts_probe as paper_charts_probe
-from palp_core.palpation.studies.paper import charts_results as paper_charts_results
+from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results
 from palp_core.palpation.studies.paper.jobs import (
     GRID_M,
     READINGS,
@@ -33,17 +31,17 @@ from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
 from palp_core.palpation.studies.paper.text import closing, opening
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, touch
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
 
 @dataclass(frozen=True)
-class Size:
+class PaperSize:
     """How much is run.
 
     Attributes:
@@ -59,7 +57,7 @@ class Size:
     trials: int = 100
 
 
-QUICK = Size(sessions=8, scene_sessions=0, grid_sessions=0, trials=40)
+QUICK = PaperSize(sessions=8, scene_sessions=0, grid_sessions=0, trials=40)
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -75,11 +73,11 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     Returns:
         The page.
     """
-    size = QUICK if quick else Size()
+    size = QUICK if quick else PaperSize()
     gel, conditions = Gel(), Conditions(trials=size.trials)
-    felt = touch(gel)
+    felt = tabulate(gel)
     jobs = [PaperJob(felt, conditions, one) for one in seeds(0, seed, size.sessions)]
-    found = spread(paper_session, jobs, label="sessions", workers=workers, dask=dask)
+    found = run_jobs(paper_session, jobs, label="sessions", workers=workers, dask=dask)
     sessions = {name: [one[name] for one in found] for name in found[0]}
     report = results(sessions, gel.depths_m) | {
         "quick": quick,
@@ -90,22 +88,22 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
-    trained = begin(felt, conditions, jobs[0].seed).trained
+    trained = begin_session(felt, conditions, jobs[0].seed).trained
     charts: list[Chart] = [
-        paper_charts_human.figure_3(seed),
-        paper_charts_human.figure_4(),
-        paper_charts_human.figure_5(),
-        paper_charts_probe.figure_7b(gel),
-        paper_charts_probe.figure_8(gel, conditions, seed, count=8 if quick else 25),
-        paper_charts_probe.figure_9(trained.primitives),
+        charts_human.figure_3(seed),
+        charts_human.figure_4(),
+        charts_human.figure_5(),
+        charts_probe.figure_7b(gel),
+        charts_probe.figure_8(gel, conditions, seed, count=8 if quick else 25),
+        charts_probe.figure_9(trained.primitives),
         *_belief_charts(sessions, gel.depths_m),
-        paper_charts_results.figure_12(report["policies"]),
-        paper_charts_results.policies_chart(report["policies"]),
-        paper_charts_results.calibration_chart(report["policies"]),
+        charts_results.figure_12(report["policies"]),
+        charts_results.policies_chart(report["policies"]),
+        charts_results.calibration_chart(report["policies"]),
     ]
     if report["scenes"]:
-        charts.append(paper_charts_results.scenes_chart(report["scenes"]))
-        charts.append(paper_charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
+        charts.append(charts_results.scenes_chart(report["scenes"]))
+        charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
     parts = [*opening(report), *(figure(chart, out, svg=False) for chart in charts), *closing(report)]
     return write_page(out, "A soft probe that varies its stiffness: the paper re-run", parts)
 
@@ -146,24 +144,26 @@ def _tables() -> dict[str, Any]:
     }
 
 
-def _scenes(size: Size, seed: int, workers: int, dask: str) -> dict[str, Any]:
+def _scenes(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, Any]:
     judged = {}
     for number, (name, (gel, conditions)) in enumerate(SCENES.items() if size.scene_sessions else ()):
-        felt = touch(gel)
+        felt = tabulate(gel)
         jobs = [SceneJob(felt, conditions, s) for s in seeds(1 + number, seed, size.scene_sessions)]
-        found = spread(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
+        found = run_jobs(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
         judged[name] = judge(found, gel.depths_m)
     return judged
 
 
-def _grid(size: Size, seed: int, workers: int, dask: str) -> dict[str, dict[str, list[float]]]:
+def _grid(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, dict[str, list[float]]]:
     """Return the root mean square error in mm after each probe, by filter, with 95 % intervals."""
     if not size.grid_sessions:
         return {}
     conditions = Conditions(height_sd_m=0.2e-3, remount=True)
-    trained, grid = spread(touch, [Gel(), Gel(depths_m=GRID_M)], label="gels", workers=workers, dask=dask)
+    trained, grid = run_jobs(
+        tabulate, [Gel(), Gel(depths_m=GRID_M)], label="gels", workers=workers, dask=dask
+    )
     jobs = [GridJob(trained, grid, conditions, s) for s in seeds(9, seed, size.grid_sessions)]
-    found = spread(grid_session, jobs, label="sessions, 31 depths", workers=workers, dask=dask)
+    found = run_jobs(grid_session, jobs, label="sessions, 31 depths", workers=workers, dask=dask)
     return {name: _root_mean(np.array([one[name] for one in found])) for name in found[0]}
 
 
@@ -178,7 +178,7 @@ def _root_mean(squares_m2: Float64Array) -> dict[str, list[float]]:
 
 def _belief_charts(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> list[Chart]:
     return [
-        paper_charts_results.beliefs(
+        charts_results.beliefs(
             "figure_10_fixed_16",
             "Figure 10: belief over iterations, fixed r_a = 16 mm",
             "The paper reports no progress over iterations and shows an example. Ours: mean over sessions "
@@ -186,7 +186,7 @@ def _belief_charts(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequenc
             sessions["fixed_16"],
             depths_m,
         ),
-        paper_charts_results.beliefs(
+        charts_results.beliefs(
             "figure_10_fixed_8",
             "Figure 10: belief over iterations, fixed r_a = 8 mm",
             "As before at the middle position: the readings of a trial share one landing of the ring, so "
@@ -194,7 +194,7 @@ def _belief_charts(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequenc
             sessions["fixed_8"],
             depths_m,
         ),
-        paper_charts_results.beliefs(
+        charts_results.beliefs(
             "figure_11_markov",
             "Figure 11: belief over iterations, human strategy",
             "The paper: most trials end within 5 iterations, more the deeper the nodule. Ours with the "

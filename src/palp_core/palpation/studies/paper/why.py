@@ -21,12 +21,11 @@ from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
 from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
 from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin
-from palp_core.palpation.studies.simulation.policies import run as run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
+from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -65,7 +64,7 @@ def conditions_of(names: Sequence[str], trials: int) -> Conditions:
 class WhyJob:
     """A session under some conditions."""
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
     policies: tuple[str, ...]
@@ -75,7 +74,7 @@ class WhyJob:
 def why_session(job: WhyJob) -> dict[str, Outcomes]:
     """Return what each policy does in a session."""
     stop = PaperVerbatim() if job.correlation_stop else FixedNumber(PROBES)
-    session = begin(job.touch, job.conditions, job.seed)
+    session = begin_session(job.table, job.conditions, job.seed)
     return {name: run_policy(name, session, stop) for name in job.policies}
 
 
@@ -132,13 +131,13 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         seed: Of everything.
     """
     count, trials = (4, 10) if quick else (20, 40)
-    felt = touch(Gel())
+    felt = tabulate(Gel())
     jobs = [
         WhyJob(felt, conditions_of(held, trials), s, FIXED if "H3" in held else FIXED[1:], "H4" in held)
         for held in cells().values()
         for s in seeds(30, seed, count)
     ]
-    found = spread(why_session, jobs, label="sessions", workers=workers, dask=dask)
+    found = run_jobs(why_session, jobs, label="sessions", workers=workers, dask=dask)
     of_cells = dict(zip(cells(), _by_cell(found, count), strict=True))
     rows = [{"cell": name, **_line(one, felt.gel.depths_m)} for name, one in of_cells.items()]
     jobs = [
@@ -146,7 +145,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         for conditions, policy in grid(trials).values()
         for s in seeds(31, seed, count)
     ]
-    found = spread(why_session, jobs, label="sessions, crossed", workers=workers, dask=dask)
+    found = run_jobs(why_session, jobs, label="sessions, crossed", workers=workers, dask=dask)
     names = ("level", "ring_error", "height", "training", "rehomed")
     crossed = [
         {**dict(zip(names, key, strict=True)), **_line(one, felt.gel.depths_m)}

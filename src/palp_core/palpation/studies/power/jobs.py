@@ -17,9 +17,8 @@ from palp_core.palpation.studies.power.model import (
     unpaired_p,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin, fixed_name
-from palp_core.palpation.studies.simulation.policies import run as run_policy
-from palp_core.palpation.studies.simulation.reading_table import Touch
+from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, fixed_name, run_policy
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array
 
 POLICIES = ("fixed_average", "fixed_best", "markov", "uniform", "information_gain_latent")
@@ -38,21 +37,21 @@ Pool = Mapping[str, Float64Array]
 class PoolJob:
     """A session of the paper's design, long enough to know its own shares."""
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     seed: tuple[int, ...]
 
 
 def pool_session(job: PoolJob) -> dict[str, Float64Array]:
     """Return the share of right answers at each depth by policy, shape (m,)."""
-    session = begin(job.touch, job.conditions, job.seed)
+    session = begin_session(job.table, job.conditions, job.seed)
     shares: dict[str, Float64Array] = {}
     for name in (*FIXED, *POLICIES[1:]):
         if name == "fixed_best":
             shares[name] = shares[fixed_name(session.best_ring_m)]
             continue
         found = run_policy(name, session, PaperVerbatim())
-        shares[name] = found.correct.reshape(len(job.touch.gel.depths_m), -1).mean(axis=1)
+        shares[name] = found.correct.reshape(len(job.table.gel.depths_m), -1).mean(axis=1)
     shares["fixed_average"] = np.mean([shares[name] for name in FIXED], axis=0)
     return {name: shares[name] for name in POLICIES}
 

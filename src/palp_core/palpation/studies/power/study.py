@@ -40,8 +40,8 @@ from palp_core.palpation.studies.power.model import (
 )
 from palp_core.palpation.studies.power.text import page_parts
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel, touch
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -53,7 +53,7 @@ SUBJECTS, SUBJECT_TRIALS = 6, 5  # the paper's, per depth
 
 
 @dataclass(frozen=True)
-class Size:
+class PowerSize:
     """How much is run.
 
     Attributes:
@@ -67,7 +67,7 @@ class Size:
     repeats: int = 2000
 
 
-FULL, QUICK = Size(), Size(pool=24, trials=60, repeats=200)
+FULL, QUICK = PowerSize(), PowerSize(pool=24, trials=60, repeats=200)
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -81,15 +81,15 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         seed: Of everything; results do not depend on the workers.
     """
     size = QUICK if quick else FULL
-    felt = touch(Gel())
+    felt = tabulate(Gel())
     jobs = [PoolJob(felt, Conditions(trials=size.trials), one) for one in seeds(50, seed, size.pool)]
-    found = spread(pool_session, jobs, workers=workers, dask=dask, label="sessions")
+    found = run_jobs(pool_session, jobs, workers=workers, dask=dask, label="sessions")
     pool = {name: np.array([one[name] for one in found]) for name in POLICIES}
     laws = {name: intraclass(shares.mean(axis=1), size.trials * DEPTHS) for name, shares in pool.items()}
     curves = [CurveJob(pool, trials, SESSIONS, size.repeats, (51, seed, trials)) for trials in TRIALS]
     points = [
         {**row, "formula": _formula(pool, row)}
-        for rows in spread(curve_points, curves, workers=workers, dask=dask, label="curves")
+        for rows in run_jobs(curve_points, curves, workers=workers, dask=dask, label="curves")
         for row in rows
     ]
     rng = np.random.default_rng([52, seed])

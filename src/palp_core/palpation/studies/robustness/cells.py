@@ -12,7 +12,7 @@ from palp_core.palpation.studies.simulation.reading_table import Gel
 
 
 @dataclass(frozen=True)
-class Cell:
+class RobustnessCell:
     """A variation of the design.
 
     Attributes:
@@ -144,13 +144,13 @@ FACTORS = (
     ),
 )
 
-CENTRE = Cell("", "", Gel(), Conditions())
+CENTRE = RobustnessCell("", "", Gel(), Conditions())
 """The paper's design."""
 
 _SLOW = ("contact model", "L3")  # minutes of finite strain for its table of sweeps
 
 
-def cells(*, quick: bool = False, trials: int = 100) -> list[Cell]:
+def cells(*, quick: bool = False, trials: int = 100) -> list[RobustnessCell]:
     """Return the centre and every cell that differs from it.
 
     Args:
@@ -169,7 +169,7 @@ def cells(*, quick: bool = False, trials: int = 100) -> list[Cell]:
     return sorted(found, key=lambda one: (one.factor, one.value) != _SLOW)
 
 
-def _cell(centre: Cell, factor: Factor, value: str, sets: dict[str, Any]) -> Cell:
+def _cell(centre: RobustnessCell, factor: Factor, value: str, sets: dict[str, Any]) -> RobustnessCell:
     gel = {k: v for k, v in sets.items() if k in Gel.__dataclass_fields__}
     conditions = {k: v for k, v in sets.items() if k in Conditions.__dataclass_fields__}
     return replace(

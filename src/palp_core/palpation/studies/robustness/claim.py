@@ -18,7 +18,7 @@ import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import FixedNumber
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, holm, sign_flip
-from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, Design
+from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, FilterDesign
 from palp_core.units import Float64Array
 
 CLAIMS = (
@@ -46,7 +46,7 @@ class Change:
 
     name: str
     reason: str
-    designs: Mapping[str, Design]
+    designs: Mapping[str, FilterDesign]
 
 
 _PAPER, _AWARE = DESIGNS["paper"], DESIGNS["aware"]
@@ -56,32 +56,32 @@ CHANGES = (
         f"{_PROBES} probes for all",
         "the stop rule: it takes fewer probes than the others",
         {
-            "paper": Design("naive", FixedNumber(_PROBES)),
-            "aware": Design("latent", FixedNumber(_PROBES)),
+            "paper": FilterDesign("naive", FixedNumber(_PROBES)),
+            "aware": FilterDesign("latent", FixedNumber(_PROBES)),
         },
     ),
     Change(
         "the policy is told what stays",
         "the policy's promise: it takes readings for independent, so a new landing of the ring, and a second "
         "ring position, look worth no more than the same reading again",
-        {"paper": Design("naive", _PAPER.stop, promise=True)},
+        {"paper": FilterDesign("naive", _PAPER.stop, promise=True)},
     ),
     Change(
         "the filter is told what stays",
         "the filter: it takes readings that share an error for independent, and weighs them wrongly",
-        {"paper": Design("latent", _PAPER.stop)},
+        {"paper": FilterDesign("latent", _PAPER.stop)},
     ),
     Change(
         "policy and filter are told",
         "policy and filter together: neither knows what stays",
-        {"paper": Design("latent", _PAPER.stop, promise=True)},
+        {"paper": FilterDesign("latent", _PAPER.stop, promise=True)},
     ),
     Change(
         f"{_TRAINING} training palpations",
         "training: too few palpations to know what each ring position is worth",
         {
-            "paper": Design("naive", _PAPER.stop, training=_TRAINING),
-            "aware": Design("latent", _AWARE.stop, training=_TRAINING),
+            "paper": FilterDesign("naive", _PAPER.stop, training=_TRAINING),
+            "aware": FilterDesign("latent", _AWARE.stop, training=_TRAINING),
         },
     ),
 )

@@ -14,11 +14,16 @@ from palp_core.palpation.perception.belief.stopping import PaperVerbatim, Poster
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy.policies import Markov
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.studies.robustness.cells import Cell
-from palp_core.palpation.studies.simulation.policies import FIXED, Session, begin, fixed_name
-from palp_core.palpation.studies.simulation.policies import run as run_policy
+from palp_core.palpation.studies.robustness.cells import RobustnessCell
+from palp_core.palpation.studies.simulation.policies import (
+    FIXED,
+    SimulatedSession,
+    begin_session,
+    fixed_name,
+    run_policy,
+)
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, joined, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, Touch, touch
+from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
@@ -36,7 +41,7 @@ POLICIES = (
 
 
 @dataclass(frozen=True)
-class Design:
+class FilterDesign:
     """How trials are decided.
 
     Attributes:
@@ -53,8 +58,8 @@ class Design:
 
 
 DESIGNS = {
-    "paper": Design("naive", PaperVerbatim()),
-    "aware": Design("latent", PosteriorThreshold()),
+    "paper": FilterDesign("naive", PaperVerbatim()),
+    "aware": FilterDesign("latent", PosteriorThreshold()),
 }
 """The paper's filter and stop rule; and the filter that knows what stays, with a threshold that can stop at
 once."""
@@ -64,14 +69,14 @@ once."""
 class CellJob:
     """A cell over its sessions, under some designs."""
 
-    cell: Cell
-    designs: tuple[tuple[str, Design], ...]
+    cell: RobustnessCell
+    designs: tuple[tuple[str, FilterDesign], ...]
     seeds: tuple[tuple[int, ...], ...]
 
 
 @lru_cache(maxsize=2)  # most cells share the default gel
-def _felt(gel: Gel) -> Touch:
-    return touch(gel)
+def _felt(gel: Gel) -> ReadingTable:
+    return tabulate(gel)
 
 
 def run_cell(job: CellJob) -> dict[str, dict[str, Any]]:
@@ -102,20 +107,24 @@ def _line(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, 
 
 
 def sessions_of(
-    cell: Cell, felt: Touch, design: Design, seeds: Sequence[tuple[int, ...]]
+    cell: RobustnessCell, felt: ReadingTable, design: FilterDesign, seeds: Sequence[tuple[int, ...]]
 ) -> Mapping[str, Sequence[Outcomes]]:
     """Return the outcomes of every policy, a session each; ``fixed_average`` is not one."""
     conditions = replace(cell.conditions, training=design.training or cell.conditions.training)
     every: dict[str, list[Outcomes]] = {name: [] for name in POLICIES if name != "fixed_average"}
     for seed in seeds:
-        session = begin(felt, conditions, seed)
+        session = begin_session(felt, conditions, seed)
         for name, kept in every.items():
             kept.append(_run(name, cell, session, design, every))
     return every
 
 
 def _run(
-    name: str, cell: Cell, session: Session, design: Design, done: Mapping[str, Sequence[Outcomes]]
+    name: str,
+    cell: RobustnessCell,
+    session: SimulatedSession,
+    design: FilterDesign,
+    done: Mapping[str, Sequence[Outcomes]],
 ) -> Outcomes:
     if name == "fixed_best":  # it met the same luck as the position it is
         return done[fixed_name(session.best_ring_m)][-1]
@@ -125,13 +134,15 @@ def _run(
     return run_policy(asked, session, design.stop, filter_name=design.filter_name)
 
 
-def chain_outcomes(chain: Markov, session: Session, design: Design) -> Outcomes:
+def chain_outcomes(chain: Markov, session: SimulatedSession, design: FilterDesign) -> Outcomes:
     """Return what a chain does in a session."""
     model = session.naive if design.filter_name == "naive" else session.latent
-    return run_trials(session.touch, session.conditions, session.draws, model, chain, design.stop)
+    return run_trials(session.table, session.conditions, session.draws, model, chain, design.stop)
 
 
-def promises(cell: Cell, seeds: Sequence[tuple[int, ...]], *, aware: bool) -> dict[str, dict[str, float]]:
+def promises(
+    cell: RobustnessCell, seeds: Sequence[tuple[int, ...]], *, aware: bool
+) -> dict[str, dict[str, float]]:
     """Return what information gain is promised by each ring position at the first probe.
 
     Args:
@@ -145,7 +156,7 @@ def promises(cell: Cell, seeds: Sequence[tuple[int, ...]], *, aware: bool) -> di
     felt = _felt(cell.gel)
     bits = []
     for seed in seeds:
-        session = begin(felt, cell.conditions, seed)
+        session = begin_session(felt, cell.conditions, seed)
         model = session.latent if aware else session.naive
         policy = InformationGainLatent(model, felt.gel.rings_m)
         bits.append(policy.actions(latent.start(model), None).gain_bits[:-1])
@@ -161,14 +172,14 @@ class FamilyJob:
     """Members of the family of chains, shape (members, 3, 5, 5), in the centre's sessions."""
 
     matrices: Float64Array
-    cell: Cell
+    cell: RobustnessCell
     seeds: tuple[tuple[int, ...], ...]
 
 
 def family_shares(job: FamilyJob) -> Float64Array:
     """Return the accuracy of each member in each session, shape (members, s)."""
     felt = _felt(job.cell.gel)
-    sessions = [begin(felt, job.cell.conditions, seed) for seed in job.seeds]
+    sessions = [begin_session(felt, job.cell.conditions, seed) for seed in job.seeds]
     return np.array(
         [
             accuracies([chain_outcomes(Markov(each), one, DESIGNS["paper"]) for one in sessions])

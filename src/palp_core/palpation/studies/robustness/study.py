@@ -18,7 +18,7 @@ import numpy as np
 from palp_core.palpation.perception.strategy.isospectral_family import figure5_family
 from palp_core.palpation.reporting.html_page import figure, write_page
 from palp_core.palpation.studies.paper.jobs import seeds
-from palp_core.palpation.studies.robustness.cells import Cell, cells
+from palp_core.palpation.studies.robustness.cells import RobustnessCell, cells
 from palp_core.palpation.studies.robustness.charts import differences_chart, factors_chart, family_chart
 from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged
 from palp_core.palpation.studies.robustness.jobs import (
@@ -30,8 +30,8 @@ from palp_core.palpation.studies.robustness.jobs import (
     run_cell,
 )
 from palp_core.palpation.studies.robustness.text import page_parts, reasons
-from palp_core.palpation.studies.toolkit.checkpoint import Kept
-from palp_core.palpation.studies.toolkit.parallel import spread
+from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
+from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -39,7 +39,7 @@ Report = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Size:
+class RobustnessSize:
     """How much is run.
 
     Attributes:
@@ -57,7 +57,7 @@ class Size:
 
 CELLS = "cells.jsonl"
 
-FULL, QUICK = Size(), Size(sessions=4, trials=20, members=6, walk=60)
+FULL, QUICK = RobustnessSize(), RobustnessSize(sessions=4, trials=20, members=6, walk=60)
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -75,11 +75,11 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     named = tuple(seeds(40, seed, size.sessions))
     jobs = [CellJob(cell, tuple(DESIGNS.items()), named) for cell in varied]
     centre = next(job for job in jobs if not job.cell.factor)
-    kept = Kept(out / CELLS)
-    found = spread(run_cell, jobs, label="cells", workers=workers, dask=dask, kept=kept)
+    checkpoint = Checkpoint(out / CELLS)
+    found = run_jobs(run_cell, jobs, label="cells", workers=workers, dask=dask, checkpoint=checkpoint)
     lines = {cell.name: one for cell, one in zip(varied, found, strict=True)}
     claims = _claims(lines)
-    worse = _worse(varied, claims, named, workers, dask, kept)
+    worse = _worse(varied, claims, named, workers, dask, checkpoint)
     report: Report = {
         "quick": quick,
         "seed": seed,
@@ -150,7 +150,7 @@ _CHARTS = (
 )
 
 
-def _cell(cell: Cell, lines: Mapping[str, Any]) -> dict[str, Any]:
+def _cell(cell: RobustnessCell, lines: Mapping[str, Any]) -> dict[str, Any]:
     designs = {
         design: {policy: {k: v for k, v in line.items() if k != "per_session"} for policy, line in by.items()}
         for design, by in lines.items()
@@ -177,12 +177,12 @@ def _claims(lines: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _worse(
-    varied: Sequence[Cell],
+    varied: Sequence[RobustnessCell],
     claims: Sequence[Mapping[str, Any]],
     named: tuple[tuple[int, ...], ...],
     workers: int,
     dask: str,
-    kept: Kept,
+    checkpoint: Checkpoint,
 ) -> list[dict[str, Any]]:
     """Return every cell where a claim fails, or may fail, run again with one thing changed at a time."""
     by_name = {cell.name: cell for cell in varied}
@@ -202,13 +202,13 @@ def _worse(
     found = dict(
         zip(
             changes,
-            spread(
+            run_jobs(
                 run_cell,
                 list(changes.values()),
                 label="reasons",
                 workers=workers,
                 dask=dask,
-                kept=kept,
+                checkpoint=checkpoint,
             ),
             strict=True,
         )
@@ -234,13 +234,15 @@ def _worse(
     return rows
 
 
-def _family(size: Size, centre: CellJob, lines: Mapping[str, Any], workers: int, dask: str) -> dict[str, Any]:
+def _family(
+    size: RobustnessSize, centre: CellJob, lines: Mapping[str, Any], workers: int, dask: str
+) -> dict[str, Any]:
     """Return the accuracy of every chain of the family, and bands of it and of its lead over others."""
     members = figure5_family(np.random.default_rng(41), size.members, step_count=size.walk)
     jobs = [
         FamilyJob(part, centre.cell, centre.seeds) for part in np.array_split(members, min(size.members, 16))
     ]
-    shares = np.concatenate(spread(family_shares, jobs, workers=workers, dask=dask, label="family"))
+    shares = np.concatenate(run_jobs(family_shares, jobs, workers=workers, dask=dask, label="family"))
     mean = shares.mean(axis=1)
     return {
         "accuracy": mean.tolist(),

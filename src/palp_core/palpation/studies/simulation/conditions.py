@@ -15,7 +15,7 @@ from palp_core.errors import PalpError
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_curve
-from palp_core.palpation.studies.simulation.reading_table import RESOLUTION_N_M, Touch
+from palp_core.palpation.studies.simulation.reading_table import RESOLUTION_N_M, ReadingTable
 from palp_core.units import Float64Array
 
 _SPREAD = {"uniform": 1 / np.sqrt(3.0), "normal": 0.5, "triangular": 1 / np.sqrt(6.0), "two_sided": 1.0}
@@ -140,24 +140,24 @@ class Draws:
     bias_n_m: float
 
 
-def specimens(touch: Touch, conditions: Conditions, rng: np.random.Generator) -> Float64Array:
+def specimens(table: ReadingTable, conditions: Conditions, rng: np.random.Generator) -> Float64Array:
     """Return what the phantoms of each depth are off by, as heights, shape (m, specimens)."""
-    shape = (len(touch.gel.depths_m), conditions.specimens)
+    shape = (len(table.gel.depths_m), conditions.specimens)
     return np.asarray(conditions.specimen_sd_m * rng.standard_normal(shape))
 
 
 def train(
-    touch: Touch, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
+    table: ReadingTable, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
 ) -> Trained:
     """Return what a training on the rig leaves: every depth at every ring position.
 
     Args:
-        touch: What is felt.
+        table: What is felt.
         conditions: The rig and the experiment.
         rng: Draws mountings, landings and noise.
         off_m: What the phantoms are off by, as of :func:`specimens`; None: nothing.
     """
-    m, k = len(touch.gel.depths_m), len(touch.gel.rings_m)
+    m, k = len(table.gel.depths_m), len(table.gel.rings_m)
     count, phantoms = conditions.training, conditions.specimens
     turn = np.arange(count) % phantoms
     once = conditions.training_mounts == "once"
@@ -167,7 +167,7 @@ def train(
         height_m = height_m + off_m[:, None, turn]
     landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
     depth, ring, _ = np.indices((m, k, count))
-    readings = touch.reading(
+    readings = table.reading(
         depth.ravel(),
         ring.ravel(),
         np.broadcast_to(landing_m, depth.shape).ravel(),
@@ -178,18 +178,18 @@ def train(
         readings,
         depth.ravel().tolist(),
         ring.ravel().tolist(),
-        depths_m=touch.gel.depths_m,
-        rings_m=touch.gel.rings_m,
+        depths_m=table.gel.depths_m,
+        rings_m=table.gel.rings_m,
         floor=quantisation_sd(RESOLUTION_N_M),
     )
     return Trained(primitives, readings.reshape(depth.shape))
 
 
 def draw(
-    touch: Touch, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
+    table: ReadingTable, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
 ) -> Draws:
     """Return the luck of a session's trials: ``trials`` of every depth; the arguments are :func:`train`'s."""
-    m, count = len(touch.gel.depths_m), conditions.trials
+    m, count = len(table.gel.depths_m), conditions.trials
     shape = (m * count, conditions.max_probes)
     depth = np.repeat(np.arange(m), count)
     height_m = conditions.height_sd_m * rng.standard_normal((m, count))
@@ -205,14 +205,14 @@ def draw(
         height_m.ravel(),
         landing_m,
         own_m if conditions.rehome else np.repeat(own_m[::count], count),
-        conditions.landings_m(rng, (len(touch.gel.rings_m),)),
+        conditions.landings_m(rng, (len(table.gel.rings_m),)),
         rng.standard_normal(shape),
         rng.random(shape),
         conditions.drift_n_m * float(rng.standard_normal()),
     )
 
 
-def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> OffsetModel:
+def offset_model(trained: Trained, table: ReadingTable, conditions: Conditions) -> OffsetModel:
     """Return primitives that know what stays.
 
     Offsets: the ring's landing (until it moves), the height (for the trial), and the error that training left
@@ -225,15 +225,15 @@ def offset_model(trained: Trained, touch: Touch, conditions: Conditions) -> Offs
     """
     mean, rings_m = trained.primitives.mean, trained.primitives.rings_m
     landings = conditions.training if conditions.training_lands == "each" else 1
-    ring, sd = touch.ring_slope(), conditions.ring_sd_m
-    noise = touch.noise_sd**2 + trained.primitives.floor**2
+    ring, sd = table.ring_slope(), conditions.ring_sd_m
+    noise = table.noise_sd**2 + trained.primitives.floor**2
     error_sd = np.sqrt((ring * sd) ** 2 / landings + noise / conditions.training)
     curve = ring_curve(mean, error_sd, rings_m) if len(rings_m) >= LEAST_RINGS else None
     if curve is not None and curve.fits:
         mean, root = curve.mean, curve.root
     else:
         root = error_sd[..., None] * np.eye(len(rings_m))
-    own = np.stack([ring, touch.height_slope()], axis=-1)
+    own = np.stack([ring, table.height_slope()], axis=-1)
     slope = np.concatenate([own, root], axis=-1)[:, :, None, :]
     phantoms = conditions.specimens
     mounts = phantoms if conditions.training_mounts == "once" else conditions.training

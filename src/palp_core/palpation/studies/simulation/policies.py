@@ -27,7 +27,7 @@ from palp_core.palpation.studies.simulation.conditions import (
     specimens,
     train,
 )
-from palp_core.palpation.studies.simulation.reading_table import Touch
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
@@ -61,11 +61,11 @@ STIFF_M = (0.008, 0.012, 0.016)
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class SimulatedSession:
     """A session after its training.
 
     Attributes:
-        touch: What is felt.
+        table: What is felt.
         conditions: The rig and the experiment.
         trained: What training left.
         draws: The luck of the trials.
@@ -75,7 +75,7 @@ class Session:
         order: A permutation of levels, neither the identity nor its reversal.
     """
 
-    touch: Touch
+    table: ReadingTable
     conditions: Conditions
     trained: Trained
     draws: Draws
@@ -85,27 +85,27 @@ class Session:
     order: tuple[int, ...]
 
 
-def begin(touch: Touch, conditions: Conditions, seed: Sequence[int]) -> Session:
+def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[int]) -> SimulatedSession:
     """Train a session and draw its trials.
 
     Args:
-        touch: What is felt.
+        table: What is felt.
         conditions: The rig and the experiment.
         seed: Numbers that name the session; training, trials and phantoms have streams of their own.
     """
     training, estimation, shuffling, pouring = (
         np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(4)
     )
-    off_m = specimens(touch, conditions, pouring)
-    trained = train(touch, conditions, training, off_m)
-    return Session(
-        touch,
+    off_m = specimens(table, conditions, pouring)
+    trained = train(table, conditions, training, off_m)
+    return SimulatedSession(
+        table,
         conditions,
         trained,
-        draw(touch, conditions, estimation, off_m),
+        draw(table, conditions, estimation, off_m),
         independent_model(trained.primitives),
-        offset_model(trained, touch, conditions),
-        touch.gel.rings_m[best_ring(trained.readings)],
+        offset_model(trained, table, conditions),
+        table.gel.rings_m[best_ring(trained.readings)],
         _order(len(figure5.LEVELS), shuffling),
     )
 
@@ -142,7 +142,7 @@ def _order(count: int, rng: np.random.Generator) -> tuple[int, ...]:
             return order
 
 
-def policy(name: str, session: Session, *, per_second: bool = False) -> Policy:
+def policy(name: str, session: SimulatedSession, *, per_second: bool = False) -> Policy:
     """Return a policy by the name it has in every table.
 
     Args:
@@ -153,7 +153,7 @@ def policy(name: str, session: Session, *, per_second: bool = False) -> Policy:
     Raises:
         PalpError: There is none of that name.
     """
-    rings_m = session.touch.gel.rings_m
+    rings_m = session.table.gel.rings_m
     if name.startswith("fixed_") and name.removeprefix("fixed_").replace(".", "").isdigit():
         return Fixed(round(float(name.removeprefix("fixed_")) * 1e-3, 9))
     if name.startswith("markov"):
@@ -174,7 +174,7 @@ def policy(name: str, session: Session, *, per_second: bool = False) -> Policy:
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(NAMES)}")
 
 
-def _chain(name: str, session: Session) -> Markov:
+def _chain(name: str, session: SimulatedSession) -> Markov:
     matrix = Markov().matrices.mean(axis=0)
     match name:
         case "markov":
@@ -192,9 +192,9 @@ def _chain(name: str, session: Session) -> Markov:
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(NAMES)}")
 
 
-def run(
+def run_policy(
     name: str,
-    session: Session,
+    session: SimulatedSession,
     stop: StopRule,
     *,
     filter_name: str = "naive",
@@ -215,12 +215,12 @@ def run(
     model = session.naive if filter_name == "naive" else known(session.latent)
     chosen = policy(name, session, per_second=per_second)
     rule = FixedNumber(1) if name == "best_single_probe" else stop
-    return run_trials(session.touch, session.conditions, session.draws, model, chosen, rule)
+    return run_trials(session.table, session.conditions, session.draws, model, chosen, rule)
 
 
-def chance(session: Session) -> Outcomes:
+def chance(session: SimulatedSession) -> Outcomes:
     """Return the outcomes of guessing without a probe."""
-    draws, m = session.draws, len(session.touch.gel.depths_m)
+    draws, m = session.draws, len(session.table.gel.depths_m)
     count, most = draws.uniforms.shape
     guess = (draws.uniforms[:, 0] * m).astype(np.int64)
     none = np.zeros(count, dtype=np.int64)
@@ -232,6 +232,6 @@ def chance(session: Session) -> Outcomes:
         none,
         np.zeros(count),
         np.ones(count, dtype=bool),
-        np.full((count, most), float(np.mean(session.touch.gel.depths_m))),
+        np.full((count, most), float(np.mean(session.table.gel.depths_m))),
         np.repeat((guess == draws.depth)[:, None], most, axis=1),
     )

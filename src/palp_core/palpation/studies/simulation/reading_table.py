@@ -69,7 +69,7 @@ class Gel:
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class ReadingTable:
     """Readings of every cell as functions of ring error and height, N m.
 
     Attributes:
@@ -136,7 +136,7 @@ class Touch:
         return float(spline.ev(np.zeros(1), np.zeros(1), dx=dx, dy=dy)[0])
 
 
-def touch(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Touch:
+def tabulate(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> ReadingTable:
     """Solve the sweeps of every cell and measure what noise becomes.
 
     Args:
@@ -173,7 +173,7 @@ def touch(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Touch:
             bias.append(float(noisy.mean()) - read(clean, gel))
             spread.append(float(noisy.std(ddof=1)))
     shape = (len(gel.depths_m), len(gel.rings_m))
-    return Touch(gel, tuple(rungs), np.reshape(spread, shape), np.reshape(bias, shape), tuple(splines))
+    return ReadingTable(gel, tuple(rungs), np.reshape(spread, shape), np.reshape(bias, shape), tuple(splines))
 
 
 def sweep_torque(gel: Gel, depth_m: float, ring_m: float, height_m: float = 0.0) -> Float64Array:

@@ -15,7 +15,7 @@ from palp_core.palpation.perception.strategy.policies import Fixed, Policy
 from palp_core.palpation.perception.strategy.policies_batch import Levels, start_batch, step_batch
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Timing
 from palp_core.palpation.studies.simulation.conditions import Conditions, Draws
-from palp_core.palpation.studies.simulation.reading_table import Touch
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array
 
 
@@ -52,7 +52,7 @@ class Outcomes:
 
 
 def run_trials(
-    touch: Touch,
+    table: ReadingTable,
     conditions: Conditions,
     draws: Draws,
     model: latent.OffsetModel,
@@ -64,7 +64,7 @@ def run_trials(
     """Run every trial to its verdict.
 
     Args:
-        touch: What is felt.
+        table: What is felt.
         conditions: The rig and the experiment.
         draws: The trials' luck.
         model: The filter: readings and what it knows to stay.
@@ -77,9 +77,9 @@ def run_trials(
         PerceptionError: Policy or stop rule has no batch form.
     """
     timing = timing or Timing()
-    slot = _slots(policy, touch)
+    slot = _slots(policy, table)
     count, most = draws.landing_m.shape
-    rings_m, depths_m = np.asarray(touch.gel.rings_m), np.asarray(touch.gel.depths_m)
+    rings_m, depths_m = np.asarray(table.gel.rings_m), np.asarray(table.gel.depths_m)
     prior = np.full(len(depths_m), 1.0 / len(depths_m))
     active = np.arange(count)
     belief = latent.start(model, count)
@@ -105,7 +105,7 @@ def run_trials(
                 draws.fixed_landing_m[active] if isinstance(policy, Fixed) else draws.landing_m[active, t]
             )
         error_m[active] = np.where(moved, landing, error_m[active])
-        felt = draws.bias_n_m + touch.reading(
+        felt = draws.bias_n_m + table.reading(
             draws.depth[active], ring, error_m[active], draws.height_m[active], draws.noise[active, t]
         )
         if conditions.same_reading:
@@ -141,11 +141,11 @@ def run_trials(
     )
 
 
-def _slots(policy: Policy, touch: Touch) -> NDArray[np.int64]:
+def _slots(policy: Policy, table: ReadingTable) -> NDArray[np.int64]:
     """Return the trained setting of each level of the policy."""
-    away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(touch.gel.rings_m))
+    away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(table.gel.rings_m))
     if (away.min(axis=1) > 1e-9).any():
-        raise PalpError(f"the policy uses rings {policy.rings_m} m; trained are {touch.gel.rings_m}")
+        raise PalpError(f"the policy uses rings {policy.rings_m} m; trained are {table.gel.rings_m}")
     slots: NDArray[np.int64] = np.argmin(away, axis=1)
     return slots
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import palp_core
+from palp_core import palpation
 
 _SOURCES = ("mechanics", "perception", "studies")
 
@@ -33,13 +33,13 @@ def read_lines(file: Path) -> list[str]:
 def source_digest() -> str:
     """Return a digest of the source that results come from: changed code never reads an old result."""
     total = hashlib.sha256()
-    root = Path(palp_core.__file__).parent
+    root = Path(palpation.__file__).parent
     for path in sorted(one for name in _SOURCES for one in (root / name).rglob("*.py")):
         total.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return total.hexdigest()
 
 
-class Kept:
+class Checkpoint:
     """Results of jobs in a file of JSON lines, by what the job is and by the source it was run with.
 
     Attributes:

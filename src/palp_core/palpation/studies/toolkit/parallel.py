@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from palp_core.errors import PalpError
-from palp_core.palpation.studies.toolkit.checkpoint import Kept
+from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.progress import progress
 
 J = TypeVar("J")
@@ -27,14 +27,14 @@ R = TypeVar("R")
 PR_SET_PDEATHSIG = 1
 
 
-def spread(
+def run_jobs(
     function: Callable[[J], R],
     jobs: Sequence[J],
     *,
     label: str,
     workers: int = 1,
     dask: str = "",
-    kept: Kept | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> list[R]:
     """Return ``function`` of every job, in the order of the jobs.
 
@@ -46,7 +46,7 @@ def spread(
         label: What the jobs are, as ``cells``: how many are done is told on standard error.
         workers: Local processes; 1 runs here.
         dask: Address of a Dask scheduler, as ``tcp://host:8786``; empty for local work.
-        kept: Results of an earlier run, which are not worked out again; gets each new one when it is there.
+        checkpoint: Results of an earlier run, which are not worked out again; gets each new one at once.
 
     Raises:
         PalpError: ``workers`` is less than 1, a worker died, Dask is not installed, or its scheduler does not
@@ -55,8 +55,8 @@ def spread(
     if workers < 1 and not dask:
         raise PalpError(f"--workers {workers}: at least one process is needed")
     found: dict[int, Any] = {}
-    if kept is not None:
-        found |= {number: kept[job] for number, job in enumerate(jobs) if job in kept}
+    if checkpoint is not None:
+        found |= {number: checkpoint[job] for number, job in enumerate(jobs) if job in checkpoint}
     left = {number: job for number, job in enumerate(jobs) if number not in found}
     done: Generator[tuple[int, R]]
     if dask:
@@ -67,7 +67,7 @@ def spread(
         done = _on_processes(function, left, workers)
     with progress(label, len(jobs), done=len(found)) as advance, closing(done):
         for number, result in done:
-            found[number] = result if kept is None else kept.add(jobs[number], result)
+            found[number] = result if checkpoint is None else checkpoint.add(jobs[number], result)
             advance()
     return [found[number] for number in range(len(jobs))]
 
