@@ -16,7 +16,8 @@ from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.graph.bag.ros2 import message_texts, to_ros2
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema_reader import ros_text
 
 
 @pytest.fixture
@@ -65,8 +66,8 @@ def test_rosbags_reads_the_ros_2_bag(rich: Path, tmp_path: Path) -> None:
 
 def test_msg_text_from_the_bag_is_that_of_the_message_class(kit: Any) -> None:
     texts = message_texts(json_schema(schema_of(kit.Block)))
-    assert texts["Place"] == ros_text(schema_of(kit.Place)) == "float64 depth_m  # m\n"
-    expected = ros_text(schema_of(kit.Block)).replace("Place", "palp_msgs/msg/Place")
+    assert texts["Place"] == ros_text(json_schema(schema_of(kit.Place))) == "float64 depth_m  # m\n"
+    expected = ros_text(json_schema(schema_of(kit.Block))).replace("Place", "palp_msgs/msg/Place")
     assert texts["Block"] == expected
 
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.message import Message, decode, encode, encode_any
-from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, Probability, ProbabilityArray
 
 
@@ -366,8 +367,8 @@ def test_the_json_schema_is_one_object_without_references() -> None:
 
 
 def test_the_ros_text_names_every_field_with_its_unit() -> None:
-    assert ros_text(schema_of(Point)) == "float64 x_m  # m\nfloat64 y_m  # m\n"
-    lines = ros_text(schema_of(Everything)).splitlines()
+    assert ros_text(json_schema(schema_of(Point))) == "float64 x_m  # m\nfloat64 y_m  # m\n"
+    lines = ros_text(json_schema(schema_of(Everything))).splitlines()
     assert "float64[] depth_m  # m" in lines
     assert "uint8[] blob" in lines
     assert "Point place" in lines

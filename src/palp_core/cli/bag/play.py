@@ -74,9 +74,10 @@ def play(
     Keys: space pauses and goes on, right plays the next message while paused, up and down change the speed by
     a tenth, left goes 5 s back, 0 to 9 go to so many tenths, q ends. At the end it says how late it ever was.
     """
-    from palp_core.cli.bag.play_loop import CLOCK_TOPIC, PlayLoop, clock_topic
+    from palp_core.cli.bag.play_loop import CLOCK_TOPIC, BagClock, PlayLoop
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.bag.topic import topic_of
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.replay.play import GraphSink, PlayRun, Sink
     from palp_core.graph.replay.playback import Playback
@@ -108,7 +109,7 @@ def play(
         )
         playback.paused = start_paused
         if clock:
-            described[CLOCK_TOPIC] = clock_topic()
+            described[CLOCK_TOPIC] = topic_of(CLOCK_TOPIC, BagClock)
         sink: Sink = into if graph is not None else PlayRun(bag, described)
         looping = PlayLoop(playback, sink, names, clock_hz=clock, keys=not disable_keyboard_controls)
         where = f"into graph '{graph}'" if graph is not None else "as graph 'play'"

@@ -8,10 +8,8 @@ from collections.abc import Mapping
 
 from palp_core.cli.keyboard import Keyboard
 from palp_core.graph.bag.reader import RecordedMessage
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import Message, encode
-from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.replay.play import Sink
 from palp_core.graph.replay.playback import Playback
 from palp_core.units import Nanoseconds
@@ -31,15 +29,6 @@ class BagClock(Message):
     stamp_ns: Nanoseconds
     rate: float
     paused: bool
-
-
-def clock_topic() -> Topic:
-    """Return the description of the topic that carries the bag's time."""
-    schema = schema_of(BagClock)
-    described = json_schema(schema)
-    return Topic(
-        name=CLOCK_TOPIC, type=schema.name, type_hash=f"{schema.type_hash:016x}", json_schema=described
-    )
 
 
 class PlayLoop:

@@ -13,8 +13,8 @@ from typing import Any
 
 from simpleeval import EvalWithCompoundTypes
 
-from palp_core.cli.text.message_text import is_array
 from palp_core.errors import GraphError
+from palp_core.graph.messages.schema_reader import fields_of, has_elements, items_of
 from palp_core.graph.problems import hint
 
 LONGEST = 1000  # characters
@@ -123,7 +123,7 @@ def _check(node: ast.expr, schema: dict[str, Any], text: str, depth: int) -> dic
         case ast.Name(id=name) if name == MESSAGE:
             return schema
         case ast.Attribute(value=inner, attr=name):
-            known = (_check(inner, schema, text, depth + 1) or {}).get("properties", {})
+            known = fields_of(_check(inner, schema, text, depth + 1) or {})
             if name not in known:
                 raise _problem(text, node, f"no field '{name}'{hint(name, known)}")
             field: dict[str, Any] = known[name]
@@ -133,9 +133,9 @@ def _check(node: ast.expr, schema: dict[str, Any], text: str, depth: int) -> dic
             for part in (index.lower, index.upper, index.step) if isinstance(index, ast.Slice) else (index,):
                 if part is not None:
                     _check(part, schema, text, depth + 1)
-            if outer.get("type") != "array" and not is_array(outer):
+            if not has_elements(outer):
                 raise _problem(text, node, "only an array has elements")
-            return outer if isinstance(index, ast.Slice) else outer.get("items", {})
+            return outer if isinstance(index, ast.Slice) else items_of(outer)
         case ast.BinOp(op=op) | ast.UnaryOp(op=op) if type(op) in _OPERATORS:
             pass
         case ast.Compare(ops=ops) if all(type(op) in _OPERATORS for op in ops):

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from palp_core.errors import GraphError
+from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE, fields_of, has_elements, is_array, items_of
 from palp_core.graph.problems import hint
 
 Path = tuple[str | int, ...]
@@ -27,11 +28,6 @@ class Shortening(NamedTuple):
     length: int | None = 128
     arrays: bool = True
     texts: bool = True
-
-
-def is_array(schema: dict[str, Any]) -> bool:
-    """Tell whether a field is a numeric array, which travels as bytes."""
-    return bool(schema.get("x-dtype") == "<f8")
 
 
 def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, Any]:
@@ -58,13 +54,13 @@ def readable(value: Any, schema: dict[str, Any]) -> Any:
         if is_array(schema) and len(value) % 8 == 0:
             import numpy as np
 
-            return np.frombuffer(value, dtype="<f8").tolist()
+            return np.frombuffer(value, dtype=FLOAT64_DTYPE).tolist()
         return value.hex()
     if isinstance(value, dict):
-        properties = schema.get("properties", {})
-        return {name: readable(item, properties.get(name, {})) for name, item in value.items()}
+        fields = fields_of(schema)
+        return {name: readable(item, fields.get(name, {})) for name, item in value.items()}
     if isinstance(value, list):
-        return [readable(item, schema.get("items", {})) for item in value]
+        return [readable(item, items_of(schema)) for item in value]
     return value
 
 
@@ -87,11 +83,11 @@ def parse_path(text: str, schema: dict[str, Any]) -> Path:
     at, title = schema, schema.get("title", "the message")
     for step in steps:
         if isinstance(step, int):
-            if at.get("type") != "array" and not is_array(at):
+            if not has_elements(at):
                 raise GraphError(f"field '{text}': only an array has elements")
-            at = at.get("items", {})
+            at = items_of(at)
             continue
-        known = at.get("properties", {})
+        known = fields_of(at)
         if step not in known:
             raise GraphError(f"{title} has no field '{step}'{hint(step, known)}")
         at, title = known[step], known[step].get("title", f"{title}.{step}")

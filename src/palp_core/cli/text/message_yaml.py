@@ -5,11 +5,15 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from palp_core.cli.text.message_text import is_array
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.messages.schema_reader import FieldKind, JsonSchema, fields_of, items_of, kind_of
 from palp_core.graph.problems import Problems, hint
 
-_KINDS: dict[str, type] = {"boolean": bool, "integer": int, "number": float, "string": str}
+_WANTED = {
+    FieldKind.BOOL: (bool, "true or false"),
+    FieldKind.INT: (int, "an integer"),
+    FieldKind.STRING: (str, "a text"),
+}
 INT64 = range(-(2**63), 2**63)
 
 
@@ -47,26 +51,34 @@ def packed(value: Any, schema: dict[str, Any], where: str) -> Any:
     Raises:
         SchemaMismatch: It does not fit; the message begins with the field.
     """
-    kind = schema.get("type")
-    if is_array(schema):
-        return _array(value, where)
-    if kind == "object":
-        return _object(value, schema, where)
-    if kind == "array":
-        if not isinstance(value, list):
-            raise _unlike(where, "a list, as in [1, 2]", value)
-        return [packed(item, schema.get("items", {}), f"{where}[{i}]") for i, item in enumerate(value)]
-    if kind == "string" and schema.get("contentEncoding"):
-        return _bytes(value, where)
-    if kind not in _KINDS:
-        raise SchemaMismatch(f"{where}: the schema's type '{kind}' is not a message's")
-    if kind == "number":
-        return _number(value, where)
-    if not isinstance(value, _KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
-        raise _unlike(where, {"boolean": "true or false", "integer": "an integer"}.get(kind, "a text"), value)
-    if kind == "integer" and value not in INT64:
+    match kind := _kind(schema, where):
+        case FieldKind.ARRAY:
+            return _array(value, where)
+        case FieldKind.MESSAGE | FieldKind.MAP:
+            return _object(value, schema, where)
+        case FieldKind.LIST:
+            if not isinstance(value, list):
+                raise _unlike(where, "a list, as in [1, 2]", value)
+            return [packed(item, items_of(schema), f"{where}[{i}]") for i, item in enumerate(value)]
+        case FieldKind.BYTES:
+            return _bytes(value, where)
+        case FieldKind.FLOAT:
+            return _number(value, where)
+        case FieldKind.ANY:
+            raise SchemaMismatch(f"{where}: the schema does not say what it holds")
+    expected, words = _WANTED[kind]
+    if not isinstance(value, expected) or (isinstance(value, bool) and kind is not FieldKind.BOOL):
+        raise _unlike(where, words, value)
+    if kind is FieldKind.INT and value not in INT64:
         raise SchemaMismatch(f"{where}: {value} does not fit into 64 bits")
     return value
+
+
+def _kind(schema: JsonSchema, where: str) -> FieldKind:
+    try:
+        return kind_of(schema)
+    except SchemaMismatch as error:
+        raise SchemaMismatch(f"{where}: {error}") from error
 
 
 def _number(value: Any, where: str) -> float:
@@ -81,7 +93,7 @@ def _number(value: Any, where: str) -> float:
 def _object(value: Any, schema: dict[str, Any], where: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise _unlike(where, "a mapping, as in {index: 1}", value)
-    known = schema.get("properties", {})
+    known = fields_of(schema)
     for name in value:
         if name not in known:
             raise SchemaMismatch(f"{_under(where, name)}: no such field{hint(name, known)}")

@@ -14,6 +14,7 @@ from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, TopicArgument, until_ctrl_c
 from palp_core.cli.output import note
 from palp_core.errors import GraphError
+from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
 
 if TYPE_CHECKING:
     from palp_core.cli.text.message_text import Path
@@ -120,20 +121,13 @@ def _field(text: str, path: Path, entry: TopicEntry) -> tuple[str, Path]:
     Raises:
         GraphError: It holds no numbers.
     """
-    from palp_core.cli.text.message_text import is_array
-
     schema = entry.json_schema
     for step in path:
-        if isinstance(step, int) and is_array(schema):
-            schema = {"type": "number", "x-unit": schema.get("x-unit", "")}
-        elif isinstance(step, int):
-            schema = schema["items"]
-        else:
-            schema = schema["properties"][step]
-    kind = schema.get("items", {}).get("type") if schema.get("type") == "array" else schema.get("type")
-    if kind not in ("number", "integer", "boolean") and not is_array(schema):
+        schema = items_of(schema) if isinstance(step, int) else fields_of(schema)[step]
+    kind = kind_of(items_of(schema) or schema)
+    if kind not in (FieldKind.FLOAT, FieldKind.INT, FieldKind.BOOL):
         raise GraphError(f"{entry.name}: field '{text}' holds no numbers but {schema.get('title') or kind}")
-    unit = schema.get("x-unit") or schema.get("items", {}).get("x-unit", "")
+    unit = unit_of(schema)
     return text + (f" [{unit}]" if unit else ""), path
 
 

@@ -14,8 +14,9 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.topic import Stream
-from palp_core.graph.bag.values import decoder_for, is_array, plain
+from palp_core.graph.bag.values import decoder_for, plain
 from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.schema_reader import fields_of, is_array
 
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
 PARQUET_ROWS = 8192
@@ -56,8 +57,8 @@ def json_form(schema: dict[str, Any]) -> dict[str, Any]:
         kept = {key: value for key, value in schema.items() if key.startswith("x-") and key != "x-dtype"}
         return {"type": "array", "items": {"type": "number"}, **kept}
     changed = dict(schema)
-    if "properties" in schema:
-        changed["properties"] = {name: json_form(inner) for name, inner in schema["properties"].items()}
+    if fields := fields_of(schema):
+        changed["properties"] = {name: json_form(inner) for name, inner in fields.items()}
     if "items" in schema:
         changed["items"] = json_form(schema["items"])
     return changed

@@ -8,20 +8,17 @@ which the launch view knows.
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 from msgspec import Meta
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Topic
-from palp_core.graph.bag.values import is_array
+from palp_core.graph.bag.values import type_from_schema
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.schema import schema_of
-from palp_core.units import Float64Array
-
-_SCALARS: dict[str, Any] = {"boolean": bool, "integer": int, "number": float, "string": str}
+from palp_core.graph.messages.schema_reader import JsonSchema, fields_of, unit_of
 
 
 def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Message]:
@@ -38,9 +35,9 @@ def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Messag
     if encoding != MESSAGE_ENCODING or "properties" not in topic.json_schema:
         raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")
     try:
-        made = _class(topic.json_schema, topic.type)
+        made = type_from_schema(topic.json_schema, topic.type, _class)
         type_hash = f"{schema_of(made).type_hash:016x}"
-    except (KeyError, TypeError, SchemaMismatch) as error:
+    except (BagError, TypeError, SchemaMismatch) as error:
         raise BagError(f"{where}: its schema is not a palp message's: {error}") from error
     if topic.type_hash not in ("", type_hash):
         raise BagError(
@@ -50,29 +47,24 @@ def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Messag
     return Progress if type_hash == f"{schema_of(Progress).type_hash:016x}" else made
 
 
-def _class(schema: dict[str, Any], name: str) -> type[Message]:
-    fields = {field: _annotation(entry, f"{name}_{field}") for field, entry in schema["properties"].items()}
-    body = {"__annotations__": fields, "__module__": __name__, "__doc__": schema.get("description", "")}
-    made: type[Message] = types.new_class(schema.get("title", name), (Message,), exec_body=_into(body))
+def _class(schema: JsonSchema, name: str, fields: dict[str, Any]) -> type[Message]:
+    units = {field: unit_of(entry) for field, entry in fields_of(schema).items()}
+    body = {
+        "__annotations__": {field: _with_unit(kind, units[field]) for field, kind in fields.items()},
+        "__module__": __name__,
+        "__doc__": schema.get("description", ""),
+    }
+    made: type[Message] = types.new_class(
+        name, (Message,), exec_body=lambda namespace: namespace.update(body)
+    )
     return made
 
 
-def _into(body: dict[str, Any]) -> Callable[[dict[str, Any]], None]:
-    """Return the function that fills a new class's namespace."""
-    return lambda namespace: namespace.update(body)
-
-
-def _annotation(schema: dict[str, Any], name: str) -> Any:
-    kind = schema["type"]
-    if kind == "array":
-        return list[_annotation(schema["items"], name)]  # type: ignore[misc]
-    if kind == "object":
-        return _class(schema, name)
-    if is_array(schema):
-        found: Any = Float64Array
-    elif "contentEncoding" in schema:
-        found = bytes
-    else:
-        found = _SCALARS[kind]
-    unit = schema.get("x-unit", "")
-    return Annotated[found, Meta(extra_json_schema={"x-unit": unit})] if unit else found
+def _with_unit(kind: Any, unit: str) -> Any:
+    """Return a field's type with its unit, which a list's elements have."""
+    if not unit:
+        return kind
+    with_unit = Meta(extra_json_schema={"x-unit": unit})
+    if get_origin(kind) is list:
+        return list[Annotated[get_args(kind)[0], with_unit]]  # type: ignore[misc]
+    return Annotated[kind, with_unit]

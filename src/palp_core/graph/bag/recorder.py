@@ -11,11 +11,11 @@ import msgspec
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
 from palp_core.graph.bag.mcap.closing import Closing
-from palp_core.graph.bag.topic import Stream, Topic
+from palp_core.graph.bag.topic import Stream, Topic, topic_of
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 
 SUMMARY_NAME = "palp/recording.json"
 _KEY_BYTES = 9
@@ -279,10 +279,8 @@ class BagRecorder(Closing):
 def _builtin(name: str, type_hash: int) -> Topic | None:
     """Return the description of a topic that carries one of the runtime's own messages."""
     for kind in (Order, Progress, NodeEvent, GraphEvent, GraphHealth):
-        schema = schema_of(kind)
-        if schema.type_hash == type_hash:
-            described = json_schema(schema)
-            return Topic(name=name, type=schema.name, type_hash=f"{type_hash:016x}", json_schema=described)
+        if schema_of(kind).type_hash == type_hash:
+            return topic_of(name, kind)
     return None
 
 

@@ -11,34 +11,47 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palp_core.errors import BagError
+from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
-from palp_core.graph.bag.values import decoder_for, is_array
+from palp_core.graph.bag.values import decoder_for
+from palp_core.graph.messages.schema_reader import (
+    FieldKind,
+    JsonSchema,
+    fields_of,
+    items_of,
+    kind_of,
+    nested,
+    ros_text,
+)
 
 PACKAGE = "palp_msgs"
-_SCALARS = {"boolean": "bool", "integer": "int64", "number": "float64", "string": "string"}
-_NUMBERS: dict[str, Any] = {"boolean": np.bool_, "integer": np.int64, "number": np.float64}
+_FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
+_NUMBERS: dict[FieldKind, Any] = {
+    FieldKind.BOOL: np.bool_,
+    FieldKind.INT: np.int64,
+    FieldKind.FLOAT: np.float64,
+}
 
 
-def message_texts(schema: dict[str, Any]) -> dict[str, str]:
+def message_texts(schema: JsonSchema) -> dict[str, str]:
     """Return the ``.msg`` text of a message and of all within it, by type name; units are comments.
 
     Raises:
         BagError: The schema says what a ``.msg`` cannot.
     """
-    name = _type_name(schema)
     texts: dict[str, str] = {}
-    lines = []
-    for field, inner in schema.get("properties", {}).items():
-        kind, nested = _field_type(f"{name}.{field}", inner)
-        if nested is not None:
-            for other, text in message_texts(nested).items():
-                if texts.setdefault(other, text) != text:
-                    raise BagError(f"{name}: two different messages are called {other}")
-        unit = inner.get("x-unit") or inner.get("items", {}).get("x-unit", "")
-        lines.append(f"{kind} {_field_name(name, field)}" + (f"  # {unit}" if unit else ""))
-    texts[name] = "\n".join(lines) + "\n"
+    for one in (*nested(schema), schema):
+        name = _type_name(one)
+        for field in fields_of(one):
+            if not _FIELD_NAME.fullmatch(field):
+                raise BagError(f"{name}.{field}: ROS field names are lower case, without doubled underscores")
+        try:
+            text = ros_text(one, lambda inner: _full(_type_name(inner)))
+        except SchemaMismatch as error:
+            raise BagError(f"{name}.{error}") from error
+        if texts.setdefault(name, text) != text:
+            raise BagError(f"{_type_name(schema)}: two different messages are called {name}")
     return texts
 
 
@@ -83,7 +96,7 @@ def _copy(bag: Bag, writer: Any, store: Any, types_from_text: Callable[[str, str
         way = ways.get(id(stream))
         if way is None:
             topic, schema = stream.topic, stream.topic.json_schema
-            if stream.encoding != MESSAGE_ENCODING or not schema.get("properties"):
+            if stream.encoding != MESSAGE_ENCODING or not fields_of(schema):
                 raise BagError(
                     f"{topic.name}: without a schema it cannot become a ROS message; "
                     "leave it out with `palp bag filter -x`"
@@ -109,52 +122,28 @@ def _full(name: str) -> str:
     return f"{PACKAGE}/msg/{name}"
 
 
-def _type_name(schema: dict[str, Any]) -> str:
+def _type_name(schema: JsonSchema) -> str:
     name = re.sub(r"[^A-Za-z0-9]", "", str(schema.get("title", "")))
     if not name:
         raise BagError("a schema without a title cannot become a ROS message")
     return name[0].upper() + name[1:]
 
 
-def _field_name(owner: str, name: str) -> str:
-    if not re.fullmatch(r"[a-z](?:_?[a-z0-9]+)*", name):
-        raise BagError(f"{owner}.{name}: ROS field names are lower case, without doubled underscores")
-    return name
-
-
-def _field_type(where: str, schema: dict[str, Any]) -> tuple[str, dict[str, Any] | None]:
-    """Return a field's ROS type and the message in it, if one is."""
-    kind = schema.get("type")
-    if is_array(schema):
-        return "float64[]", None
-    if kind == "string" and "contentEncoding" in schema:
-        return "uint8[]", None
-    if kind in _SCALARS:
-        return _SCALARS[kind], None
-    if kind == "object" and schema.get("properties"):
-        return _full(_type_name(schema)), schema
-    if kind == "array" and schema.get("items", {}).get("type") != "array" and not is_array(schema["items"]):
-        inner, nested = _field_type(where, schema["items"])
-        if not inner.endswith("[]"):
-            return f"{inner}[]", nested
-    raise BagError(f"{where}: a ROS message cannot say this: {schema}")
-
-
-def _ros_value(type_name: str, value: Any, schema: dict[str, Any], store: Any) -> Any:
+def _ros_value(type_name: str, value: Any, schema: JsonSchema, store: Any) -> Any:
     fields = {}
-    for name, inner in schema["properties"].items():
+    for name, inner in fields_of(schema).items():
         fields[name] = _ros_field(getattr(value, name), inner, store)
     return store.types[type_name](**fields)
 
 
-def _ros_field(value: Any, schema: dict[str, Any], store: Any) -> Any:
+def _ros_field(value: Any, schema: JsonSchema, store: Any) -> Any:
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
     if isinstance(value, msgspec.Struct):
         return _ros_value(_full(_type_name(schema)), value, schema, store)
     if isinstance(value, list):
-        items = schema["items"]
-        if items["type"] in _NUMBERS:
-            return np.array(value, _NUMBERS[items["type"]])
+        items = items_of(schema)
+        if (kind := kind_of(items)) in _NUMBERS:
+            return np.array(value, _NUMBERS[kind])
         return [_ros_field(item, items, store) for item in value]
     return value

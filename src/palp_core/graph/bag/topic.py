@@ -13,6 +13,8 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.bag.mcap.records import Channel, Schema
+from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.schema import json_schema, schema_of
 
 ANY_SCHEMA: dict[str, Any] = {"type": "object"}
 MESSAGE_ENCODING = "msgpack"
@@ -36,6 +38,13 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True):
     type_hash: str = ""
     json_schema: dict[str, Any] = msgspec.field(default_factory=lambda: dict(ANY_SCHEMA))
     latched_depth: int = 0
+
+
+def topic_of(name: str, message: type[Message]) -> Topic:
+    """Return the topic of that name that carries messages of this class."""
+    schema = schema_of(message)
+    described = json_schema(schema)
+    return Topic(name=name, type=schema.name, type_hash=f"{schema.type_hash:016x}", json_schema=described)
 
 
 class Stream(msgspec.Struct, frozen=True, kw_only=True):

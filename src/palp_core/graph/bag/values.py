@@ -10,46 +10,62 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palp_core.errors import BagError
+from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
+from palp_core.graph.messages.schema_reader import (
+    FLOAT64_DTYPE,
+    FieldKind,
+    JsonSchema,
+    fields_of,
+    items_of,
+    kind_of,
+)
 from palp_core.units import Float64Array
 
-FLOAT64 = np.dtype("<f8")
-_SCALARS: dict[str, Any] = {"boolean": bool, "integer": int, "number": float, "string": str}
+FLOAT64 = np.dtype(FLOAT64_DTYPE)
+_TYPES: dict[FieldKind, Any] = {
+    FieldKind.BOOL: bool,
+    FieldKind.INT: int,
+    FieldKind.FLOAT: float,
+    FieldKind.STRING: str,
+    FieldKind.BYTES: bytes,
+    FieldKind.ARRAY: Float64Array,
+    FieldKind.MAP: dict[str, Any],
+    FieldKind.ANY: Any,
+}
 
 
-def is_array(schema: dict[str, Any]) -> bool:
-    """Say whether a field is a numeric array, which travels as bytes."""
-    return schema.get("x-dtype") == FLOAT64.str
+def _struct(_: JsonSchema, name: str, fields: dict[str, Any]) -> Any:
+    if not fields or not all(n.isidentifier() and not keyword.iskeyword(n) for n in fields):
+        return dict[str, Any]
+    return msgspec.defstruct(
+        name if name.isidentifier() else "Value", fields.items(), frozen=True, kw_only=True
+    )
 
 
-def type_from_schema(schema: dict[str, Any], name: str = "Value") -> Any:
-    """Return the Python type that a JSON Schema stands for; objects become frozen structs.
+def type_from_schema(
+    schema: JsonSchema, name: str = "Value", make: Callable[[JsonSchema, str, dict[str, Any]], Any] = _struct
+) -> Any:
+    """Return the Python type that a JSON Schema stands for.
+
+    Args:
+        schema: Of a message or a field.
+        name: Of the type, if the schema has no title.
+        make: Makes the class of a message of its schema, name and fields; by default a frozen struct.
 
     Raises:
         BagError: The schema says what no message can.
     """
-    kind = schema.get("type")
-    if is_array(schema):
-        return Float64Array
-    if kind == "string" and "contentEncoding" in schema:
-        return bytes
-    if kind == "array":
-        return list[type_from_schema(schema.get("items", {}), f"{name}Item")]  # type: ignore[misc]
-    if kind == "object" and schema.get("properties"):
-        names = list(schema["properties"])
-        if not all(n.isidentifier() and not keyword.iskeyword(n) for n in names):
-            return dict[str, Any]
-        fields = [(n, type_from_schema(schema["properties"][n], f"{name}_{n}")) for n in names]
-        title = str(schema.get("title", name))
-        return msgspec.defstruct(title if title.isidentifier() else name, fields, frozen=True, kw_only=True)
-    if kind == "object":
-        return dict[str, Any]
-    if kind is None:
-        return Any
-    if kind not in _SCALARS:
-        raise BagError(f"a schema's type '{kind}' is not a message's")
-    return _SCALARS[kind]
+    try:
+        kind = kind_of(schema)
+    except SchemaMismatch as error:
+        raise BagError(str(error)) from error
+    if kind is FieldKind.LIST:
+        return list[type_from_schema(items_of(schema), f"{name}Item", make)]  # type: ignore[misc]
+    if kind is FieldKind.MESSAGE:
+        fields = {n: type_from_schema(s, f"{name}_{n}", make) for n, s in fields_of(schema).items()}
+        return make(schema, str(schema.get("title", name)), fields)
+    return _TYPES[kind]
 
 
 def _from_wire(_: Any, value: Any) -> Any:

@@ -23,7 +23,8 @@ import msgspec
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.param_description import ParamDescription, describe_params
@@ -163,7 +164,8 @@ def _port(port: Port) -> PortDescription:
 
 def _type(message: type[Message]) -> TypeDescription:
     schema = schema_of(message)
-    return TypeDescription(schema.name, f"{schema.type_hash:016x}", ros_text(schema), json_schema(schema))
+    described = json_schema(schema)
+    return TypeDescription(schema.name, f"{schema.type_hash:016x}", ros_text(described), described)
 
 
 def _module(name: str, workspace: Path) -> ModuleType:

@@ -1,4 +1,4 @@
-"""What a message type is made of; type hash, JSON Schema, ROS text and array checks all derive from it."""
+"""What a message type is made of; type hash, JSON Schema and array checks all derive from it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import SchemaMismatch
+from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
 
 
 class MessageMeta(msgspec.StructMeta):
@@ -202,7 +203,7 @@ def json_schema(schema: Schema) -> dict[str, Any]:
         elif field.type in _JSON:
             entry = dict(_JSON[field.type])
         elif field.packed:
-            entry = {"type": "string", "contentEncoding": "base64", "x-dtype": "<f8"}
+            entry = {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
         else:
             entry = dict(_JSON[base])
         is_list = field.type.endswith("[]") and field.type not in _JSON and not field.packed
@@ -216,8 +217,3 @@ def json_schema(schema: Schema) -> dict[str, Any]:
         "properties": properties,
         "required": [f.name for f in schema.fields],
     }
-
-
-def ros_text(schema: Schema) -> str:
-    """Return the message in ROS ``.msg`` form, units as comments."""
-    return "\n".join(f"{f.type} {f.name}" + (f"  # {f.unit}" if f.unit else "") for f in schema.fields) + "\n"

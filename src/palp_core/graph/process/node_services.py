@@ -16,7 +16,8 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.messages.message import Message, decode, encode, encode_any
-from palp_core.graph.messages.schema import json_schema, ros_text, schema_of
+from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.journal import OUTSIDE, PARAMETERS
 from palp_core.graph.node.lifecycle import Transition
@@ -233,11 +234,12 @@ def serve_outside(executor: Executor, service: str, request: Message) -> Message
 
 def _type(message: type[Message]) -> dict[str, Any]:
     schema = schema_of(message)
+    described = json_schema(schema)
     return {
         "name": schema.name,
         "type_hash": f"{schema.type_hash:016x}",
-        "ros_text": ros_text(schema),
-        "json_schema": json_schema(schema),
+        "ros_text": ros_text(described),
+        "json_schema": described,
     }
 
 

@@ -92,12 +92,6 @@ class Comparison:
         }
 
 
-def array_fields(json_schema: Mapping[str, Any]) -> list[str]:
-    """Return the fields of a message, by its JSON Schema, that are arrays of numbers."""
-    properties: dict[str, dict[str, Any]] = json_schema.get("properties", {})
-    return [name for name, field in properties.items() if "x-dtype" in field]
-
-
 def _differences(old: Any, new: Any, arrays: Collection[str]) -> Iterator[tuple[str, float]]:
     """Yield the fields of two messages that differ, and by how much (infinity where that has no number)."""
     for name in {**old, **new}:

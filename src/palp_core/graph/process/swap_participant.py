@@ -14,12 +14,13 @@ from palp_core.errors import PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.succession import fitting, hand_over_of
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.shadow import Comparison, array_fields
+from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.process.swap_messages import (
     Announced,
     EndShadow,

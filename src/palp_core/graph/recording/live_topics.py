@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from palp_core.graph.bag.topic import Topic
+from palp_core.graph.bag.topic import Topic, topic_of
 from palp_core.graph.discovery.running_graph import LAUNCHER, RunningGraph
 from palp_core.graph.messages import builtin
 from palp_core.graph.messages.message import Message
-from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.journal import ORDER_PORT
 from palp_core.graph.node.spec import topic
@@ -60,15 +59,9 @@ def live_topics(graph: RunningGraph) -> dict[str, LiveTopic]:
         found[entry.name] = LiveTopic(described, entry.node or LAUNCHER, entry.publish)
     for node_entry in graph.record.nodes:
         for port, message in _HIDDEN.items():
-            described = _described(topic(node_entry.name, port), message)
+            described = topic_of(topic(node_entry.name, port), message)
             found[described.name] = LiveTopic(described, node_entry.name, node_entry.publish)
     return found
-
-
-def _described(name: str, message: type[Message]) -> Topic:
-    schema = schema_of(message)
-    described = json_schema(schema)
-    return Topic(name=name, type=schema.name, type_hash=f"{schema.type_hash:016x}", json_schema=described)
 
 
 def _latched_depth(output: dict[str, Any]) -> int:

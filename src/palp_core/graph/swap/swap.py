@@ -18,11 +18,12 @@ from palp_core.graph.messages.builtin import Swap
 from palp_core.graph.messages.frame import Kind, parse, topic_of
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.shadow import Comparison, array_fields
+from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.swap.compatibility import objections, replaced
 
 TIMEOUT_S = 10.0

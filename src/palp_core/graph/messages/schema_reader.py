@@ -1,0 +1,144 @@
+"""What the JSON Schema of a message says: the one place that reads it, and that writes ``.msg`` text.
+
+A schema may be another tool's: it may have maps, fields of any kind, and what is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from typing import Any
+
+from palp_core.errors import SchemaMismatch
+
+FLOAT64_DTYPE = "<f8"
+JsonSchema = Mapping[str, Any]
+
+
+class FieldKind(StrEnum):
+    """What a field holds; the value is what ROS calls it, where ROS has a word."""
+
+    BOOL = "bool"
+    INT = "int64"
+    FLOAT = "float64"
+    STRING = "string"
+    BYTES = "uint8[]"
+    ARRAY = "float64[]"
+    """Numbers in numpy's way: bytes on the wire."""
+    LIST = "list"
+    MESSAGE = "message"
+    MAP = "map"
+    """Names and values of any kind."""
+    ANY = "any"
+
+
+_KINDS = {
+    "boolean": FieldKind.BOOL,
+    "integer": FieldKind.INT,
+    "number": FieldKind.FLOAT,
+    "string": FieldKind.STRING,
+    "array": FieldKind.LIST,
+    None: FieldKind.ANY,
+}
+
+
+def kind_of(schema: JsonSchema) -> FieldKind:
+    """Return what a value of this schema is.
+
+    Raises:
+        SchemaMismatch: A type that no message has.
+    """
+    said = schema.get("type")
+    if is_array(schema):
+        return FieldKind.ARRAY
+    if said == "string" and schema.get("contentEncoding"):
+        return FieldKind.BYTES
+    if said == "object":
+        return FieldKind.MESSAGE if "properties" in schema else FieldKind.MAP
+    if said not in _KINDS:
+        raise SchemaMismatch(f"the schema's type '{said}' is not a message's")
+    return _KINDS[said]
+
+
+def is_array(schema: JsonSchema) -> bool:
+    """Tell whether a field is a numeric array, which travels as bytes."""
+    return bool(schema.get("x-dtype") == FLOAT64_DTYPE)
+
+
+def has_elements(schema: JsonSchema) -> bool:
+    """Tell whether a value has elements by number: a list or a numeric array."""
+    return schema.get("type") == "array" or is_array(schema)
+
+
+def fields_of(schema: JsonSchema) -> dict[str, dict[str, Any]]:
+    """Return the schemas of an object's fields by name, in order; none where they are not told."""
+    found: dict[str, dict[str, Any]] = schema.get("properties", {})
+    return found
+
+
+def items_of(schema: JsonSchema) -> dict[str, Any]:
+    """Return the schema of an element of a list or a numeric array; none where it is not told."""
+    if is_array(schema):
+        return {"type": "number", **{k: v for k, v in schema.items() if k == "x-unit"}}
+    found: dict[str, Any] = schema.get("items", {})
+    return found
+
+
+def array_fields(schema: JsonSchema) -> list[str]:
+    """Return the fields of a message that are numeric arrays."""
+    return [name for name, field in fields_of(schema).items() if is_array(field)]
+
+
+def unit_of(schema: JsonSchema) -> str:
+    """Return the unit of a field or of its elements; "" if it has none."""
+    return str(schema.get("x-unit") or items_of(schema).get("x-unit", ""))
+
+
+def nested(schema: JsonSchema) -> list[dict[str, Any]]:
+    """Return the schemas of all messages within a message, each once, the innermost first."""
+    found: list[dict[str, Any]] = []
+    for field in fields_of(schema).values():
+        inner = items_of(field) or field
+        if fields_of(inner):
+            found += [one for one in (*nested(inner), inner) if one not in found]
+    return found
+
+
+def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = lambda s: str(s["title"])) -> str:
+    """Return a message in ROS ``.msg`` form, units as comments; messages within it are named only.
+
+    Args:
+        schema: Of the message.
+        type_name: Names the type of a message within it.
+
+    Raises:
+        SchemaMismatch: A ``.msg`` cannot say this; the field is named.
+    """
+    return "".join(
+        f"{ros_type(name, field, type_name)} {name}{unit_comment(field)}\n"
+        for name, field in fields_of(schema).items()
+    )
+
+
+def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], str]) -> str:
+    """Return a field's type as ``.msg`` has it; see :func:`ros_text`.
+
+    Raises:
+        SchemaMismatch: A ``.msg`` cannot say this.
+    """
+    kind = kind_of(schema)
+    if kind is FieldKind.MESSAGE and fields_of(schema):
+        return type_name(schema)
+    if kind is FieldKind.LIST and not has_elements(items_of(schema)):
+        inner = ros_type(name, items_of(schema), type_name)
+        if not inner.endswith("[]"):
+            return f"{inner}[]"
+    if kind in (FieldKind.LIST, FieldKind.MESSAGE, FieldKind.MAP, FieldKind.ANY):
+        raise SchemaMismatch(f"{name}: a ROS message cannot say this: {schema}")
+    return kind.value
+
+
+def unit_comment(schema: JsonSchema) -> str:
+    """Return a field's unit as the comment at the end of its line."""
+    unit = unit_of(schema)
+    return f"  # {unit}" if unit else ""
