@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 
 import hypothesis
@@ -49,7 +50,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def folders_of_the_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    with pytest.MonkeyPatch.context() as patch:
+    with (
+        tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as runtime,
+        pytest.MonkeyPatch.context() as patch,
+    ):
         patch.setenv("PALP_CACHE", str(shared / "palp-cache"))
-        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("r")))
+        patch.setenv("XDG_RUNTIME_DIR", runtime)  # pytest's own folders are too long for the paths of sockets
         yield

@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -142,16 +143,25 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, output + errors
 
 
+@contextlib.contextmanager
+def own_palp() -> Iterator[Palp]:
+    """The command line with a runtime folder of its own, short enough for the paths of sockets."""
+    with tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as runtime:
+        command = Palp(Path(runtime))
+        try:
+            yield command
+        finally:
+            command.close()
+
+
 @pytest.fixture
-def palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
-    command = Palp(tmp_path_factory.mktemp("r"))
-    yield command
-    command.close()
+def palp() -> Iterator[Palp]:
+    with own_palp() as command:
+        yield command
 
 
 @pytest.fixture(scope="module")
-def shared_palp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
+def shared_palp() -> Iterator[Palp]:
     """For what the tests of a file have in common."""
-    command = Palp(tmp_path_factory.mktemp("r"))
-    yield command
-    command.close()
+    with own_palp() as command:
+        yield command

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import io
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import typer
@@ -11,10 +13,17 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
 
+@contextlib.contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep errors and remarks to itself: what is written here stands in the middle of what a person types."""
+    with contextlib.suppress(Exception), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
 def _running(context: typer.Context) -> RunningGraph | None:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-    with contextlib.suppress(Exception):
+    with _quietly():
         return RunningGraph.find(context.params.get("graph"))
     return None
 
@@ -27,7 +36,7 @@ def graphs(incomplete: str) -> list[str]:
     """Names of running graphs."""
     from palp_core.graph.discovery.run_directory import running
 
-    with contextlib.suppress(Exception):
+    with _quietly():
         return _matching(sorted({record.graph for record in running()}), incomplete)
     return []
 
@@ -49,7 +58,7 @@ def nodes(ctx: typer.Context, incomplete: str) -> list[str]:
 def services(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of services; a node that does not answer at once has none."""
     graph = _running(ctx)
-    with contextlib.suppress(Exception):
+    with _quietly():
         if graph is not None:
             known = graph.services(graph.ask_all("info", timeout_s=0.3))
             return _matching([service.name for service in known], incomplete)
@@ -59,7 +68,7 @@ def services(ctx: typer.Context, incomplete: str) -> list[str]:
 def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the parameters of the node that is already on the line."""
     graph = _running(ctx)
-    with contextlib.suppress(Exception):
+    with _quietly():
         if graph is not None:
             reply = graph.ask(str(ctx.params["node"]), "get_parameters", timeout_s=0.3)
             return _matching(list(reply["parameters"]), incomplete)
@@ -75,7 +84,7 @@ def types(ctx: typer.Context, incomplete: str) -> list[str]:
 def fields(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the fields of the topic that is already on the line."""
     graph = _running(ctx)
-    with contextlib.suppress(Exception):
+    with _quietly():
         if graph is not None:
             return _matching(
                 list(graph.topic(str(ctx.params["topic"])).json_schema["properties"]), incomplete

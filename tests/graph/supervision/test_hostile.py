@@ -15,7 +15,8 @@ import psutil
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.discovery import run_directory
+from palp_core.graph.discovery.run_directory import RunDirectory, base_folder, running
 from palp_core.graph.process.control_messages import Hello, Round, Shutdown, node_end
 from palp_core.graph.supervision import fork_client
 from palp_core.graph.supervision.channel_server import Switchboard
@@ -241,13 +242,80 @@ def test_pruning_takes_old_runs_but_none_that_is_just_starting(
     starting.remove()
 
 
-def test_a_runtime_folder_too_long_for_a_socket_is_not_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch, palp: Palp) -> Path:
+    """Stand in for /tmp, and let what is said once be said again."""
+    monkeypatch.setattr(run_directory, "SHORT", palp.runtime_dir)
+    run_directory._remark.cache_clear()
+    return palp.runtime_dir
+
+
+def long_folder(tmp_path: Path, name: str) -> Path:
+    long = tmp_path / (name * 80)
+    long.mkdir(exist_ok=True)
+    return long
+
+
+@pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "TMPDIR"])
+def test_a_setting_too_long_for_a_socket_has_a_short_folder_of_its_own_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    short: Path,
+    capsys: pytest.CaptureFixture[str],
+    variable: str,
 ) -> None:
-    long = tmp_path / ("x" * 80)
-    long.mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
-    monkeypatch.setenv("TMPDIR", str(long))
-    folder = RunDirectory("a")
-    assert len(str(folder.path / f"{'n' * 32}.pub")) <= 107
-    folder.remove()
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.setenv(variable, str(long_folder(tmp_path, "x")))
+    run = RunDirectory("a")
+    assert len(str(Path("/tmp") / run.path.relative_to(short) / f"{'n' * 32}.pub")) <= 107
+    assert run.path.parent.stat().st_mode & 0o777 == 0o700
+    base = base_folder()
+    assert run.path.parent == base
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{variable}={long_folder(tmp_path, 'x')} is too long" in said
+    assert f"in {base}; set {variable} to a folder of at most" in said
+
+    monkeypatch.setenv(variable, str(long_folder(tmp_path, "y")))
+    assert base_folder() not in {base, short / f"palp-{os.getuid()}"}
+    link = tmp_path / ("l" * 80)
+    link.symlink_to(long_folder(tmp_path, "x"))
+    monkeypatch.setenv(variable, f"{link}/")  # the same folder, however it is written
+    assert base_folder() == base
+    run.remove()
+
+
+def test_a_long_runtime_folder_has_its_graphs_whatever_the_folder_for_temporary_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, short: Path
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long_folder(tmp_path, "x")))
+    base = base_folder()
+    for other in (short, long_folder(tmp_path, "y")):
+        monkeypatch.setenv("TMPDIR", str(other))
+        assert base_folder() == base
+
+
+def test_a_runtime_folder_that_is_not_there_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, short: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("TMPDIR", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
+    assert base_folder() == short / f"palp-{os.getuid()}"
+    assert f"XDG_RUNTIME_DIR={tmp_path / 'gone'} is no folder" in capsys.readouterr().err
+
+
+def test_who_looks_for_graphs_trusts_no_folder_of_another(
+    monkeypatch: pytest.MonkeyPatch, palp: Palp, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    theirs = tmp_path / "theirs"
+    (theirs / "a" / "log").mkdir(parents=True)
+    (palp.runtime_dir / "palp").symlink_to(theirs)
+    with pytest.raises(GraphError, match="palp is not a folder of this user; set XDG_RUNTIME_DIR"):
+        running()
+    (palp.runtime_dir / "palp").unlink()
+    (palp.runtime_dir / "palp" / "a" / "log").mkdir(parents=True)
+    assert running() == []
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000_000)
+    with pytest.raises(GraphError, match="palp is not a folder of this user"):
+        running()

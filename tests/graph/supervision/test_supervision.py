@@ -210,8 +210,7 @@ def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_n
         server.close()
 
 
-def test_a_run_lives_as_long_as_it_holds_its_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_a_run_lives_as_long_as_it_holds_its_folder() -> None:
     run = RunDirectory("a")
     assert locked(run.path)
     assert locked(run.path)  # asking leaves no trace
