@@ -42,7 +42,9 @@ def pytest_configure() -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give slow tests their time, where pytest-timeout is there to take it."""
     for item in items:
-        if item.get_closest_marker("slow") and item.config.pluginmanager.hasplugin("timeout"):
+        if (
+            item.get_closest_marker("slow") or item.get_closest_marker("nightly")
+        ) and item.config.pluginmanager.hasplugin("timeout"):
             item.add_marker(pytest.mark.timeout(SLOW_S))
 
 

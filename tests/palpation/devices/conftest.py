@@ -37,8 +37,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Test real devices in one process: no two tests may move the same stage."""
+    return 0 if config.getoption("--hardware", default=None) else None
+
+
 def pytest_configure(config: pytest.Config) -> None:
     path = config.getoption("--hardware", default=None)
+    if path and config.getoption("numprocesses", default=0):
+        raise pytest.UsageError("--hardware: no two tests may move the same stage; leave -n out, or -n 0")
     try:
         config.stash[HARDWARE] = read_hardware(Path(path)) if path else {}
     except DeviceError as error:

@@ -33,12 +33,12 @@ def write(path: Path, tree: dict[str, Any]) -> Path:
     return path
 
 
-def contract(config: Path) -> subprocess.CompletedProcess[str]:
+def contract(config: Path, *more: str) -> subprocess.CompletedProcess[str]:
     """Run the contract on the devices of a file."""
     return subprocess.run(
         [
             sys.executable, "-m", "pytest", str(ROOT / "tests/palpation/devices/test_contract.py"), "-q",
-            "-p", "no:cacheprovider", "-k", "hardware", "--hardware", str(config),
+            "-p", "no:cacheprovider", "-k", "hardware", "--hardware", str(config), *more,
         ],
         cwd=ROOT, capture_output=True, text=True, timeout=450.0, check=False,
     )  # fmt: skip
@@ -96,6 +96,13 @@ def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(tmp_path: Pa
     done = contract(write(tmp_path / "h.yaml", {"stage": entry}))
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert "'travel' does not say how far it may" in done.stderr
+
+
+def test_no_two_tests_share_a_real_device(tmp_path: Path) -> None:
+    config = write(tmp_path / "h.yaml", {"torque": {"device": "ati", "options": {"channel": "none"}}})
+    done = contract(config, "-n", "2")
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "no two tests may move the same stage" in done.stderr
 
 
 @pytest.mark.parametrize(
