@@ -49,6 +49,7 @@ def test_the_bench_prints_one_object_and_writes_charts(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"wires.png", "wires.csv", "wires.json"}
 
 
+@pytest.mark.nightly
 def test_the_steady_graph_loses_nothing(tmp_path: Path) -> None:
     done = _bench("--steady", 5, "--json", "--out", tmp_path)
     assert done.returncode == 0, done.stderr

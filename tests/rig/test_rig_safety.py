@@ -17,16 +17,16 @@ SHORT = ("trials:=1", "training:=1")
 LENIENT = (*SHORT, "stale_ms:=2000.0", "beat_ms:=2000.0", "link_ms:=20000.0", "answer_s:=10.0")
 SWEEP_M_PER_S, RETURN_M_PER_S, PATIENCE_S = 0.004, 0.010, 200.0
 SOME = [
-    ("stage", signal.SIGKILL),
-    ("safety", signal.SIGSTOP),
-    ("torque", signal.SIGSTOP),
-    (LAUNCHER, signal.SIGKILL),
+    pytest.param("stage", signal.SIGKILL),
+    pytest.param("safety", signal.SIGSTOP, marks=pytest.mark.nightly),
+    pytest.param("torque", signal.SIGSTOP, marks=pytest.mark.nightly),
+    pytest.param(LAUNCHER, signal.SIGKILL),
 ]
 EVERY = [
     (node, number)
     for node in NODES
     for number in (signal.SIGKILL, signal.SIGSTOP)
-    if (node, number) not in SOME
+    if (node, number) not in [some.values for some in SOME]
 ]
 Start = Callable[..., RunningRig]
 
@@ -102,6 +102,7 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
     assert rig.safety()["acknowledged_count"] == 1
 
 
+@pytest.mark.nightly
 def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwards(start: Start) -> None:
     rig = start(*LENIENT, home_s=2.0)
     rig.until(lambda: any(line == "HOMEASYNC Y" for _, _, line in rig.log()), "homing")
@@ -112,6 +113,7 @@ def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwa
     rig.sweep()
 
 
+@pytest.mark.nightly
 def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()
@@ -124,6 +126,7 @@ def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts
     rig.sweep()
 
 
+@pytest.mark.nightly
 def test_an_emergency_stop_is_acknowledged_only_after_it_is_released(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()

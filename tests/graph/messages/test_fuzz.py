@@ -157,14 +157,14 @@ def answers(target: Target, raw: bytes) -> None:
     assert isinstance(msgpack.unpackb(reply, strict_map_key=False), dict)
 
 
-@settings(deadline=None, max_examples=1000, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, max_examples=300, suppress_health_check=list(HealthCheck))
 @given(raw=frames())
 @example(raw=pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH))
 def test_a_malformed_frame_harms_nothing(target: Target, raw: bytes) -> None:
     survives(target, raw)
 
 
-@settings(deadline=None, max_examples=1000, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, max_examples=300, suppress_health_check=list(HealthCheck))
 @given(raw=payloads | maps)
 def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw: bytes) -> None:
     answers(target, raw)

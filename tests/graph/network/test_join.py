@@ -208,6 +208,7 @@ def test_ctrl_c_brings_a_guest_to_its_safe_state_and_the_graph_hears_of_it(home:
     graph.said("/guest has left")
 
 
+@pytest.mark.nightly
 def test_a_gateway_that_hangs_counts_as_dead(home: Host, away: Host) -> None:
     graph, book = home.launch(), away.book()
     guest = away.start(*keeper(home, graph, book))

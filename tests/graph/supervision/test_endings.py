@@ -40,7 +40,7 @@ def assert_readable(out: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [*RIG_NODES[:4], *(pytest.param(name, marks=pytest.mark.slow) for name in RIG_NODES[4:])],
+    [*RIG_NODES[:1], *(pytest.param(name, marks=pytest.mark.nightly) for name in RIG_NODES[1:])],
 )
 def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
     process = start_rig(palp, tmp_path / "out")
@@ -86,8 +86,17 @@ def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(palp: Pa
     assert palp.all_gone()
 
 
-@pytest.mark.parametrize("compose", [(), ("--compose",)], ids=["processes", "composed"])
-@pytest.mark.parametrize("moment", ["palp/*", "palp/*/graph.json", "out/trials.csv"])
+@pytest.mark.parametrize(
+    ("moment", "compose"),
+    [
+        ("palp/*", ("--compose",)),
+        ("palp/*/graph.json", ()),
+        ("out/trials.csv", ("--compose",)),
+        pytest.param("palp/*", (), marks=pytest.mark.nightly),
+        pytest.param("palp/*/graph.json", ("--compose",), marks=pytest.mark.nightly),
+        pytest.param("out/trials.csv", (), marks=pytest.mark.nightly),
+    ],
+)
 def test_ctrl_c_leaves_nothing_behind(palp: Palp, moment: str, compose: tuple[str, ...]) -> None:
     process = palp.start("launch", SIM, f"out:={palp.runtime_dir / 'out'}", "trials:=100", *compose)
     while not list(palp.runtime_dir.glob(moment)):

@@ -18,6 +18,12 @@ from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.swapping import Stage, workspace
 
+EACH_STEP = [
+    pytest.param("configure", marks=pytest.mark.nightly),
+    pytest.param("state", marks=pytest.mark.nightly),
+    "take over",
+]
+
 
 @pytest.fixture
 def launch(tmp_path: Path) -> Path:
@@ -113,7 +119,7 @@ def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:
     assert stage.judgement()[1:] == ("", ["Relay", "Other"])
 
 
-@pytest.mark.parametrize("step", ["configure", "state", "take over"])
+@pytest.mark.parametrize("step", EACH_STEP)
 def test_a_step_that_takes_too_long_is_taken_back(stage: Stage, step: str) -> None:
     timeout_s = stage.patience_s()
     failed = stage.swap("Faulty", step=step, deed="hang", timeout_s=timeout_s)["failed"]
@@ -140,7 +146,7 @@ def test_the_old_nodes_death_ends_the_swap_and_the_graph_by_its_rule(
     assert palp.all_gone()
 
 
-@pytest.mark.parametrize("step", ["configure", "state", "take over"])
+@pytest.mark.parametrize("step", EACH_STEP)
 def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, stage: Stage, step: str) -> None:
     with pytest.raises(GraphError, match="did not answer"):
         stage.swap("Faulty", step=step, deed="kill_other", pid=stage.launcher.pid)
