@@ -110,8 +110,12 @@ def test_ten_megabytes_a_message_arrive(hostile: Hostile, clock: str) -> None:
 def test_two_nodes_killed_at_once_are_both_accounted_for(hostile: Hostile, within_s: float) -> None:
     process = hostile.start("count:=1000000")
     listed = json.loads(hostile.palp.run("node", "list", "--json").stdout)
+    process.send_signal(
+        signal.SIGSTOP
+    )  # so that the first death does not end the second node before its turn
     for node in listed[:2]:
         psutil.Process(node["pid"]).kill()
+    process.send_signal(signal.SIGCONT)
     assert process.wait(within_s) == 1  # a death missed would be waited for through the whole ladder
     assert hostile.palp.all_gone()
 
