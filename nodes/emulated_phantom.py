@@ -15,6 +15,7 @@ from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
 from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSettings
 from palp_core.palpation.devices.sim.mount import MountVariation
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.units import (
     Count,
@@ -50,7 +51,7 @@ class EmulatedPhantomParams(Params):
     scene: ReadOnly[str] = ""
     ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
     repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
-    noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = 1.0 / 64.0
+    noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
     seed: ReadOnly[Count] = 1
     height_sd_mm: ReadOnly[MillimetresNonNegative] = 0.1
     noise: ReadOnly[str] = ""

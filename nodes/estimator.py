@@ -16,6 +16,7 @@ from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.methods import find
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
@@ -61,7 +62,7 @@ class EstimatorParams(Params):
     stop: str = "paper_guarded"
     stop_value: RatioNonNegative = 0.0
     max_probes: CountPositive = 15
-    resolution_n_mm: NewtonMillimetresPositive = 1.0 / 64.0
+    resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3
     rate_hz: HertzPositive = 1000.0
     largest_gap_s: Seconds = 0.003
 

@@ -14,6 +14,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import TorqueBlock as Samples
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import (
     CountPositive,
     Float64Array,
@@ -42,7 +43,7 @@ class RigTorqueParams(Params):
     device: ReadOnly[str] = "ati"
     options: ReadOnly[dict[str, Any]] = {}
     rate_hz: ReadOnly[HertzPositive] = 1000.0
-    range_n_mm: ReadOnly[NewtonMillimetresPositive] = 120.0
+    range_n_mm: ReadOnly[NewtonMillimetresPositive] = RANGE_N_M * 1e3
     load_hz: HertzPositive = 1000.0
     block_samples: CountPositive = 20
     tare: Literal["start", "never"] = "start"

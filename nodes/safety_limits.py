@@ -10,6 +10,7 @@ from palp_core import Params, ReadOnly
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.safety.watchdog import WatchLimits
+from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
 from palp_core.units import (
     CountPositive,
     HertzPositive,
@@ -53,8 +54,8 @@ class SafetyParams(Params):
     stop_n_mm: ReadOnly[NewtonMillimetresPositive] = 100.0
     warn_n: ReadOnly[NewtonsPositive] = 8.0
     stop_n: ReadOnly[NewtonsPositive] = 10.0
-    range_n_mm: ReadOnly[NewtonMillimetresPositive] = 120.0
-    range_n: ReadOnly[NewtonsPositive] = 12.0
+    range_n_mm: ReadOnly[NewtonMillimetresPositive] = RANGE_N_M * 1e3
+    range_n: ReadOnly[NewtonsPositive] = RANGE_N
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
     margin_mm: ReadOnly[MillimetresNonNegative] = 4.0

@@ -11,6 +11,7 @@ from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.sim.torque import TorqueState as DeviceState
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.units import NewtonMillimetresNonNegative, RatioNonNegative
 
@@ -24,8 +25,8 @@ class TorqueParams(Params):
     """
 
     device: str = "sim"
-    noise_sd_n_mm: NewtonMillimetresNonNegative = 1.0 / 64.0
-    resolution_n_mm: NewtonMillimetresNonNegative = 1.0 / 64.0
+    noise_sd_n_mm: NewtonMillimetresNonNegative = RESOLUTION_N_M * 1e3
+    resolution_n_mm: NewtonMillimetresNonNegative = RESOLUTION_N_M * 1e3
     bias_drift_n_mm_per_sqrt_s: NewtonMillimetresNonNegative = 0.0
     gain_drift_per_sqrt_s: RatioNonNegative = 0.0
     noise: str = ""

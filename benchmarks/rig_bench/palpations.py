@@ -16,6 +16,7 @@ import numpy as np
 
 from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.palpation.devices.protocols import Int64Array
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 
 from .host import host_words, loaded  # noqa: TID252 -- neighbours, of a script and of a package
@@ -24,7 +25,6 @@ __all__ = ["palpations"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH_M = (-0.03, 0.05)
-RESOLUTION_N_MM = 1.0 / 64
 RINGS_EXACT = {
     "emulated": ("      height_sd_mm: $(var height_sd_mm)\n", "      repeatability_mm: 0.0\n"),
     "sim": ("repeatability_mm: 0.3", "repeatability_mm: 0.0"),
@@ -186,5 +186,5 @@ def beside_simulation(emulated: Path, sim: Path) -> dict[str, float]:
         "peak_off_n_mm_mean": float(np.mean(peaks)),
         "sweep_bias_n_mm_max": float(np.max(np.abs(means))),
         "sweep_off_sd_n_mm": float(np.mean(sds)),
-        "resolution_n_mm": RESOLUTION_N_MM,
+        "resolution_n_mm": RESOLUTION_N_M * 1e3,
     }

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
 from palp_core.units import Float64Array
 
 CLEARANCE_M = 0.5e-3
@@ -134,8 +135,8 @@ class WrenchLimits:
     stop_torque_n_m: float = 0.100
     warn_force_n: float = 8.0
     stop_force_n: float = 10.0
-    range_torque_n_m: float = 0.120
-    range_force_n: float = 12.0
+    range_torque_n_m: float = RANGE_N_M
+    range_force_n: float = RANGE_N
 
     def __post_init__(self) -> None:
         for load, ceiling in (("torque_n_m", 10.0), ("force_n", 1e3)):

@@ -11,6 +11,7 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.methods import find
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
@@ -20,7 +21,6 @@ from palp_core.palpation.perception.belief.trial_filter import NAIVE, Probe, Tri
 from palp_core.palpation.perception.signal.smoothers import smoother
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
-from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 
 

@@ -13,11 +13,10 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
-
-_RESOLUTION_N_M = 1e-3 / 64  # the maker's figure for a Nano17 SI-12-0.12; the floor where none was recorded
 
 
 def mm(length_m: float) -> str:
@@ -183,7 +182,7 @@ def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:
             [rings_m.index(row.ring_m) for row in training],
             depths_m=depths_m,
             rings_m=rings_m,
-            floor=quantisation_sd(_RESOLUTION_N_M),
+            floor=quantisation_sd(RESOLUTION_N_M),  # where none was recorded
         )
     except PerceptionError:
         return None

@@ -16,6 +16,7 @@ from scipy.stats import t as student_t
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 from palp_core.palpation.perception.statistics.variance_components import Block, Estimate, estimate
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
@@ -23,7 +24,6 @@ from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.plan_repeatability import CONDITIONS
 from palp_core.palpation.session.reanalysis import Methods, readings
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
-from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 

@@ -21,6 +21,7 @@ from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.devices.sim.ring import RingState, SimRing
 from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
+from palp_core.palpation.nano17 import FORCE_RESOLUTION_N, RESOLUTION_N_M
 from palp_core.units import Float64Array
 
 _STEP_M = 50e-6
@@ -64,8 +65,8 @@ class WorldSettings:
     ring_zero_m: float = 0.001
     repeatability_m: float = 0.3e-3
     ring_error: Literal["uniform", "normal"] = "uniform"
-    torque_noise_sd_n_m: float = 1e-3 / 64
-    force_noise_sd_n: float = 1.0 / 320
+    torque_noise_sd_n_m: float = RESOLUTION_N_M
+    force_noise_sd_n: float = FORCE_RESOLUTION_N
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import HEALTHY, Health
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import Int64Array, TorqueBlock
+from palp_core.palpation.nano17 import RANGE_N_M, RESOLUTION_N_M
 from palp_core.units import Float64Array
 
 
@@ -56,9 +57,9 @@ class SimTorque:
         DeviceError: A parameter is not finite or negative where it cannot be.
     """
 
-    noise_sd_n_m: float = 1e-3 / 64
-    resolution_n_m: float = 1e-3 / 64
-    range_n_m: float = 0.120
+    noise_sd_n_m: float = RESOLUTION_N_M
+    resolution_n_m: float = RESOLUTION_N_M
+    range_n_m: float = RANGE_N_M
     bias_n_m: float = 0.0
     gain_error: float = 0.0
     bias_drift_n_m_per_sqrt_s: float = 0.0

@@ -19,6 +19,7 @@ from palp_core.palpation.devices.torque.ati_session import AtiSession, Calibrati
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
+from palp_core.palpation.nano17 import RANGE_N_M
 
 
 @dataclass
@@ -61,7 +62,7 @@ class AtiTorque:
     stale_s: float = 0.025
     axis: str = "x"
     sign: int = 1
-    range_n_m: float = 0.120
+    range_n_m: float = RANGE_N_M
     verified: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import TorqueBlock
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.wire import rdt
+from palp_core.palpation.nano17 import RANGE_N_M
 
 _FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
 _WAIT_S = 0.05
@@ -65,7 +66,7 @@ class NetFtTorque:
     stale_s: float = 0.025
     axis: str = "x"
     sign: int = 1
-    range_n_m: float = 0.120
+    range_n_m: float = RANGE_N_M
 
     def __post_init__(self) -> None:
         check_range("netft", "rate_hz", self.rate_hz, 1.0, 7000.0)

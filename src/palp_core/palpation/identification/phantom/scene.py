@@ -11,10 +11,10 @@ import yaml
 from palp_core.palpation.identification.phantom.cells import gather
 from palp_core.palpation.identification.phantom.fit import PhantomFit, fit_phantom
 from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.palpation.session.repeatability import sample_noise
-from palp_core.palpation.studies.decision.feature_cases import RESOLUTION_N_M
 
 ASSUMED = RigNoise(
     sample_sd_n_m=Component(RESOLUTION_N_M),

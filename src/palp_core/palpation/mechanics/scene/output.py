@@ -10,6 +10,7 @@ import numpy as np
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.units import Float64Array
 
 STEP_M = 0.00025
@@ -54,7 +55,7 @@ class Scatter:
 
     ring_m: float = 0.0003
     height_m: float = 0.0001
-    torque_n_m: float = 1e-3 / 64
+    torque_n_m: float = RESOLUTION_N_M
     training_count: int = 25
     trial_count: int = 2000
 

@@ -14,6 +14,7 @@ from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.methods import choose
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.features import contrast, peak
 from palp_core.palpation.perception.signal.smoothers import (
     LowPass,
@@ -30,7 +31,6 @@ from palp_core.units import Float64Array
 
 RATE_HZ, SPEED_M_PER_S, BLOCK = 1000.0, 0.020, 50
 FROM_M, TO_M, INDENTATION_M = -0.03, 0.05, 0.004
-RESOLUTION_N_M = 1e-3 / 64.0  # the maker's figure for a Nano17 SI-12-0.12
 MARGIN_M = 0.002
 
 FEATURES: dict[str, Callable[..., float]] = {

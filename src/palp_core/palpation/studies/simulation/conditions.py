@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_curve
-from palp_core.palpation.studies.simulation.reading_table import RESOLUTION_N_M, ReadingTable
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array
 
 _SPREAD = {"uniform": 1 / np.sqrt(3.0), "normal": 0.5, "triangular": 1 / np.sqrt(6.0), "two_sided": 1.0}

@@ -20,6 +20,7 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.scene import Path, Scene
 from palp_core.palpation.methods import Quantities, choose, find
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
 from palp_core.units import Float64Array
@@ -28,7 +29,6 @@ ERRORS_M = np.linspace(-0.75e-3, 0.75e-3, 5)
 HEIGHTS_M = np.linspace(-1.5e-3, 1.5e-3, 5)
 FROM_M, TO_M, MARGIN_M = -0.03, 0.05, 0.002
 SPEED_M_PER_S, RATE_HZ = 0.020, 1000.0
-RESOLUTION_N_M = 1e-3 / 64.0
 
 
 @dataclass(frozen=True)
