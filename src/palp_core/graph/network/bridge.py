@@ -9,7 +9,6 @@ Run as ``python -m palp_core.graph.network.bridge <descriptor of the line>``.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import logging
 import signal
 import socket
@@ -59,6 +58,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Exchange
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
+from palp_core.graph.process.parent_death import die_with_parent
 
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0
@@ -66,7 +66,6 @@ ANSWER_WITHIN_S = 20.0
 """After the handshake (assumed: the gateway of a busy host has had its turn by then)."""
 
 DRIFT_NS = 1_000_000
-PR_SET_PDEATHSIG = 1
 _LOG = logging.getLogger("palp.bridge")
 
 
@@ -262,7 +261,7 @@ class Bridge:
 
 def main(connection: socket.socket) -> int:
     """Relay until one of the ends is gone."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
     line = MessageChannel(connection, bridge_decoder())

@@ -10,7 +10,6 @@ Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import logging
 import os
 import resource
@@ -42,9 +41,9 @@ from palp_core.graph.network.rejected_peers import Refusals
 from palp_core.graph.network.remote_nodes import Guests
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
+from palp_core.graph.process.parent_death import die_with_parent
 
 MEMORY_BYTES = 1 << 30
-PR_SET_PDEATHSIG = 1
 _LOG = logging.getLogger("palp.gateway")
 
 
@@ -153,7 +152,7 @@ class Gateway:
 
 def main(connection: socket.socket) -> int:
     """Serve until the launcher ends it or is gone."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    die_with_parent()
     # The launcher decides when to end; a terminal's Ctrl-C is for it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What no count of messages bounds: rather this process ends than the host swaps.

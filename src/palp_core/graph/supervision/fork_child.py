@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import gc
 import logging
@@ -15,28 +14,22 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.parent_death import die_with_parent
 
-PR_SET_PDEATHSIG = 1
 
-
-def become(
-    work: Callable[[], int], server: int, libc: ctypes.CDLL, output: int, leave: Callable[[], None]
-) -> NoReturn:
+def become(work: Callable[[], int], server: int, output: int, leave: Callable[[], None]) -> NoReturn:
     """Turn a freshly forked process into what ``work`` does, and end with the status it returns.
 
     Args:
         work: The process's main function.
         server: Process id of the fork server; with its death comes this one's.
-        libc: The C library.
         output: Descriptor that takes the place of standard output and error.
         leave: Lets go of what is the server's.
     """
     status = 1
     try:
         os.setsid()
-        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != server:
-            os._exit(1)
+        die_with_parent(server)
         signal.set_wakeup_fd(-1)
         for number in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)

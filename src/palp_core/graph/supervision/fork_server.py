@@ -12,7 +12,6 @@ Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the li
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import os
 import select
@@ -29,13 +28,13 @@ from palp_core.graph.description.node_class import DescribeRequest, describe
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
+from palp_core.graph.process.parent_death import adopt_orphans
 from palp_core.graph.supervision.fork_child import become, take_place
 from palp_core.graph.supervision.logs import LogKeeper
 from palp_core.graph.supervision.preload import Announcer, import_announced, preload
 from palp_core.whole_file import write_whole
 
 GRACE_NS = 600_000_000
-PR_SET_CHILD_SUBREAPER = 36
 LOOKING = ""
 """Name of a describing child."""
 
@@ -92,8 +91,7 @@ class _Server:
         self._prints: dict[int, int] = {}
         self._keeper = LogKeeper()
         self._pid = os.getpid()
-        self._libc = ctypes.CDLL(None, use_errno=True)
-        self._libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
+        adopt_orphans()
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self._wake_write, warn_on_full_buffer=False)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -141,7 +139,7 @@ class _Server:
         gc.freeze()  # a child's collector leaves what is shared alone: neither time nor copied pages
         pid = os.fork()
         if pid == 0:
-            become(work, self._pid, self._libc, output, self._leave)
+            become(work, self._pid, output, self._leave)
         self._children[pid] = name
         self._tell(Started(name, pid))
         return pid

@@ -6,7 +6,6 @@ be kept for the next run.
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import multiprocessing
 import os
@@ -18,13 +17,12 @@ from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from palp_core.errors import PalpError
+from palp_core.graph.process.parent_death import die_with_parent
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.progress import progress
 
 J = TypeVar("J")
 R = TypeVar("R")
-
-PR_SET_PDEATHSIG = 1
 
 
 def run_jobs(
@@ -80,7 +78,7 @@ def _on_processes(
     pool = ProcessPoolExecutor(
         min(workers, len(jobs)),
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=_end_with,
+        initializer=die_with_parent,
         initargs=(os.getpid(),),
     )
     try:
@@ -111,13 +109,6 @@ def _children_without_ctrl_c() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end_with(parent: int) -> None:
-    """Let this process be killed when its parent dies, however that comes."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
 
 
 def _on_dask(function: Callable[[J], R], jobs: Mapping[int, J], address: str) -> Generator[tuple[int, R]]:
