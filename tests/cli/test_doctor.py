@@ -10,10 +10,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.cli.doctor.finding import Finding
+from palp_core.cli.doctor.diagnostic import Diagnostic
 from palp_core.cli.doctor.graph import examine_graph
+from palp_core.cli.doctor.health import HealthSample, rows, sample_health
 from palp_core.cli.doctor.host import examine_host
-from palp_core.cli.doctor.snapshot import Snapshot, rows, snapshot
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import Kind, pack
@@ -43,7 +43,7 @@ def sink(account: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any
 
 def findings(
     tmp_path: Path, launcher_said: Sequence[bytes] | None = (), **nodes: dict[str, Any] | None
-) -> list[Finding]:
+) -> list[Diagnostic]:
     def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         if asked["op"] == "history":
             frames = told.get(asked["node"], [])
@@ -152,23 +152,23 @@ def test_rates_are_between_two_snapshots_and_a_new_process_has_none(tmp_path: Pa
 
     graph = RunningGraph(record(tmp_path, os.getpid()), request)
     take = 1
-    first = snapshot(graph)
+    first = sample_health(graph)
     take = 2
-    second = snapshot(graph)
-    second = Snapshot(first.at_ns + 2 * 10**9, second.nodes, {})
+    second = sample_health(graph)
+    second = HealthSample(first.at_ns + 2 * 10**9, second.nodes, {})
     nodes, edges = rows(first, second)
     assert [(node.name, node.rate_hz) for node in nodes] == [("/relay", 5.0), ("/sink", 20.0)]
     assert [(edge.topic, edge.reader, edge.rate_hz, edge.received) for edge in edges] == [
         (TOPIC, "/sink", 20.0, 80)
     ]
     restarted = [msgspec.structs.replace(node, pid=node.pid + 1) for node in second.nodes]
-    nodes, edges = rows(first, Snapshot(second.at_ns, restarted, {}))
+    nodes, edges = rows(first, HealthSample(second.at_ns, restarted, {}))
     assert {node.rate_hz for node in nodes} == {None}
 
 
 def test_a_silent_node_is_shown_as_such(tmp_path: Path) -> None:
     graph = RunningGraph(record(tmp_path, os.getpid()), lambda *_: None)
-    nodes, edges = rows(None, snapshot(graph))
+    nodes, edges = rows(None, sample_health(graph))
     assert [(node.name, node.state, node.responsive) for node in nodes] == [
         ("/relay", "silent", False),
         ("/sink", "silent", False),

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.topic.listen import Heard, Listener
+from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Kind, pack, parse
 from tests.cli.test_remote import record
@@ -41,8 +41,8 @@ def follow(
 ) -> tuple[list[tuple[int, int]], int]:
     """Return epoch and sequence of what is handed over, and how many were said to be lost."""
     graph = RunningGraph(record(tmp_path), history)
-    with Listener(graph, [graph.topic(TOPIC)], **options) as listener:
-        heard: list[Heard] = [h for raw in frames for h in listener._take(parse(raw), 0)]
+    with TopicReader(graph, [graph.topic(TOPIC)], **options) as listener:
+        heard: list[ReceivedFrame] = [h for raw in frames for h in listener._take(parse(raw), 0)]
     messages = [(h.frame.epoch, h.frame.sequence) for h in heard if h.is_message]
     return messages, sum(h.lost for h in heard)
 
@@ -66,7 +66,7 @@ def test_a_reliable_listener_fills_gaps_in_order(tmp_path: Path) -> None:
 
 def test_a_late_joiner_gets_the_last_few_first(tmp_path: Path) -> None:
     history = History(100, 10)
-    messages, lost = follow(tmp_path, history, [frame(100, Kind.HEARTBEAT), frame(101)], late_joiner=5)
+    messages, lost = follow(tmp_path, history, [frame(100, Kind.HEARTBEAT), frame(101)], history_depth=5)
     assert messages == [(0, n) for n in range(96, 102)]
     assert lost == 0
 
@@ -89,13 +89,13 @@ def test_a_restarted_publisher_is_followed_from_its_first_message(tmp_path: Path
     arriving=st.lists(st.integers(1, 40), max_size=30),
     depth=st.integers(0, 40),
     reliable=st.booleans(),
-    late_joiner=st.integers(0, 20),
+    history_depth=st.integers(0, 20),
 )
 def test_whatever_arrives_everything_is_in_order_once_and_accounted_for(
-    tmp_path: Path, arriving: list[int], depth: int, reliable: bool, late_joiner: int
+    tmp_path: Path, arriving: list[int], depth: int, reliable: bool, history_depth: int
 ) -> None:
     frames = [frame(n) for n in arriving]
-    options = {"reliable": reliable, "late_joiner": late_joiner}
+    options = {"reliable": reliable, "history_depth": history_depth}
     messages, lost = follow(tmp_path, History(40, depth), frames, **options)
     sequences = [sequence for _, sequence in messages]
     assert sequences == sorted(set(sequences))

@@ -6,13 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.topic.listen import Heard
+from palp_core.cli.topic.listen import ReceivedFrame
 from palp_core.cli.topic.measure import Window
 from palp_core.graph.messages.frame import Kind, pack, parse
 
 
-def heard(sequence: int, stamp_ns: int, *, epoch: int = 0, arrived_ns: int = 0, lost: int = 0) -> Heard:
-    return Heard(parse(pack(b"/a/b", Kind.DATA, epoch, sequence, stamp_ns, 1, b"xyz")), arrived_ns, lost)
+def heard(
+    sequence: int, stamp_ns: int, *, epoch: int = 0, arrived_ns: int = 0, lost: int = 0
+) -> ReceivedFrame:
+    return ReceivedFrame(
+        parse(pack(b"/a/b", Kind.DATA, epoch, sequence, stamp_ns, 1, b"xyz")), arrived_ns, lost
+    )
 
 
 @settings(deadline=None, max_examples=50)
@@ -71,7 +75,7 @@ def test_messages_of_one_instant_have_no_rate() -> None:
 
 def test_a_heartbeat_that_reveals_a_loss_is_no_message() -> None:
     window = Window(10)
-    beat = Heard(parse(pack(b"/a/b", Kind.HEARTBEAT, 0, 7, 0, 1)), 0, 7)
+    beat = ReceivedFrame(parse(pack(b"/a/b", Kind.HEARTBEAT, 0, 7, 0, 1)), 0, 7)
     window.add(beat)
     assert (window.messages, window.lost) == (0, 7)
 

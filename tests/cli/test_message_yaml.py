@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from palp_core import Message
 from palp_core.cli.text.message_text import (
-    Shortening,
+    Truncation,
     csv_line,
     decoded,
     parse_path,
     pick,
     readable,
-    shortened,
+    truncated,
 )
 from palp_core.cli.text.message_yaml import message_from_yaml
 from palp_core.errors import GraphError
@@ -163,9 +163,9 @@ def test_a_path_that_leads_nowhere_is_refused(text: str) -> None:
 
 def test_long_parts_are_left_out_and_said_to_be() -> None:
     message = {"a": [1, 2, 3], "b": {"c": "abcdef"}}
-    assert shortened(message, Shortening(2)) == {"a": [1, 2, "... 1 more"], "b": {"c": "ab..."}}
-    assert shortened(message, Shortening(None)) == message
-    assert shortened(message, Shortening(0, arrays=False, texts=False)) == {
+    assert truncated(message, Truncation(2)) == {"a": [1, 2, "... 1 more"], "b": {"c": "ab..."}}
+    assert truncated(message, Truncation(None)) == message
+    assert truncated(message, Truncation(0, arrays=False, texts=False)) == {
         "a": "<array of 3>",
         "b": {"c": "<string length: 6>"},
     }

@@ -7,7 +7,7 @@ import os
 import sys
 import termios
 import tty
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 
@@ -16,20 +16,19 @@ class Keyboard:
     """A terminal key by key; Ctrl-C and Ctrl-Z keep their meaning.
 
     Args:
-        descriptor: Of the terminal; default: standard input.
-        wanted: False leaves it alone.
+        descriptor: Of the terminal, as of :func:`standard_input`; None: there is none, or it is left alone.
 
     Attributes:
         file_descriptors: Become readable when a key was pressed; none where nobody can press one.
     """
 
-    def __init__(self, descriptor: int | None = None, *, wanted: bool = True) -> None:
+    def __init__(self, descriptor: int | None) -> None:
         self.file_descriptors: tuple[int, ...] = ()
-        self._descriptor = sys.stdin.fileno() if descriptor is None and wanted else descriptor
+        self._descriptor = descriptor
         self._before: list[Any] | None = None
 
     def __enter__(self) -> Self:
-        if self._descriptor is not None and attended(self._descriptor):
+        if attended(self._descriptor):
             self._before = termios.tcgetattr(self._descriptor)
             tty.setcbreak(self._descriptor)
             self.file_descriptors = (self._descriptor,)
@@ -55,9 +54,14 @@ class Keyboard:
         return keys_in(read.decode(errors="ignore"))
 
 
-def attended(descriptor: int) -> bool:
+def standard_input() -> int | None:
+    """Return the descriptor of standard input if it is a terminal."""
+    return sys.stdin.fileno() if sys.stdin.isatty() else None
+
+
+def attended(descriptor: int | None) -> TypeGuard[int]:
     """Tell whether somebody can press keys: a terminal, and this process not in its background."""
-    if not os.isatty(descriptor):
+    if descriptor is None or not os.isatty(descriptor):
         return False
     try:
         return os.tcgetpgrp(descriptor) == os.getpgrp()

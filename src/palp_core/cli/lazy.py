@@ -18,7 +18,7 @@ import typer.main
 
 from palp_core.errors import PalpError
 
-HUNG_UP = 141
+SIGPIPE_STATUS = 141
 
 
 class Verb(NamedTuple):
@@ -60,19 +60,19 @@ class LazyGroup(typer.core.TyperGroup):
             result = super().invoke(ctx)
             sys.stdout.flush()
         except BrokenPipeError:
-            _say_no_more()
-            raise typer.Exit(HUNG_UP) from None
+            _discard_output()
+            raise typer.Exit(SIGPIPE_STATUS) from None
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
-            _say_no_more()
+            _discard_output()
             raise PalpError(
                 f"{error.filename or 'the output'} cannot be written: {error.strerror}"
             ) from error
         return result
 
 
-def _say_no_more() -> None:
+def _discard_output() -> None:
     """Let what is still buffered go nowhere, so that the end of the process does not try it again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ else 1)
 
@@ -89,7 +89,7 @@ def load(name: str, verb: Verb) -> Any:
     return typer.main.get_command(app)
 
 
-def _nothing() -> None:
+def _no_options() -> None:
     """A group without its verb does nothing."""
 
 
@@ -98,7 +98,7 @@ def lazy_app(
     verbs: dict[str, Verb],
     *,
     add_completion: bool = False,
-    callback: Callable[..., None] = _nothing,
+    callback: Callable[..., None] = _no_options,
 ) -> typer.Typer:
     """Return an application of verbs that are imported on use; its help is plain text, which is quick."""
     return typer.Typer(

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
+
+from palp_core.errors import PalpError
 
 
 def print_text(text: str) -> None:
@@ -23,6 +26,29 @@ def note(text: str) -> None:
     """Write a line to standard error: what a reader of the output itself is not to see."""
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
+
+
+def print_names(names: Sequence[str], *, count: bool, as_json: bool) -> None:
+    """Write names line by line, as JSON, or only how many there are."""
+    if count:
+        print_text(str(len(names)))
+    elif as_json:
+        print_json(names)
+    else:
+        for name in names:
+            print_text(name)
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder that ``--out`` names, and those above it, before hours of work rather than after.
+
+    Raises:
+        PalpError: It cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
 
 
 def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:

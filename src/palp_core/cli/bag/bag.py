@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,8 @@ from palp_core.cli.bag.play import play
 from palp_core.cli.bag.record import CompressionName, record, snapshot
 from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
-from palp_core.cli.output import print_text
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import print_json, print_text
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
@@ -26,7 +26,7 @@ app.command("play")(play)
 app.command("replay")(replay)
 
 
-class Form(StrEnum):
+class BagFormat(StrEnum):
     """What a bag can become."""
 
     ROS2 = "ros2"
@@ -37,7 +37,6 @@ class Form(StrEnum):
 
 BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
 OutOption = Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)]
-JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
 TopicsOption = Annotated[list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")]
 RegexOption = Annotated[str | None, typer.Option("--regex", "-e", help="Only topics in which it is found.")]
 ExcludeOption = Annotated[str | None, typer.Option("--exclude-regex", "-x", help="Not these topics.")]
@@ -47,12 +46,13 @@ CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag
 @app.command("info")
 def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
     """Say what is in a bag, what is missing, whether it is healthy; status 1 if it is not both."""
-    import msgspec
-
     from palp_core.graph.bag.info import bag_info
 
     found = bag_info(bag)
-    print_text(msgspec.json.encode(found).decode() if as_json else _info_text(found))
+    if as_json:
+        print_json(found)
+    else:
+        print_text(_info_text(found))
     if not (found.complete and found.healthy):
         raise typer.Exit(1)
 
@@ -68,7 +68,7 @@ def list_bags(
         if (files := sorted(path.glob("*.mcap")) if path.is_dir() else [path] * (path.suffix == ".mcap"))
     ]
     if as_json:
-        print_text(json.dumps(bags))
+        print_json(bags)
     else:
         for entry in bags:
             print_text(f"{entry['name']}  {entry['files']} files  {_size(int(str(entry['size_bytes'])))}")
@@ -83,12 +83,13 @@ def recover(
     as_json: JsonOption = False,
 ) -> None:
     """Save everything intact of a damaged bag into a new one."""
-    import msgspec
-
     from palp_core.graph.bag.recover import recover as save
 
     report = save(bag, out, compression.value)
-    print_text(msgspec.json.encode(report).decode() if as_json else report.text())
+    if as_json:
+        print_json(report)
+    else:
+        print_text(report.text())
 
 
 @app.command("filter")
@@ -154,10 +155,10 @@ def split(
 
 @app.command("convert")
 def convert(
-    bag: BagArgument, out: OutOption, *, to: Annotated[Form, typer.Option(help="What it becomes.")]
+    bag: BagArgument, out: OutOption, *, to: Annotated[BagFormat, typer.Option(help="What it becomes.")]
 ) -> None:
     """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick), or tables."""
-    if to is Form.ROS2:
+    if to is BagFormat.ROS2:
         from palp_core.graph.bag.ros2 import to_ros2
 
         count = to_ros2(bag, out)
@@ -165,9 +166,9 @@ def convert(
         from palp_core.graph.bag import convert as conversions
 
         ways = {
-            Form.JSON: conversions.to_json,
-            Form.CSV: conversions.to_csv,
-            Form.PARQUET: conversions.to_parquet,
+            BagFormat.JSON: conversions.to_json,
+            BagFormat.CSV: conversions.to_csv,
+            BagFormat.PARQUET: conversions.to_parquet,
         }
         count = ways[to](bag, out)
     print_text(f"{count} messages")
@@ -200,11 +201,10 @@ def echo(
             "publish_ns": message.publish_ns,
             "message": plain(message.value),
         }
-        print_text(
-            json.dumps(entry)
-            if as_json
-            else yaml.safe_dump(entry, sort_keys=False, default_flow_style=None) + "---"
-        )
+        if as_json:
+            print_json(entry)
+        else:
+            print_text(yaml.safe_dump(entry, sort_keys=False, default_flow_style=None) + "---")
 
 
 @app.command("diff")
@@ -219,14 +219,12 @@ def diff(
     as_json: JsonOption = False,
 ) -> None:
     """Compare two bags topic by topic; status 1 if they differ."""
-    import msgspec
-
     from palp_core.graph.bag.diff import diff_bags
 
     check_topics(topics or (), a, b)
     found = diff_bags(a, b, topics or None, tolerance=tolerance, relative=relative, ignore=ignore or ())
     if as_json:
-        print_text(msgspec.json.encode(found).decode())
+        print_json(found)
     else:
         for topic, result in found.items():
             within = f", {result.close_count} within the tolerance" if result.close_count else ""

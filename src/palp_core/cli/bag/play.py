@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.bag.topics import check_topics
-from palp_core.cli.keyboard import attended
+from palp_core.cli.keyboard import attended, standard_input
 from palp_core.cli.options import INTERRUPTED, GraphOption
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import BagError
@@ -82,7 +82,7 @@ def play(
     from palp_core.graph.replay.play import GraphSink, PlayRun, Sink
     from palp_core.graph.replay.playback import Playback
 
-    if start_paused and (disable_keyboard_controls or not attended(sys.stdin.fileno())):
+    if start_paused and (disable_keyboard_controls or not attended(standard_input())):
         raise BagError(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )

@@ -6,7 +6,7 @@ import select
 import sys
 from collections.abc import Mapping
 
-from palp_core.cli.keyboard import Keyboard
+from palp_core.cli.keyboard import Keyboard, standard_input
 from palp_core.graph.bag.reader import RecordedMessage
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import Message, encode
@@ -46,7 +46,7 @@ class PlayLoop:
         self, playback: Playback, sink: Sink, names: Mapping[str, str], *, clock_hz: float, keys: bool
     ) -> None:
         self._playback, self._sink, self._names = playback, sink, names
-        self._keyboard = Keyboard(wanted=keys)
+        self._keyboard = Keyboard(standard_input() if keys else None)
         self._clock_ns = round(1e9 / clock_hz) if clock_hz else 0
         self._next_clock_ns = self._next_show_ns = 0
         self._ended, self._waiting = False, True
@@ -104,9 +104,9 @@ class PlayLoop:
         ready = select.select((*keys, *self._sink.file_descriptors), (), (), max(timeout_s, 0.0))[0]
         if keys and keys[0] in ready:
             for key in self._keyboard.read():
-                self._obey(key, monotonic_ns())
+                self._on_key(key, monotonic_ns())
 
-    def _obey(self, key: str, now_ns: int) -> None:
+    def _on_key(self, key: str, now_ns: int) -> None:
         playback = self._playback
         match key:
             case " ":

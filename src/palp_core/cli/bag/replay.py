@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.output import print_text
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import print_json, print_text
 
 
 def replay(
@@ -21,11 +22,9 @@ def replay(
         bool,
         typer.Option("--compare/--no-compare", help="With the recorded outputs; status 1 if they differ."),
     ] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive nodes again from a bag, in lockstep; status 1 if an output differs from the recorded one."""
-    import msgspec
-
     from palp_core.errors import BagError
     from palp_core.graph.description.launch_file import find_workspace
     from palp_core.graph.replay.replay import replay as drive
@@ -38,7 +37,7 @@ def replay(
             f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
         ) from error
     if as_json:
-        print_text(msgspec.json.encode(done).decode())
+        print_json(done)
     for node in [] if as_json else done:
         pace = node.clock_s / node.wall_s if node.wall_s else 0.0
         if node.divergence is None:

@@ -10,7 +10,7 @@ from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import print_json, print_text
 
 if TYPE_CHECKING:
-    from palp_core.cli.doctor.finding import Finding
+    from palp_core.cli.doctor.diagnostic import Diagnostic
 
 _ORDER = ("error", "warning", "note", "ok")
 
@@ -49,7 +49,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _print(findings: list[Finding], counts: dict[str, int], graphs: int, *, report: bool) -> None:
+def _print(findings: list[Diagnostic], counts: dict[str, int], graphs: int, *, report: bool) -> None:
     for finding in sorted(findings, key=lambda finding: _ORDER.index(finding.level)):
         if finding.level == "ok" and not report:
             continue

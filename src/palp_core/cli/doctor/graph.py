@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from palp_core.cli.doctor.finding import Finding, error, fine, remark, warning
-from palp_core.cli.doctor.snapshot import HealthReader
+from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
+from palp_core.cli.doctor.health import HealthReader
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.running_graph import LAUNCHER, Answers, RunningGraph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
@@ -29,7 +29,7 @@ EVENTS = "/graph/events"
 QOS_EVENTS = ("deadline", "lifespan", "liveliness", "message_lost", "call_timeout")
 
 
-def examine_graph(graph: RunningGraph) -> Iterator[Finding]:
+def examine_graph(graph: RunningGraph) -> Iterator[Diagnostic]:
     """Yield findings about one running graph."""
     where = f"graph {graph.record.graph}"
     answers = graph.ask_all("info", timeout_s=ASK_S)
@@ -45,7 +45,7 @@ def examine_graph(graph: RunningGraph) -> Iterator[Finding]:
     yield from _refusals(graph)
 
 
-def _node(name: str, info: dict[str, Any]) -> Iterator[Finding]:
+def _node(name: str, info: dict[str, Any]) -> Iterator[Diagnostic]:
     if info["lifecycle"] != "active":
         yield warning(
             name,
@@ -72,7 +72,7 @@ def _node(name: str, info: dict[str, Any]) -> Iterator[Finding]:
         )
 
 
-def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Finding]:
+def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:
     offered = {
         topic: output.get("qos", {})
         for info in answers.replies.values()
@@ -95,7 +95,7 @@ def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Finding]:
         yield fine(f"graph {graph.record.graph}", f"{healthy} edges with nothing lost, late or dropped")
 
 
-def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> Iterator[Finding]:
+def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> Iterator[Diagnostic]:
     received = account.get("received", 0)
     if lost := account.get("lost", 0):
         reliable = requested.get("reliability", "reliable") == "reliable"
@@ -118,7 +118,7 @@ def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> I
         yield remark(where, f"{repeated} messages came more than once and were handed over once")
 
 
-def _events(graph: RunningGraph, answers: Answers) -> Iterator[Finding]:
+def _events(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:
     """Look at the events that each node has published, as far back as it keeps them."""
     for name in answers.replies:
         topic = f"/{name}/_events"
@@ -141,7 +141,7 @@ def _events(graph: RunningGraph, answers: Answers) -> Iterator[Finding]:
             )
 
 
-def _graph_events(graph: RunningGraph) -> Iterator[Finding]:
+def _graph_events(graph: RunningGraph) -> Iterator[Diagnostic]:
     """Look at what the launcher has had to say, as far back as it remembers."""
     try:
         reply = graph.ask(LAUNCHER, "history", timeout_s=ASK_S, topic=EVENTS, first=1, last=2**62)
@@ -169,7 +169,7 @@ def _port(event: NodeEvent) -> str:
     return str(data.get("port", "")) if isinstance(data, dict) else ""
 
 
-def _pauses(graph: RunningGraph) -> Iterator[Finding]:
+def _pauses(graph: RunningGraph) -> Iterator[Diagnostic]:
     if graph.record.clock != "wall":
         return
     reader = HealthReader(graph)
@@ -194,7 +194,7 @@ def _pauses(graph: RunningGraph) -> Iterator[Finding]:
             )
 
 
-def _refusals(graph: RunningGraph) -> Iterator[Finding]:
+def _refusals(graph: RunningGraph) -> Iterator[Diagnostic]:
     path = graph.folder / "gateway.srv"
     if not path.exists():
         return

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 
-from palp_core.cli.doctor.finding import Finding, error, fine, remark, warning
+from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
 from palp_core.graph.discovery.run_directory import base_folder
 
 FEWEST_FILES = 1024
@@ -25,7 +25,7 @@ CAP_SYS_NICE = 23
 STA_UNSYNC, STA_NANO = 0x0040, 0x2000
 
 
-def examine_host() -> Iterator[Finding]:
+def examine_host() -> Iterator[Diagnostic]:
     """Yield findings about this machine."""
     yield fine("host", f"{platform.platform()}, Python {platform.python_version()}")
     yield _monotonic()
@@ -37,7 +37,7 @@ def examine_host() -> Iterator[Finding]:
     yield from _space()
 
 
-def _monotonic() -> Finding:
+def _monotonic() -> Diagnostic:
     resolution_s = time.get_clock_info("monotonic").resolution
     if resolution_s > COARSEST_CLOCK_S:
         return warning(
@@ -48,7 +48,7 @@ def _monotonic() -> Finding:
     return fine("clock", f"the monotonic clock resolves {resolution_s * 1e9:g} ns")
 
 
-def _clock_source() -> Finding:
+def _clock_source() -> Diagnostic:
     path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
     try:
         source = path.read_text().strip()
@@ -75,7 +75,7 @@ class _Timex(ctypes.Structure):
     )
 
 
-def _synchronised() -> Finding:
+def _synchronised() -> Diagnostic:
     """Ask the kernel what its NTP discipline knows; a mode of 0 changes nothing."""
     state = _Timex()
     try:
@@ -100,7 +100,7 @@ def _synchronised() -> Finding:
     return fine("clock", said)
 
 
-def _cores() -> Iterator[Finding]:
+def _cores() -> Iterator[Diagnostic]:
     total, usable = os.cpu_count() or 1, len(os.sched_getaffinity(0))
     yield fine("cores", f"{usable} of {total} usable")
     load = os.getloadavg()[0]
@@ -126,7 +126,7 @@ def _cores() -> Iterator[Finding]:
         yield fine("cores", "frequency governor performance")
 
 
-def _limits() -> Iterator[Finding]:
+def _limits() -> Iterator[Diagnostic]:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft < FEWEST_FILES:
         yield warning("limits", f"{soft} open files", f"ulimit -n {min(hard, 65536) if hard > 0 else 65536}")
@@ -139,7 +139,7 @@ def _limits() -> Iterator[Finding]:
         yield fine("limits", "processes: " + ("unlimited" if processes < 0 else str(processes)))
 
 
-def _realtime() -> Finding:
+def _realtime() -> Diagnostic:
     """Tell whether SCHED_FIFO would be granted, without asking for it."""
     priority = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     capable = any(
@@ -155,7 +155,7 @@ def _realtime() -> Finding:
     )
 
 
-def _space() -> Iterator[Finding]:
+def _space() -> Iterator[Diagnostic]:
     memory = psutil.virtual_memory()
     said = f"{memory.available / 1e9:.1f} of {memory.total / 1e9:.1f} GB free"
     if memory.available < LEAST_MEMORY_PART * memory.total:

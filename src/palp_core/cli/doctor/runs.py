@@ -8,11 +8,11 @@ from pathlib import Path
 
 import psutil
 
-from palp_core.cli.doctor.finding import Finding, error, fine, remark
+from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, base_folder, runs
 
 
-def examine_runs() -> Iterator[Finding]:
+def examine_runs() -> Iterator[Diagnostic]:
     """Yield findings about the runs of this user."""
     over = {str(folder): record.graph for folder, record, lives in runs() if not lives}
     orphans = list(_orphans(over))
@@ -28,7 +28,7 @@ def examine_runs() -> Iterator[Finding]:
         )
 
 
-def _orphans(over: dict[str, str]) -> Iterator[Finding]:
+def _orphans(over: dict[str, str]) -> Iterator[Diagnostic]:
     """Find living processes that hold a file in the directory of a run that is over."""
     for process in psutil.process_iter(["uids"]) if over else ():
         try:

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
     import rich.console
 
-    from palp_core.cli.doctor.snapshot import EdgeRow, NodeRow
+    from palp_core.cli.doctor.health import EdgeRow, NodeRow
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-HEALTH_PATIENCE_S = 2.5
+HEALTH_TIMEOUT_S = 2.5
 NODE_TITLES = ("NODE", "STATE", "CPU %", "MEMORY", "RATE Hz", "P99 ms", "LOST", "OVERRUNS", "MISSED", "PID")
 EDGE_TITLES = (
     "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
@@ -64,21 +64,21 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     """Yield a sample each period while the graph runs, from its health topic where that speaks."""
     from threading import Event
 
-    from palp_core.cli.doctor.snapshot import HealthReader, rows, snapshot
+    from palp_core.cli.doctor.health import HealthReader, rows, sample_health
 
     reader = HealthReader(graph)
     try:
-        before = reader.read(HEALTH_PATIENCE_S) if graph.record.clock == "wall" else None
+        before = reader.read(HEALTH_TIMEOUT_S) if graph.record.clock == "wall" else None
         by_topic = before is not None
-        before = before or snapshot(graph)
+        before = before or sample_health(graph)
         while graph.alive:
             if by_topic:
-                after = reader.read(HEALTH_PATIENCE_S)
+                after = reader.read(HEALTH_TIMEOUT_S)
             else:
                 Event().wait(period_s)
                 after = None
             by_topic = after is not None
-            after = after or snapshot(graph)
+            after = after or sample_health(graph)
             yield rows(before, after)
             before = after
     finally:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -52,6 +52,7 @@ def run(
 
     The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join.
     """
+    from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.network.keys import KeyFolder
     from palp_core.graph.network.run_node import Address, run_node
     from palp_core.graph.supervision.interrupt import Interrupted
@@ -62,8 +63,8 @@ def run(
         code = run_node(
             target,
             name=name,
-            params={port: value_of(text) for port, text in pairs("-p", params).items()},
-            wires=pairs("-r", remap),
+            params={port: value_of(text) for port, text in assignments("-p", params).items()},
+            wires=assignments("-r", remap),
             address=Address.of(join, server_key, KeyFolder()) if join is not None else None,
             say=note,
         )
@@ -74,27 +75,3 @@ def run(
         note(str(error))
         code = 1
     sys.exit(code if 0 <= code < 256 else 1)
-
-
-def pairs(option: str, given: list[str] | None) -> dict[str, str]:
-    """Split ``name:=value``.
-
-    Raises:
-        GraphError: It is not of that form, or a name is given twice.
-    """
-    found: dict[str, str] = {}
-    for text in given or []:
-        name, sign, value = text.partition(":=")
-        if not sign or not name:
-            raise GraphError(f"{option} {text}: write name:=value")
-        if name in found:
-            raise GraphError(f"{option} {name} is given twice; keep one")
-        found[name] = value
-    return found
-
-
-def value_of(text: str) -> Any:
-    """Return a value as YAML reads it."""
-    from palp_core.graph.description.yaml_tree import parse_scalar
-
-    return parse_scalar(text)

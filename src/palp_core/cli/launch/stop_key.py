@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import select
-import sys
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from palp_core.cli.keyboard import Keyboard
+from palp_core.cli.keyboard import Keyboard, standard_input
 from palp_core.cli.output import note
 from palp_core.errors import GraphError
 
@@ -65,7 +64,7 @@ def stop_key(graph: Graph) -> StopKey:
         else:
             note(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
 
-    key = StopKey(sys.stdin.fileno(), press)
+    key = StopKey(standard_input(), press)
     if any(topic.type == SAFETY_TYPE for topic in graph.checked.topics.values()) and key.start():
         note("the space bar stops all motion")
     return key
@@ -75,11 +74,11 @@ class StopKey:
     """Call back at each press of the space bar; the terminal is as before at the end.
 
     Args:
-        descriptor: Of the terminal.
+        descriptor: Of the terminal, if there is one.
         press: What to do; it is run on the key's own thread.
     """
 
-    def __init__(self, descriptor: int, press: Callable[[], None]) -> None:
+    def __init__(self, descriptor: int | None, press: Callable[[], None]) -> None:
         self._keyboard, self._press = Keyboard(descriptor), press
         self._end, self._end_in = -1, -1  # a pipe that ends the thread
         self._thread: threading.Thread | None = None

@@ -61,7 +61,7 @@ def swap(
     fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over).
     """
-    from palp_core.cli.launch.run import pairs, value_of
+    from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.swap.swap import STEPS
 
@@ -75,7 +75,7 @@ def swap(
     if target is not None and not all(target.rpartition(":")[::2]):
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     run = _absolute(target) if target is not None else ""
-    options: dict[str, Any] = {"params": {k: value_of(v) for k, v in pairs("parameter", given).items()}}
+    options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
     running = RunningGraph.find(graph)
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)

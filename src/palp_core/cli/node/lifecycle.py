@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, OptionalNodeArgument, TimeoutOption
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, print_json, print_names, print_text
 
 app = typer.Typer(help="States of running nodes.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -25,13 +25,7 @@ def nodes(
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     names = [f"/{name}" for name in RunningGraph.find(graph).node_names]
-    if count:
-        print_text(str(len(names)))
-    elif as_json:
-        print_json(names)
-    else:
-        for name in names:
-            print_text(name)
+    print_names(names, count=count, as_json=as_json)
 
 
 @app.command("get")

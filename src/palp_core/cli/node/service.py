@@ -14,7 +14,7 @@ from palp_core.cli.options import (
     TimeoutOption,
     until_ctrl_c,
 )
-from palp_core.cli.output import note, print_json, print_text, yaml_text
+from palp_core.cli.output import note, print_json, print_names, print_text, yaml_text
 from palp_core.errors import GraphError
 
 app = typer.Typer(help="Services of the running graph.", no_args_is_help=True, rich_markup_mode=None)
@@ -86,11 +86,7 @@ def find(
     if service_type not in known:
         raise GraphError(f"no service takes or gives '{service_type}'{hint(service_type, known)}")
     names = [s.name for s in services if service_type in (s.request, s.reply)]
-    if as_json:
-        print_json(names)
-    else:
-        for name in names:
-            print_text(name)
+    print_names(names, count=False, as_json=as_json)
 
 
 @app.command("call")

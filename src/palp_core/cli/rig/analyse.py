@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 
 def analyse(
@@ -39,7 +39,6 @@ def analyse(
     as_json: JsonOption = False,
 ) -> None:
     """Pool sessions and decide their stored sweeps again with other methods; a row per combination."""
-    from palp_core.errors import PalpError
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.perception.belief.rig_noise import read_noise
     from palp_core.palpation.session import analysis
@@ -56,10 +55,7 @@ def analyse(
         depth_count=depths,
     )
     if out is not None:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+        make_folder(out)
     record = analysis.analyse(
         read_sessions(outs),
         combos,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
+from palp_core.cli.options import JsonOption
 from palp_core.cli.output import print_json, print_text
 
 app = typer.Typer(help="Set-ups of contact models, kept on disk.", no_args_is_help=True)
-
-JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
 
 
 @app.command("info")

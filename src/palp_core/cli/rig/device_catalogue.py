@@ -20,7 +20,7 @@ _LINKS = {
 
 
 @dataclass(frozen=True)
-class Description:
+class DeviceEntry:
     """A device: its kind, name, link in words, and the options of its driver with their defaults as text."""
 
     kind: str
@@ -41,7 +41,7 @@ def kind_of(name: str) -> str:
     raise DeviceError(f"no device '{name}'; known: {', '.join(ORDER)}")
 
 
-def describe() -> list[Description]:
+def device_entries() -> list[DeviceEntry]:
     """Return every device that has a driver, in the order of the documentation."""
     found = []
     for name in ORDER:
@@ -51,5 +51,5 @@ def describe() -> list[Description]:
             for field in fields(back_end(kind, name))
             if field.init
         }
-        found.append(Description(kind, name, _LINKS[name], options))
+        found.append(DeviceEntry(kind, name, _LINKS[name], options))
     return found

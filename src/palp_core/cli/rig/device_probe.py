@@ -29,7 +29,7 @@ _LONGEST_S = 5.0
 _LISTEN_S = 0.5
 
 
-def probe(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def identify(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
 
     Args:

@@ -29,9 +29,9 @@ OptionsArgument = Annotated[
 @app.command("list")
 def list_devices(*, as_json: JsonOption = False) -> None:
     """List the devices that have a driver, with what their drivers take."""
-    from palp_core.cli.rig.device_catalogue import describe
+    from palp_core.cli.rig.device_catalogue import device_entries
 
-    found = describe()
+    found = device_entries()
     if as_json:
         print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
         return
@@ -48,13 +48,12 @@ def probe(
     as_json: JsonOption = False,
 ) -> None:
     """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
-    from palp_core.cli.rig.device_probe import probe as look
-    from palp_core.cli.rig.device_probe import unverified
+    from palp_core.cli.rig.device_probe import identify, unverified
 
     given = _options(options)
     try:
         with until_ctrl_c():
-            found = look(device, given)
+            found = identify(device, given)
             open_points = unverified(device, given)
     except DeviceError as error:
         if as_json:
@@ -128,20 +127,10 @@ def monitor(
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:
-    """Return options as values.
-
-    Raises:
-        DeviceError: One is not of the form ``name:=value``.
-    """
     from palp_core.cli.text.message_yaml import parse_yaml
+    from palp_core.cli.text.words import assignments
 
-    found: dict[str, Any] = {}
-    for word in words or []:
-        name, mark, value = word.partition(":=")
-        if not mark or not name:
-            raise DeviceError(f"'{word}' is no option; write it as in url:=/dev/ttyACM0")
-        found[name] = parse_yaml(value, name)
-    return found
+    return {name: parse_yaml(value, name) for name, value in assignments("option", words).items()}
 
 
 def _text(value: Any) -> str:

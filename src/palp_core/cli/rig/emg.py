@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
 
@@ -76,7 +76,7 @@ def analyse(
     )
     choices = Choices(fs, fds, edc, unit)
     if out is not None:
-        _make(out)
+        make_folder(out)
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
@@ -162,15 +162,6 @@ def import_file(
             raise PalpError("nothing to do: give --dry-run to look, or --out FILE.csv to write")
         write_plain(file, out, choices)
         note(f"written: {out}")
-
-
-def _make(out: Path) -> None:
-    from palp_core.errors import PalpError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
 
 
 def _say_where(out: Path | None) -> None:

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
+from palp_core.cli.rig.emg import EdcOption, FdsOption, FsOption, UnitOption
 
 app = typer.Typer(help="Strategies of stiffness levels, learnt from EMG.", no_args_is_help=True)
 
@@ -30,12 +31,10 @@ def fit(
     ],
     *,
     mvc: Annotated[Path | None, typer.Option(help="Recording of the MVC; default: each file's own.")] = None,
-    fs: Annotated[float | None, typer.Option("--fs", metavar="HZ", min=1.0, help="Sampling rate.")] = None,
-    fds: Annotated[str | None, typer.Option("--fds", metavar="COL", help="Flexor's column.")] = None,
-    edc: Annotated[str | None, typer.Option("--edc", metavar="COL", help="Extensor's column.")] = None,
-    unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="V, mV, uV, nV or counts; default: as palp emg.")
-    ] = None,
+    fs: FsOption = None,
+    fds: FdsOption = None,
+    edc: EdcOption = None,
+    unit: UnitOption = None,
     window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 150.0,
     prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
     distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.4,
@@ -52,7 +51,6 @@ def fit(
 
     import numpy as np
 
-    from palp_core.errors import PalpError
     from palp_core.palpation.identification.emg import markov_fit
     from palp_core.palpation.identification.emg.trial import Choices
 
@@ -60,10 +58,7 @@ def fit(
         markov_fit.SETTINGS, window_s=window_ms / 1e3, prominence=prominence, distance_s=distance_s
     )
     if out is not None:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+        make_folder(out)
     found = markov_fit.fit(
         [markov_fit.source_of(word) for word in files],
         mvc,

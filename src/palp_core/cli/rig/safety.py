@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
 
 import typer
 
@@ -58,7 +57,7 @@ def status(
     *,
     timeout: TimeoutOption = 5.0,
     graph: GraphOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say whether motion is permitted and, if not, why; the exit status is 1 while it is tripped."""
     from palp_core.graph.discovery.running_graph import RunningGraph

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ class Rung(StrEnum):
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_default=False)]
-JsonOption = Annotated[bool, typer.Option("--json", help="For machines, in SI.")]
 RungOption = Annotated[
     Rung | None, typer.Option(case_sensitive=False, help="This rung, whatever the tolerance.")
 ]

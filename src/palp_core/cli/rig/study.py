@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import INTERRUPTED
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.options import INTERRUPTED, JsonOption
+from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 app = typer.Typer(
     help="Studies: the paper re-run, speed against accuracy, where methods fail.", no_args_is_help=True
@@ -16,7 +16,7 @@ app = typer.Typer(
 
 
 @app.command("list")
-def list_studies(*, as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
+def list_studies(*, as_json: JsonOption = False) -> None:
     """List the studies."""
     from palp_core.palpation.studies.catalogue import STUDIES
 
@@ -36,14 +36,10 @@ def run(
     dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
 ) -> None:
     """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
-    from palp_core.errors import PalpError
     from palp_core.palpation.studies.catalogue import study
 
     chosen = study(name)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
+    make_folder(out)
     note(f"{chosen.name}: {chosen.question}")
     try:
         page = chosen.run(out, quick=quick, workers=workers, dask=dask)

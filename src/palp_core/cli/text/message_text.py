@@ -16,7 +16,7 @@ Path = tuple[str | int, ...]
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(-?\d+)\]")
 
 
-class Shortening(NamedTuple):
+class Truncation(NamedTuple):
     """How much of a message is shown.
 
     Attributes:
@@ -108,10 +108,10 @@ def pick(message: Any, path: Sequence[str | int]) -> Any:
     return message
 
 
-def shortened(value: Any, how: Shortening) -> Any:
+def truncated(value: Any, how: Truncation) -> Any:
     """Return a value with long parts left out, and said to be."""
     if isinstance(value, dict):
-        return {name: shortened(item, how) for name, item in value.items()}
+        return {name: truncated(item, how) for name, item in value.items()}
     if isinstance(value, str):
         if not how.texts:
             return f"<string length: {len(value)}>"
@@ -121,7 +121,7 @@ def shortened(value: Any, how: Shortening) -> Any:
             return f"<array of {len(value)}>"
         kept = value if how.length is None else value[: how.length]
         more = [f"... {len(value) - len(kept)} more"] if len(kept) < len(value) else []
-        return [*(shortened(item, how) for item in kept), *more]
+        return [*(truncated(item, how) for item in kept), *more]
     return value
 
 

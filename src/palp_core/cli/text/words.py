@@ -1,6 +1,8 @@
-"""The type and the message that a verb takes as words, both optional, as ROS 2 users type them."""
+"""Words that verbs take, as ROS 2 users type them: a type and a message, if any, and ``name:=value``."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from palp_core.errors import GraphError
 
@@ -28,3 +30,27 @@ def type_and_message(words: list[str], example: str) -> tuple[str | None, str | 
     if len(kinds) > 1 or len(texts) > 1:
         raise GraphError(f"too many words: {' '.join(words)}; write it as in: {example}")
     return (type_name(kinds[0]) if kinds else None), (texts[0] if texts else None)
+
+
+def assignments(option: str, given: list[str] | None) -> dict[str, str]:
+    """Return names and values of words ``name:=value``.
+
+    Raises:
+        GraphError: It is not of that form, or a name is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in given or []:
+        name, sign, value = text.partition(":=")
+        if not sign or not name:
+            raise GraphError(f"{option} {text}: write name:=value")
+        if name in found:
+            raise GraphError(f"{option} {name} is given twice; keep one")
+        found[name] = value
+    return found
+
+
+def value_of(text: str) -> Any:
+    """Return a value as YAML reads it."""
+    from palp_core.graph.description.yaml_tree import parse_scalar
+
+    return parse_scalar(text)

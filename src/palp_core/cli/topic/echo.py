@@ -14,7 +14,7 @@ from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
-    from palp_core.cli.topic.listen import Heard, Listener
+    from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
     from palp_core.graph.discovery.run_directory import TopicEntry
     from palp_core.graph.discovery.running_graph import RunningGraph
 
@@ -67,8 +67,8 @@ def echo(
 ) -> None:
     """Print messages as they are published."""
     from palp_core.cli.text.filter import message_filter
-    from palp_core.cli.text.message_text import Shortening, decoded, parse_path, pick
-    from palp_core.cli.topic.listen import Listener
+    from palp_core.cli.text.message_text import Truncation, decoded, parse_path, pick
+    from palp_core.cli.topic.listen import TopicReader
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     running = RunningGraph.find(graph)
@@ -77,12 +77,12 @@ def echo(
     path = None if field is None else parse_path(field, entry.json_schema)
     accepts = None if filter_ is None else message_filter(filter_, entry.json_schema)
     depth, reliable = requested_depth(running, entry, qos_profile, qos_reliability, qos_durability, qos_depth)
-    how = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
+    how = Truncation(None if full_length else truncate_length, not no_arr, not no_str)
     show = _printer(how, as_json=as_json, as_csv=as_csv, flow_style=flow_style)
     limit = 1 if once else times
     shown = 0
-    with until_ctrl_c(), Listener(running, [entry], late_joiner=depth, reliable=reliable) as listener:
-        for heard in _patiently(listener, entry, timeout):
+    with until_ctrl_c(), TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
+        for heard in _until_silent(listener, entry, timeout):
             if heard.lost and not no_lost_messages:
                 note(f"{entry.name}: {heard.lost} messages lost before {_ordinal(heard)}")
             if not heard.is_message:
@@ -145,7 +145,9 @@ def requested_depth(
     return min(requested.depth, offered.depth) if latched else 0, requested.reliability == "reliable"
 
 
-def _patiently(listener: Listener, entry: TopicEntry, timeout_s: float | None) -> Iterator[Heard]:
+def _until_silent(
+    listener: TopicReader, entry: TopicEntry, timeout_s: float | None
+) -> Iterator[ReceivedFrame]:
     """Yield what is heard; say so when nothing comes for a while.
 
     Raises:
@@ -175,7 +177,7 @@ def _same_type(entry: TopicEntry, stated: str | None) -> None:
         raise GraphError(f"{entry.name} carries {entry.type}, not {stated}")
 
 
-def _info(heard: Heard) -> dict[str, Any]:
+def _info(heard: ReceivedFrame) -> dict[str, Any]:
     frame = heard.frame
     return {
         "topic": frame.topic,
@@ -186,11 +188,11 @@ def _info(heard: Heard) -> dict[str, Any]:
     }
 
 
-def _ordinal(heard: Heard) -> str:
+def _ordinal(heard: ReceivedFrame) -> str:
     return f"message {heard.frame.sequence}" if heard.is_message else "now"
 
 
-def _print_raw(heard: Heard, info: dict[str, Any] | None) -> None:
+def _print_raw(heard: ReceivedFrame, info: dict[str, Any] | None) -> None:
     if info is not None:
         print_json(info)
     print_text(repr(bytes(heard.frame.payload)))
@@ -200,7 +202,7 @@ def _printer(
     how: Any, *, as_json: bool, as_csv: bool, flow_style: bool
 ) -> Callable[[Any, dict[str, Any] | None], None]:
     """Return the function that prints one message in the form that was asked for."""
-    from palp_core.cli.text.message_text import csv_line, shortened
+    from palp_core.cli.text.message_text import csv_line, truncated
 
     def show(message: Any, info: dict[str, Any] | None) -> None:
         if as_json:
@@ -209,7 +211,7 @@ def _printer(
         if as_csv:
             print_text(csv_line(message if info is None else {"info": info, "message": message}))
             return
-        parts = [shortened(message, how)] if info is None else [info, shortened(message, how)]
+        parts = [truncated(message, how)] if info is None else [info, truncated(message, how)]
         for part in parts:
             print_text(yaml_text(part, flow=flow_style) + "---")
 

@@ -38,7 +38,7 @@ def hz(
     """
     from palp_core.cli.text.filter import message_filter
     from palp_core.cli.text.message_text import decoded
-    from palp_core.cli.topic.listen import Heard
+    from palp_core.cli.topic.listen import ReceivedFrame
     from palp_core.cli.topic.measure import Window, account, measure, reader_lines, readers
     from palp_core.graph.discovery.running_graph import RunningGraph
 
@@ -51,7 +51,7 @@ def hz(
         if filter_ is not None:
             condition, schema = message_filter(filter_, entry.json_schema), entry.json_schema
 
-            def accepts(heard: Heard, condition: Any = condition, schema: Any = schema) -> bool:
+            def accepts(heard: ReceivedFrame, condition: Any = condition, schema: Any = schema) -> bool:
                 return bool(condition(decoded(heard.frame.payload, schema)))
 
         windows[entry.name] = Window(length, accepts)

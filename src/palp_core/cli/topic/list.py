@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, TimeoutOption, TopicArgument
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, print_json, print_names, print_text
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
@@ -118,10 +118,4 @@ def find(
         raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
     shown = {topic.name for topic in RunningGraph.find(graph).topics(include_hidden=include_hidden)}
     names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
-    if count:
-        print_text(str(len(names)))
-    elif as_json:
-        print_json(names)
-    else:
-        for name in names:
-            print_text(name)
+    print_names(names, count=count, as_json=as_json)

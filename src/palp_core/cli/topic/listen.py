@@ -20,7 +20,7 @@ HISTORY_TIMEOUT_S = 2.0
 LOOK_AT_LAUNCHER_NS = 500_000_000
 
 
-class Heard(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """A message, when it arrived on the machine's clock, and how many before it were missed for good.
 
     Or a heartbeat, if that revealed that something was missed.
@@ -41,13 +41,13 @@ class Heard(NamedTuple):
         return len(self.frame.topic.encode()) + 1 + HEADER_BYTES + len(self.frame.payload)
 
 
-class Listener:
+class TopicReader:
     """Follows topics of a running graph.
 
     Args:
         graph: The graph.
         topics: What to follow.
-        late_joiner: So many messages from before are asked of the publishers' histories and come first.
+        history_depth: So many messages from before are asked of the publishers' histories and come first.
         reliable: Ask the publisher for what is missing.
 
     Attributes:
@@ -60,14 +60,14 @@ class Listener:
         graph: RunningGraph,
         topics: Sequence[TopicEntry],
         *,
-        late_joiner: int = 0,
+        history_depth: int = 0,
         reliable: bool = False,
     ) -> None:
         self._graph = graph
         self._nodes = {topic.name: topic.node for topic in topics}
         self._counters = {topic.name: SequenceAccount() for topic in topics}
-        self._late_joiner = late_joiner
-        self._reliable = reliable or late_joiner > 0
+        self._history_depth = history_depth
+        self._reliable = reliable or history_depth > 0
         self._next_look_ns = 0
         self.last_sequence: dict[str, int] = {}
         self.ended = False
@@ -83,7 +83,7 @@ class Listener:
     def __exit__(self, *_: object) -> None:
         self._subscriber.close()
 
-    def messages(self) -> Iterator[Heard | None]:
+    def messages(self) -> Iterator[ReceivedFrame | None]:
         """Yield messages as they come, and None every tenth of a second; end when the graph has."""
         while not self.ended:
             self._subscriber.wait(TICK_S)
@@ -106,7 +106,7 @@ class Listener:
         else:
             self._turns[frame.topic].arrive(frame, frame, arrived_ns)
 
-    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[Heard]:
+    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[ReceivedFrame]:
         counter = self._counters[frame.topic]
         self.last_sequence[frame.topic] = frame.sequence
         last_before = frame.sequence - (frame.kind == Kind.DATA)
@@ -117,19 +117,19 @@ class Listener:
         if frame.kind != Kind.DATA:
             counter.heartbeat(frame.epoch, frame.sequence)
             if counter.lost > lost_before:
-                yield Heard(frame, arrived_ns, counter.lost - lost_before)
+                yield ReceivedFrame(frame, arrived_ns, counter.lost - lost_before)
         elif counter.accept(frame.epoch, frame.sequence):
-            yield Heard(frame, arrived_ns, counter.lost - lost_before)
+            yield ReceivedFrame(frame, arrived_ns, counter.lost - lost_before)
 
     def _first_wanted(self, counter: SequenceAccount, epoch: int, last: int) -> int:
         """Return the first message to ask the history for, up to ``last``."""
         if counter.epoch < 0:
-            return max(last - self._late_joiner, 0) + 1
+            return max(last - self._history_depth, 0) + 1
         if not self._reliable or epoch < counter.epoch:
             return last + 1
         return counter.sequence + 1 if epoch == counter.epoch else 1
 
-    def _fill(self, topic: str, first: int, last: int) -> Iterator[Heard]:
+    def _fill(self, topic: str, first: int, last: int) -> Iterator[ReceivedFrame]:
         """Ask the publisher for messages; what it no longer has shows as lost with the next that comes."""
         counter = self._counters[topic]
         while first <= last:
@@ -148,7 +148,7 @@ class Listener:
             for frame in frames:
                 before = counter.lost
                 if counter.accept(frame.epoch, frame.sequence):
-                    yield Heard(frame, monotonic_ns(), counter.lost - before)
+                    yield ReceivedFrame(frame, monotonic_ns(), counter.lost - before)
             if not frames or frames[-1].sequence < first:
                 return
             first = frames[-1].sequence + 1  # a reply holds only so many bytes

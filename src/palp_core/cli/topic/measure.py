@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from palp_core.cli.output import note
-from palp_core.cli.topic.listen import Heard, Listener
+from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import TopicEntry
@@ -37,7 +37,7 @@ class Window:
         accepts: Which messages count; None: all. Then the rate is of what was heard, not of sequences.
     """
 
-    def __init__(self, length: int, accepts: Callable[[Heard], bool] | None = None) -> None:
+    def __init__(self, length: int, accepts: Callable[[ReceivedFrame], bool] | None = None) -> None:
         self._points: deque[_Point] = deque(maxlen=length + 1)
         self._epoch = -1
         self._accepts = accepts
@@ -45,7 +45,7 @@ class Window:
         self.heard_ns = monotonic_ns()
         self.fresh = 0
 
-    def add(self, heard: Heard) -> None:
+    def add(self, heard: ReceivedFrame) -> None:
         """Take a message, or what a heartbeat revealed."""
         self.lost += heard.lost
         if not heard.is_message or (self._accepts is not None and not self._accepts(heard)):
@@ -122,7 +122,7 @@ def measure(
     """
     end_ns = monotonic_ns() + round(timeout_s * 1e9)
     next_ns = monotonic_ns() + REPORT_NS
-    with Listener(graph, topics) as listener:
+    with TopicReader(graph, topics) as listener:
         for heard in listener.messages():
             if heard is not None:
                 windows[heard.frame.topic].add(heard)
@@ -148,7 +148,7 @@ def measure(
         note(f"graph '{graph.record.graph}' has ended")
 
 
-def _say_silent(listener: Listener, windows: dict[str, Window], now_ns: int) -> None:
+def _say_silent(listener: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
     for name, window in windows.items():
         if not window.fresh:
             silent_s = (now_ns - window.heard_ns) / 1e9

@@ -18,7 +18,7 @@ from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_o
 
 if TYPE_CHECKING:
     from palp_core.cli.text.message_text import Path
-    from palp_core.cli.topic.listen import Heard
+    from palp_core.cli.topic.listen import ReceivedFrame
     from palp_core.graph.discovery.run_directory import TopicEntry
 
 REDRAW_NS = 100_000_000
@@ -78,7 +78,7 @@ def plot(
 ) -> None:
     """Plot fields of a topic in the terminal, over the graph's time."""
     from palp_core.cli.text.message_text import decoded, parse_path
-    from palp_core.cli.topic.listen import Listener
+    from palp_core.cli.topic.listen import TopicReader
     from palp_core.graph.clock import monotonic_ns
     from palp_core.graph.discovery.running_graph import RunningGraph
 
@@ -89,13 +89,13 @@ def plot(
     series = [Series(*_field(field, parse_path(field, entry.json_schema), entry), window) for field in fields]
     count, last_ns, drawn_ns = 0, monotonic_ns(), 0
 
-    def take(heard: Heard) -> int:
+    def take(heard: ReceivedFrame) -> int:
         message = decoded(heard.frame.payload, entry.json_schema)
         for one in series:
             one.add(message, heard.frame.stamp_ns / 1e9)
         return 1
 
-    with until_ctrl_c(), Listener(running, [entry]) as listener:
+    with until_ctrl_c(), TopicReader(running, [entry]) as listener:
         for heard in listener.messages():
             now_ns = monotonic_ns()
             if heard is not None and heard.is_message:

@@ -37,7 +37,7 @@ def tap(
     clock ("use field as timestamp"). Blocks of samples are sent sample by sample, arrays as lists.
     """
     from palp_core.cli.text.message_text import decoded
-    from palp_core.cli.topic.listen import Listener
+    from palp_core.cli.topic.listen import TopicReader
     from palp_core.cli.topic.tap_feed import TapFeed
     from palp_core.errors import GraphError
     from palp_core.graph.bag.selection import topic_selection
@@ -54,7 +54,7 @@ def tap(
     except OSError as error:
         raise GraphError(f"{error.strerror}; choose another --endpoint") from error
     try:
-        with until_ctrl_c(), Listener(running, list(entries.values())) as listener:
+        with until_ctrl_c(), TopicReader(running, list(entries.values())) as listener:
             note(f"{len(entries)} topics of graph '{running.record.graph}' at {feed.endpoint}; Ctrl-C ends")
             for heard in listener.messages():
                 if heard is None or not heard.is_message:

@@ -9,7 +9,7 @@ import msgspec
 Level = Literal["ok", "note", "warning", "error"]
 
 
-class Finding(msgspec.Struct, frozen=True):
+class Diagnostic(msgspec.Struct, frozen=True):
     """One thing that was looked at.
 
     Attributes:
@@ -25,21 +25,21 @@ class Finding(msgspec.Struct, frozen=True):
     advice: str = ""
 
 
-def error(where: str, what: str, advice: str) -> Finding:
+def error(where: str, what: str, advice: str) -> Diagnostic:
     """Return a finding that harms."""
-    return Finding("error", what, where, advice)
+    return Diagnostic("error", what, where, advice)
 
 
-def warning(where: str, what: str, advice: str) -> Finding:
+def warning(where: str, what: str, advice: str) -> Diagnostic:
     """Return a finding that may harm."""
-    return Finding("warning", what, where, advice)
+    return Diagnostic("warning", what, where, advice)
 
 
-def remark(where: str, what: str, advice: str = "") -> Finding:
+def remark(where: str, what: str, advice: str = "") -> Diagnostic:
     """Return what is good to know."""
-    return Finding("note", what, where, advice)
+    return Diagnostic("note", what, where, advice)
 
 
-def fine(where: str, what: str) -> Finding:
+def fine(where: str, what: str) -> Diagnostic:
     """Return that something is as it should be."""
-    return Finding("ok", what, where)
+    return Diagnostic("ok", what, where)

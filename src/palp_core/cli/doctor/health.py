@@ -20,7 +20,7 @@ HEALTH = "/graph/health"
 ASK_S = 1.0
 
 
-class Snapshot(msgspec.Struct, frozen=True):
+class HealthSample(msgspec.Struct, frozen=True):
     """Counters since the nodes began, at one time of this machine's clock; silent nodes are named."""
 
     at_ns: int
@@ -68,7 +68,7 @@ class HealthReader:
         path = graph.folder / "graph.pub"
         self._subscriber = SubscriberSocket({HEALTH: f"ipc://{path}"}) if path.exists() else None
 
-    def read(self, timeout_s: float) -> Snapshot | None:
+    def read(self, timeout_s: float) -> HealthSample | None:
         """Return the latest message, or None if none comes in time."""
         end_ns = monotonic_ns() + round(timeout_s * 1e9)
         found = None
@@ -84,18 +84,18 @@ class HealthReader:
             self._subscriber.close()
 
 
-def _health(raw: bytes) -> Snapshot | None:
+def _health(raw: bytes) -> HealthSample | None:
     try:
         frame = parse(raw)
         if frame.kind != Kind.DATA:
             return None
         nodes = decode(GraphHealth, frame.payload).nodes
-        return Snapshot(monotonic_ns(), nodes, {}) if nodes else None
+        return HealthSample(monotonic_ns(), nodes, {}) if nodes else None
     except SchemaMismatch:
         return None
 
 
-def snapshot(graph: RunningGraph) -> Snapshot:
+def sample_health(graph: RunningGraph) -> HealthSample:
     """Ask every node and the host."""
     answers = graph.ask_all("info", timeout_s=ASK_S)
     at_ns = monotonic_ns()
@@ -103,7 +103,7 @@ def snapshot(graph: RunningGraph) -> Snapshot:
     for entry in graph.record.nodes:
         info = answers.replies.get(entry.name, {})
         nodes.append(_from_info(entry.name, graph.process_of(entry), info))
-    return Snapshot(at_ns, nodes, {name: str(error) for name, error in answers.silent.items()})
+    return HealthSample(at_ns, nodes, {name: str(error) for name, error in answers.silent.items()})
 
 
 def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
@@ -138,7 +138,7 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
     )
 
 
-def rows(before: Snapshot | None, after: Snapshot) -> tuple[list[NodeRow], list[EdgeRow]]:
+def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow], list[EdgeRow]]:
     """Return what happened between two snapshots, and the totals."""
     span_s = (after.at_ns - before.at_ns) / 1e9 if before is not None else 0.0
     earlier = {node.node: node for node in before.nodes} if before is not None else {}
