@@ -53,7 +53,7 @@ def record(
     """
     from palp_core.graph.clock import unix_ns
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.recording.record_options import RecordOptions
+    from palp_core.graph.recording.recorder_messages import RecordOptions
     from palp_core.graph.recording.recorder_run import record_until_asked
 
     if not every and not topics and regex is None:

@@ -119,7 +119,8 @@ def _run(
     )
     try:
         with _recordings_said(graph), graph:
-            graph.door.speak(note)
+            if graph.gateway is not None:
+                graph.gateway.announce_to(note)
             view.start(graph.checked)
             key = stop_key(graph)
             try:

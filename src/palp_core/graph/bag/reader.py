@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import BagDamaged, BagError
-from palp_core.graph.bag.mcap.closing import Closing
 from palp_core.graph.bag.mcap.file_reader import FileReader
 from palp_core.graph.bag.metadata import bag_files
 from palp_core.graph.bag.topic import Stream, Topic
@@ -55,7 +55,7 @@ class BagMessage(msgspec.Struct, frozen=True, gc=False):
     value: Any
 
 
-class Bag(Closing):
+class Bag(AbstractContextManager["Bag"]):
     """An open bag.
 
     Args:
@@ -80,6 +80,9 @@ class Bag(Closing):
         except BaseException:
             self.close()
             raise
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close its files."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
-from palp_core.graph.bag.mcap.closing import Closing
 from palp_core.graph.bag.topic import Stream, Topic, topic_of
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
@@ -97,7 +97,7 @@ class _Route:
         self.sequence_high = sequence_high
 
 
-class BagRecorder(Closing):
+class BagRecorder(AbstractContextManager["BagRecorder"]):
     """Takes every frame that is published, as an observer of a graph does.
 
     Args:
@@ -223,6 +223,9 @@ class BagRecorder(Closing):
                 described=name in self._topics,
             )
         return RecordingSummary(topics=topics, unreadable=self._unreadable)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> RecordingSummary:
         """Complete the bag and return the account; it is in the bag as well."""

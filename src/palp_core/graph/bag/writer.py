@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.mcap.closing import Closing
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, CHUNK_NS, FileWriter
 from palp_core.graph.bag.mcap.records import Attachment, Metadata
@@ -21,7 +21,7 @@ _NEVER = 1 << 63
 MAX_CHANNELS = 0xFFFF
 
 
-class BagWriter(Closing):
+class BagWriter(AbstractContextManager["BagWriter"]):
     """Writes a bag, in as many files as its limits ask for.
 
     Every file stands alone: it repeats the definitions, the attachments and, on channels marked
@@ -143,6 +143,9 @@ class BagWriter(Closing):
         metadata = Metadata(name, dict(values))
         self._file.note(metadata)
         self._extras.append(metadata)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Complete the last file and ``metadata.yaml``; both are on the disk afterwards."""

@@ -21,7 +21,6 @@ from palp_core.graph.description.check import CheckedGraph, load
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, Crew, Observer
-from palp_core.graph.network.no_door import NoDoor
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_facts
 from palp_core.graph.recording.recorders import Recordings
@@ -33,7 +32,7 @@ from palp_core.graph.supervision.run_record import announcement
 from palp_core.graph.swap.swap import SwapCrew, Swapper, SwapRequest
 
 if TYPE_CHECKING:
-    from palp_core.graph.network.gateway_handle import Door
+    from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
 if TYPE_CHECKING:
     from palp_core.graph.lockstep.composition import Composition
@@ -96,7 +95,7 @@ class Graph:
         self.path = Path(path)
         self._listen, self._record = listen, record
         self.recordings = Recordings()
-        self.door: Door | NoDoor = NoDoor()
+        self.gateway: GatewayHandle | None = None
         self._started = started
         self._compose = compose
         self._observe = observe or (lambda *_: None)
@@ -122,7 +121,7 @@ class Graph:
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
                 self.recordings = Recordings(self.checked, self._record)
-                self._open_door(stack)
+                self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
                 self.directory.remove()
@@ -130,7 +129,8 @@ class Graph:
             stack.callback(self.recordings.close)
             self.bus = GraphBus(str(self.directory.path), self._now_ns)
             stack.callback(self.bus.close)
-            self.bus.guests = lambda: self.door.health.values()
+            if (gateway := self.gateway) is not None:
+                self.bus.joined = lambda: gateway.health.values()
             self.bus.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
             self.bus.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
             self.bus.answer("launch", lambda _: launch_facts(self.checked))
@@ -176,24 +176,24 @@ class Graph:
             self.bus,
         )
         stack.callback(supervisor.close)
-        self.door.follow(supervisor)
+        if self.gateway is not None:
+            self.gateway.follow(supervisor)
         supervisor.start()
         return supervisor
 
-    def _open_door(self, stack: contextlib.ExitStack) -> None:
+    def _open_gateway(self, stack: contextlib.ExitStack) -> None:
         if (address := self._listen or self.checked.listen) or self.checked.expected:
-            from palp_core.graph.network.gateway_handle import open_door
+            from palp_core.graph.network.gateway_handle import open_gateway
 
             report = lambda *event, **data: self.bus.report(*event, **data)  # noqa: E731
-            self.door = open_door(address, self.checked, self.directory.path, report, self._announce)
-            stack.callback(self.door.close, "the graph has failed", finished=False)
+            self.gateway = open_gateway(address, self.checked, self.directory.path, report, self._announce)
+            stack.callback(self.gateway.close, "the graph has failed", finished=False)
 
     def _announce(self) -> None:
         """Say where everything is, to those who look into the run directory and to those who ask."""
         pids = {m.spec.name: m.pid for m in self._supervisor.members} if self._supervisor is not None else {}
-        self.bus.record = announcement(
-            self.checked, self.path, self.directory.path, pids, self.door, composed=self._compose
-        )
+        record = announcement(self.checked, self.path, self.directory.path, pids, composed=self._compose)
+        self.bus.record = record if self.gateway is None else self.gateway.described(record)
         self.directory.write(self.bus.record)
 
     def run(self, until_s: float | None = None) -> RunSummary:
@@ -246,9 +246,12 @@ class Graph:
         assert self._supervisor is not None
         try:
             with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
-                self.door.activate(start_ns := monotonic_ns())
+                start_ns = monotonic_ns()
+                if self.gateway is not None:
+                    self.gateway.activate(start_ns)
                 exit_code = self._supervisor.run_wall(until_ns, start_ns)
-                self.door.close("the graph has come to its end", finished=exit_code == 0)
+                if self.gateway is not None:
+                    self.gateway.close("the graph has come to its end", finished=exit_code == 0)
                 return exit_code
         finally:
             for index in self._end_order():

@@ -6,10 +6,13 @@ import logging
 import select
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.network.gateway_messages import (
@@ -29,27 +32,19 @@ from palp_core.graph.network.gateway_messages import (
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest, NodeView
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import Plan, plan
+from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.supervision.sidecar import Companion
+
+if TYPE_CHECKING:
+    from palp_core.graph.supervision.supervisor import Supervisor
 
 START_TIMEOUT_S = 20.0
 MOST_RESTARTS = 5
 _LOG = logging.getLogger("palp.gateway")
 
 
-class Loop(Protocol):
-    """The supervisor's loop: it calls back, and ends when it has an exit code."""
-
-    exit_code: int | None
-
-    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
-        """Call a function whenever a descriptor can be read."""
-
-    def forget(self, descriptor: int) -> None:
-        """Watch it no longer."""
-
-
-class Tell(Protocol):
+class Report(Protocol):
     """Publishes an event of the graph."""
 
     def __call__(self, kind: str, node: str, text: str, /, **data: object) -> object: ...
@@ -73,16 +68,16 @@ def view_of(checked: CheckedGraph) -> GraphView:
     )
 
 
-def open_door(
-    address: str, checked: CheckedGraph, folder: Path, tell: Tell, changed: Callable[[], None]
-) -> Door:
+def open_gateway(
+    address: str, checked: CheckedGraph, folder: Path, report: Report, changed: Callable[[], None]
+) -> GatewayHandle:
     """Let other hosts call a graph before any of its nodes starts.
 
     Args:
         address: ``tcp://HOST:PORT``.
         checked: The graph.
         folder: The run directory.
-        tell: Publishes an event.
+        report: Publishes an event.
         changed: Is called when somebody has joined or left.
 
     Raises:
@@ -96,50 +91,50 @@ def open_door(
         raise GraphError(
             f"graph '{checked.graph}' runs in simulated time; only one with clock: wall can be joined"
         )
-    door = Door(address, folder, tell)
-    door.changed = changed
-    door.open(view_of(checked))
-    return door
+    gateway = GatewayHandle(address, folder, report)
+    gateway.changed = changed
+    gateway.open(view_of(checked))
+    return gateway
 
 
-class Door:
+class GatewayHandle:
     """A graph's gateway as its launcher sees it.
 
     Args:
         address: ``tcp://HOST:PORT``.
         folder: The run directory.
-        tell: Takes kind, node, text and data of each event: ``joined``, ``left``, ``refused``, ``failed``,
+        report: Takes kind, node, text and data of each event: ``joined``, ``left``, ``refused``, ``failed``,
             ``restarted``.
         keys: This host's.
 
     Attributes:
         endpoint: Where other hosts call, with the port that was chosen.
         warnings: What the user should know.
-        guests: Who has joined, by name.
-        health: How they do, by their own word.
+        joined: Who has joined, by name.
+        health: How they do, as they report it.
 
     Raises:
         SecurityError: Others could reach the address and there are no keys, or they are exposed.
         GraphError: Nobody can listen there.
     """
 
-    def __init__(self, address: str, folder: Path, tell: Tell, keys: KeyFolder | None = None) -> None:
+    def __init__(self, address: str, folder: Path, report: Report, keys: KeyFolder | None = None) -> None:
         planned = plan(address, keys or KeyFolder())
         self.warnings = planned.warnings
-        self.guests: dict[str, JoinRequest] = {}
+        self.joined: dict[str, JoinRequest] = {}
         self.changed: Callable[[], None] = lambda: None
-        self._plan, self._folder, self._tell = planned, folder, tell
+        self._plan, self._folder, self._publish_event = planned, folder, report
         self.health: dict[str, NodeHealth] = {}
         self._epochs: dict[str, int] = {}
         self._view: GraphView | None = None
         self._start_ns: int | None = None
         self._restart_count = 0
         self._say: Callable[[str], None] = lambda _: None
-        self._loop: Loop | None = None
+        self._supervisor: Supervisor | None = None
         self._closed = False
-        self._companion, self.endpoint = self._begin(planned)
+        self._companion, self.endpoint = self._start_process(planned)
 
-    def _begin(self, planned: Plan) -> tuple[Companion[FromGateway], str]:
+    def _start_process(self, planned: Plan) -> tuple[Companion[FromGateway], str]:
         log = self._folder / "log" / "gateway.log"
         companion = Companion("palp_core.graph.network.gateway", launcher_decoder(), log)
         try:
@@ -158,23 +153,23 @@ class Door:
         assert isinstance(said, Listening)
         return companion, said.endpoint
 
-    def follow(self, loop: Loop) -> None:
+    def follow(self, supervisor: Supervisor) -> None:
         """Let the supervisor's loop tell when the gateway has said something."""
-        self._loop = loop
-        loop.watch(self._companion.descriptor, self.attend)
+        self._supervisor = supervisor
+        supervisor.watch(self._companion.descriptor, self._receive)
 
     def _forget(self) -> None:
-        if self._loop is not None:
-            self._loop.forget(self._companion.descriptor)
+        if self._supervisor is not None:
+            self._supervisor.forget(self._companion.descriptor)
 
-    def speak(self, say: Callable[[str], None]) -> None:
+    def announce_to(self, say: Callable[[str], None]) -> None:
         """Show a person where the gateway listens, what to know of it, and from now on what happens."""
         self._say = say
         say(f"listening on {self.endpoint}")
         for warning in self.warnings:
             say(f"warning: {warning}")
         for spec in self._view.expected.values() if self._view is not None else ():
-            if spec.name not in self.guests:
+            if spec.name not in self.joined:
                 key = " --server-key KEY" if self._plan.secured else ""
                 say(
                     f"/{spec.name} is to join; on its host: palp run {spec.run} --name {spec.name} "
@@ -182,13 +177,30 @@ class Door:
                 )
 
     def _report(self, kind: str, node: str, text: str, **data: object) -> None:
-        self._tell(kind, node, text, **data)
+        self._publish_event(kind, node, text, **data)
         self._say(text)
 
     def open(self, view: GraphView) -> None:
         """Show the graph to those who call; again when it has changed."""
         self._view = view
         self._send(Opened(view))
+
+    def described(self, record: RunRecord) -> RunRecord:
+        """Return the record of the run with where it is called and who has joined it.
+
+        Those who have joined have endpoints in the run directory, as any other node.
+        """
+        nodes, topics = list(record.nodes), {entry.name: entry for entry in record.topics}
+        for request in self.joined.values():
+            publish, serve = endpoints(str(self._folder), request.name)
+            nodes.append(NodeEntry(request.name, request.run, 0, publish, serve))
+            topics |= {
+                name: TopicEntry(name, info.type, info.type_hash, info.node, publish, info.json_schema)
+                for name, info in request.outputs.items()
+            }
+        return msgspec.structs.replace(
+            record, nodes=nodes, topics=list(topics.values()), listen=self.endpoint
+        )
 
     def activate(self, start_ns: int) -> None:
         """Let joined nodes begin: the graph runs since then on the host's monotonic clock."""
@@ -199,48 +211,48 @@ class Door:
         try:
             self._companion.send(line)
         except ChannelClosed:
-            _LOG.debug("the gateway is gone; attend() will find out")
+            _LOG.debug("the gateway is gone; the supervisor's loop will find out")
 
-    def attend(self) -> None:
+    def _receive(self) -> None:
         """Take in what the gateway has said; start another if it has died."""
         try:
             for said in self._companion.news():
-                self._on_line(said)
+                self._on_message(said)
         except ChannelClosed:
             self._forget()
-            self._mourn(self._companion.close())
+            self._report_death(self._companion.close())
             if self._restart_count < MOST_RESTARTS and not self._closed:
                 self._restart()
 
-    def _on_line(self, said: FromGateway) -> None:
+    def _on_message(self, said: FromGateway) -> None:
         if isinstance(said, GuestIn):
             request = said.request
-            self.guests[request.name] = request
+            self.joined[request.name] = request
             self._epochs[request.name] = said.epoch
             text = f"/{request.name} has joined from {request.host}"
             where = {"run": request.run, "host": request.host, "address": said.address}
             self._report("joined", request.name, text, **where, epoch=said.epoch)
             self.changed()
         elif isinstance(said, GuestOut):
-            self.guests.pop(said.name, None)
+            self.joined.pop(said.name, None)
             self.health.pop(said.name, None)
             self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
             self.changed()
             expected = self._view.expected.get(said.name) if self._view is not None else None
             ends = expected is not None and expected.shutdown_on_exit and said.exit_code >= 0
-            if ends and self._loop is not None:
-                self._loop.exit_code = said.exit_code
+            if ends and self._supervisor is not None:
+                self._supervisor.exit_code = said.exit_code
         elif isinstance(said, GuestDoes):
             self.health[said.name] = decode(NodeHealth, said.health)
         elif isinstance(said, TurnedAway):
             self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
 
-    def _mourn(self, status: int) -> None:
+    def _report_death(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
         self._report("failed", "gateway", text, status=status)
         self.health.clear()
-        for name in list(self.guests):
-            del self.guests[name]
+        for name in list(self.joined):
+            del self.joined[name]
             self._report("left", name, f"/{name} has left: the gateway has died", exit_code=-1)
         self.changed()
 
@@ -248,12 +260,12 @@ class Door:
         self._restart_count += 1
         again = self._plan._replace(endpoint=self.endpoint)
         try:
-            self._companion, self.endpoint = self._begin(again)
+            self._companion, self.endpoint = self._start_process(again)
         except GraphError as error:
             self._report("failed", "gateway", f"the gateway cannot be started again: {error}")
             return
-        if self._loop is not None:
-            self._loop.watch(self._companion.descriptor, self.attend)
+        if self._supervisor is not None:
+            self._supervisor.watch(self._companion.descriptor, self._receive)
         if self._view is not None:
             self._send(Opened(self._view))
         if self._start_ns is not None:
@@ -261,7 +273,7 @@ class Door:
         self._report("restarted", "gateway", f"the gateway listens again on {self.endpoint}")
 
     def close(self, text: str, *, finished: bool) -> None:
-        """Tell every guest that the graph ends, ``finished`` if it has come to its end; end the gateway."""
+        """Tell who has joined that the graph ends, ``finished``: by itself; end the gateway."""
         if self._closed:
             return
         self._closed = True

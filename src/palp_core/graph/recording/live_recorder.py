@@ -19,7 +19,7 @@ from palp_core.graph.recording.live_feed import Feed, renewed
 from palp_core.graph.recording.live_snapshot import SnapshotTaker
 from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, live_topics
 from palp_core.graph.recording.provenance import attachments
-from palp_core.graph.recording.record_options import RecordOptions
+from palp_core.graph.recording.recorder_messages import RecordOptions
 
 WAIT_MS = 50
 LOOK_NS = 100_000_000

@@ -10,7 +10,7 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.recording.provenance import attachments, launch_facts
-from palp_core.graph.recording.record_options import RecordOptions
+from palp_core.graph.recording.recorder_messages import RecordOptions
 
 TICK_FRAMES = 64
 

@@ -1,12 +1,39 @@
-"""What a launcher and its recorder's process say to each other; the line's end asks for the bag's end."""
+"""What to record, and what a launcher and its recorder's process say to each other.
+
+The channel's end asks for the bag's end.
+"""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import msgspec
 
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.recording.record_options import RecordOptions
+
+
+class RecordOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """What to record, and how.
+
+    Attributes:
+        out: The bag; in snapshot mode the first of them, the next are ``out-1``, ``out-2`` ...
+        topics: Names; none and no ``regex``: all.
+        max_bytes: Begin another file at this size; 0: never.
+        max_duration_s: The same by time.
+        snapshot_s: Keep so much in memory instead, and write it when asked; 0: record at once.
+        from_start: The graph has yet to begin: every topic's first message must be in the bag.
+    """
+
+    out: str
+    topics: list[str] = []
+    regex: str | None = None
+    exclude_regex: str | None = None
+    max_bytes: int = 0
+    max_duration_s: float = 0.0
+    snapshot_s: float = 0.0
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    from_start: bool = False
 
 
 class Record(ChannelMessage, frozen=True):

@@ -17,7 +17,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
-from palp_core.graph.recording.record_options import RecordOptions
+from palp_core.graph.recording.recorder_messages import RecordOptions
 
 FOLDER = "recorders"
 ANSWER_NS = 30_000_000_000

@@ -15,12 +15,12 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.recording.record_options import RecordOptions
 from palp_core.graph.recording.recorder_messages import (
     FromRecorder,
     Record,
     Recorded,
     Recording,
+    RecordOptions,
     Said,
     from_recorder,
 )

@@ -33,13 +33,43 @@ from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.process.node_services import read_request, serve_outside, set_parameters
-from palp_core.graph.replay.replay_result import Divergence, NodeReplay, differing_fields
 from palp_core.graph.replay.streams import InOrder, Inputs, key_of
-
-__all__ = ["Divergence", "NodeReplay", "replay"]
 
 RECENT = 5
 Close = Callable[[float, float], bool]
+
+
+class Divergence(msgspec.Struct, frozen=True, kw_only=True):
+    """The first output that differs, and what the node had consumed before it: last, and the last few."""
+
+    topic: str
+    sequence: int
+    now_s: float
+    what: str
+    after: str
+    inputs: list[str] = []
+
+
+class NodeReplay(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of one node.
+
+    Attributes:
+        consumed: Entries of its written order.
+        compared: Outputs that were equal.
+        uncovered: Outputs in the bag before the place where the replay could begin, or after the last of the
+            written order (a node or a recorder that was killed takes the latest tenth of a second with it).
+        clock_s: Time on the graph's clock that was replayed.
+        wall_s: Time that it took.
+        divergence: The first difference; None if there is none.
+    """
+
+    node: str
+    consumed: int
+    compared: int
+    uncovered: int = 0
+    clock_s: float
+    wall_s: float
+    divergence: Divergence | None
 
 
 def replay(
@@ -234,7 +264,7 @@ class _Replay:
                 )
             if not self._same(recorded, bytes(frame.payload)):
                 return self._diverged(
-                    frame.topic, frame.sequence, differing_fields(recorded.payload, bytes(frame.payload))
+                    frame.topic, frame.sequence, _differing_fields(recorded.payload, bytes(frame.payload))
                 )
             self._waiting[frame.topic] = None
             self._compared += 1
@@ -297,3 +327,17 @@ def _executor(spec: NodeSpec, workspace: str, clock: SimClock, frames: list[byte
     executor = Executor(node_class, spec, clock, frames.append)
     executor.transition(Transition.CONFIGURE)
     return executor
+
+
+def _differing_fields(recorded: bytes, replayed: bytes) -> str:
+    """Say which fields of a message differ."""
+    before, now = decode_any(dict[str, Any], recorded), decode_any(dict[str, Any], replayed)
+    names = [name for name in before.keys() | now.keys() if before.get(name) != now.get(name)]
+    return "; ".join(
+        f"{name}: recorded {_shown(before.get(name))}, replayed {_shown(now.get(name))}"
+        for name in sorted(names)
+    )
+
+
+def _shown(value: object) -> object:
+    return f"<{len(value)} bytes>" if isinstance(value, bytes) else value

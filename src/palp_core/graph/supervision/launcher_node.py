@@ -43,7 +43,7 @@ class GraphBus:
     Attributes:
         record: What the operation ``graph`` answers.
         record_event: Takes each event's frame.
-        guests: Returns how the nodes do that have joined from other hosts.
+        joined: Returns how the nodes do that have joined from other hosts.
     """
 
     publishing = True
@@ -53,7 +53,7 @@ class GraphBus:
         self.record: RunRecord | None = None
         self.now_ns = now_ns
         self.record_event: Callable[[bytes], None] = lambda _: None
-        self.guests: Callable[[], Iterable[NodeHealth]] = tuple
+        self.joined: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
         self._broadcast = PublisherSocket(*endpoints(folder, NAME))
         self.resend = self._broadcast.send
@@ -124,7 +124,7 @@ class GraphBus:
 
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""
-        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.guests()]))
+        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.joined()]))
         self._broadcast.beat()
         self.poll()
 

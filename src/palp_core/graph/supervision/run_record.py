@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
@@ -14,17 +11,12 @@ from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.supervision.launcher_node import NAME, GraphBus
 
-if TYPE_CHECKING:
-    from palp_core.graph.network.gateway_handle import Door
-    from palp_core.graph.network.no_door import NoDoor
-
 
 def announcement(
     checked: CheckedGraph,
     file: Path,
     folder: Path,
     pids: Mapping[str, int],
-    door: Door | NoDoor,
     *,
     composed: bool,
 ) -> RunRecord:
@@ -35,7 +27,6 @@ def announcement(
         file: Its launch file, as given.
         folder: The run directory.
         pids: Process of every node that has one here.
-        door: Who has joined from other hosts; they have endpoints here as any other.
         composed: All nodes are in this process.
     """
 
@@ -45,18 +36,13 @@ def announcement(
     nodes = [
         NodeEntry(spec.name, spec.run, pids.get(spec.name, 0), *at(spec.name)) for spec in checked.spawned
     ]
-    nodes += [NodeEntry(guest.name, guest.run, 0, *at(guest.name)) for guest in door.guests.values()]
-    described = dict(checked.topics)
-    for guest in door.guests.values():
-        described.update(guest.outputs)
     topics = [
         TopicEntry(name, t.type, t.type_hash, t.node, at(t.node)[0], t.json_schema)
-        for name, t in described.items()
+        for name, t in checked.topics.items()
     ]
     topics += GraphBus.topics(str(folder))
     serve = endpoints(str(folder), NAME)[1]
-    record = record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
-    return msgspec.structs.replace(record, listen=door.endpoint)
+    return record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
 
 
 def announcement_of_one(

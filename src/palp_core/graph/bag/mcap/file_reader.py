@@ -9,12 +9,12 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Container, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, split_chunk
-from palp_core.graph.bag.mcap.closing import Closing
 from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 from palp_core.graph.bag.mcap.records import (
     MAGIC,
@@ -40,7 +40,7 @@ class ChunkPlace(NamedTuple):
     entry: ChunkIndex | None
 
 
-class FileReader(Closing):
+class FileReader(AbstractContextManager["FileReader"]):
     """Reads one file.
 
     Args:
@@ -86,6 +86,9 @@ class FileReader(Closing):
         except BaseException:
             self._file.close()
             raise
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close the file."""
