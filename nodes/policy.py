@@ -13,7 +13,9 @@ from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5, policies
+from palp_core.units import Float64Array
 
 RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=49.0, extra_json_schema={"x-unit": "mm"})]
 """A ring position: what an L12-50 with its zero 1 mm off the stop can reach."""
@@ -64,13 +66,17 @@ class Policy(Node):
     def on_configure(self) -> None:
         self.policy = self.choose()
 
-    def choose(self) -> policies.Policy:
+    def choose(self) -> policies.StiffnessPolicy:
         """Return the policy that the parameters describe."""
         raise TypeError(f"{type(self).__name__} must say which policy it is: define choose()")
 
-    def refreshed(self) -> policies.Policy:
+    def refreshed(self) -> policies.StiffnessPolicy:
         """Return the policy for the next probe; one that follows what came in meanwhile chooses again."""
         return self.policy
+
+    def known(self, posterior: Float64Array) -> latent.Belief:
+        """Return what is known, given the probabilities of the classes (m,); one may know of offsets too."""
+        return latent.of_classes(posterior)
 
     @on(trial)
     def begin(self, trial: Trial) -> None:
@@ -79,7 +85,7 @@ class Policy(Node):
             self.policy = self.choose()  # parameters may have changed since the last trial
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
-            self._command(self.policy.start(self.rng))
+            self._command(self.policy.start(self.rng.random))
 
     @on(belief)
     def follow(self, belief: Belief) -> None:
@@ -88,7 +94,7 @@ class Policy(Node):
             return
         state.readings_n_m.append(belief.reading_n_m)
         self.policy = self.refreshed()
-        self._command(self.policy.step(self._present(), belief.posterior, self.rng))
+        self._command(self.policy.step(self._present(), self.known(belief.posterior), self.rng.random))
 
     @on(primitives)
     def remember(self, learnt: PrimitivesLearnt) -> None:
@@ -100,21 +106,21 @@ class Policy(Node):
         if cocontraction.level_defined:
             self.state.heard = cocontraction.level
 
-    def _present(self) -> policies.PolicyState:
+    def _present(self) -> policies.RingChoice:
         """Return where this policy stands; after one that keeps no mean level, that of the ring."""
         ring_m, mean_level = self.state.ring_m, self.state.mean_level
         if mean_level == 0.0:
             mean_level = figure5.LEVELS[_nearest(figure5.RINGS_M, ring_m)]
-        return policies.PolicyState(_nearest(self.policy.rings_m, ring_m), mean_level)
+        return policies.RingChoice.at(_nearest(self.policy.rings_m, ring_m), mean_level=mean_level)
 
-    def _command(self, chosen: policies.PolicyState) -> None:
-        state = self.state
+    def _command(self, chosen: policies.RingChoice) -> None:
+        state, anew = self.state, bool(chosen.renew)
         state.iteration += 1
-        state.level, state.mean_level = chosen.level, chosen.mean_level
-        state.ring_m = self.policy.rings_m[chosen.level]
-        state.landed.append(chosen.renew or not state.tried_m or state.tried_m[-1] != state.ring_m)
+        state.level, state.mean_level = int(chosen.level), float(chosen.mean_level)
+        state.ring_m = self.policy.rings_m[state.level]
+        state.landed.append(anew or not state.tried_m or state.tried_m[-1] != state.ring_m)
         state.tried_m.append(state.ring_m)
-        if chosen.renew:
+        if anew:
             self.command.publish(
                 RingCommand(
                     stamp_ns=self.now_ns(),

@@ -20,9 +20,9 @@ class Emg(Policy):
 
     params: EmgParams
 
-    def choose(self) -> policies.Policy:
+    def choose(self) -> policies.StiffnessPolicy:
         heard = None if self.state.heard < 0 else self.state.heard
         return EmgDriven(heard, self.params.start_level)
 
-    def refreshed(self) -> policies.Policy:
+    def refreshed(self) -> policies.StiffnessPolicy:
         return self.choose()

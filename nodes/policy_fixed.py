@@ -18,5 +18,5 @@ class Fixed(Policy):
 
     params: FixedParams
 
-    def choose(self) -> policies.Policy:
-        return policies.Fixed(round(self.params.ring_mm * 1e-3, 9))
+    def choose(self) -> policies.StiffnessPolicy:
+        return policies.FixedRing(round(self.params.ring_mm * 1e-3, 9))

@@ -11,10 +11,11 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import independent_model, noise_of
+from palp_core.palpation.perception.belief.trial_filter import Probe, known
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
-from palp_core.units import Count, MillimetresNonNegative
+from palp_core.units import Count, Float64Array, MillimetresNonNegative
 
 
 class InformationParams(Params):
@@ -48,21 +49,26 @@ class Information(Policy):
         self.made: tuple[InformationParams, dict[str, list[float]], latent.OffsetModel] | None = None
         super().on_configure()
 
-    def choose(self) -> policies.Policy:
+    def choose(self) -> policies.StiffnessPolicy:
         state = self.state
         if not state.primitives:
-            return policies.Fixed(round(self.params.start_mm * 1e-3, 9))
-        rings_m = np.array(state.primitives["rings_m"])
-        levels = [int(np.argmin(np.abs(rings_m - ring_m))) for ring_m in state.tried_m]
+            return policies.FixedRing(round(self.params.start_mm * 1e-3, 9))
         return InformationGainLatent(
-            self._model(),
-            tuple(rings_m.tolist()),
-            per_second=self.params.per_second,
-            history=tuple(zip(levels, state.landed, state.readings_n_m, strict=False)),
+            self._model(), tuple(state.primitives["rings_m"]), per_second=self.params.per_second
         )
 
-    def refreshed(self) -> policies.Policy:
+    def refreshed(self) -> policies.StiffnessPolicy:
         return self.choose()
+
+    def known(self, posterior: Float64Array) -> latent.Belief:
+        """Return the classes' probabilities as told, and of the offsets what the trial's readings say."""
+        state = self.state
+        if not state.primitives:
+            return super().known(posterior)
+        rings_m = np.array(state.primitives["rings_m"])
+        levels = [int(np.argmin(np.abs(rings_m - ring_m))) for ring_m in state.tried_m]
+        probes = map(Probe, state.readings_n_m, levels, state.landed)
+        return known(self._model(), list(probes)).with_classes(posterior)
 
     def _model(self) -> latent.OffsetModel:
         """Return how readings spread and what stays; made anew where parameters or primitives are new."""

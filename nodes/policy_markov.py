@@ -42,11 +42,11 @@ class Markov(Policy):
             return {"chain": str(error)}
         return {}
 
-    def choose(self) -> policies.Policy:
+    def choose(self) -> policies.StiffnessPolicy:
         params = self.params
         if params.chain:
             return _learnt(params)
-        return policies.Markov(
+        return policies.MarkovPolicy(
             matrices=figure5.matrices(params.matrices),
             reading=params.reading,
             mixture=params.mixture,
@@ -54,7 +54,7 @@ class Markov(Policy):
         )
 
 
-def _learnt(params: MarkovParams) -> policies.Policy:
+def _learnt(params: MarkovParams) -> policies.StiffnessPolicy:
     depths_m = [round(depth_mm * 1e-3, 9) for depth_mm in params.depths_mm]
     return chain_file.markov_policy(
         params.chain, reading=params.reading, mixture=params.mixture, depths_m=depths_m

@@ -18,5 +18,5 @@ class Uniform(Policy):
 
     params: UniformParams
 
-    def choose(self) -> policies.Policy:
-        return policies.Uniform(tuple(round(ring_mm * 1e-3, 9) for ring_mm in self.params.rings_mm))
+    def choose(self) -> policies.StiffnessPolicy:
+        return policies.UniformRings(tuple(round(ring_mm * 1e-3, 9) for ring_mm in self.params.rings_mm))

@@ -8,6 +8,7 @@ from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.methods import methods
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.stopping import (
+    BeliefStep,
     FixedNumber,
     PaperGuarded,
     PaperVerbatim,
@@ -28,6 +29,10 @@ def _history(*beliefs: list[float]) -> tuple[list[np.ndarray], list[np.ndarray]]
     return posteriors, [gain_vector(p, np.full(len(p), 1 / len(p))) for p in posteriors]
 
 
+def _after(*beliefs: list[float]) -> BeliefStep:
+    return BeliefStep.last(*_history(*beliefs))
+
+
 @pytest.mark.parametrize("rule", PAPER)
 def test_one_probe_never_stops_where_the_published_loop_does(rule: StopRule) -> None:
     posteriors, gains = _history([0.7, 0.2, 0.1])
@@ -35,15 +40,14 @@ def test_one_probe_never_stops_where_the_published_loop_does(rule: StopRule) -> 
         gamma = 1.0 - np.corrcoef(np.zeros(3), gains[0])[0, 1]
     goes_on = gamma > 0.0005
     assert not goes_on
-    state = rule.converged(posteriors, gains)
-    assert not state.gamma_defined
+    state = rule.check(BeliefStep.last(posteriors, gains))
+    assert np.isnan(state.gamma)
     assert not state.converged
 
 
 @pytest.mark.parametrize("rule", PAPER)
 def test_equal_one_hot_posteriors_stop(rule: StopRule) -> None:
-    state = rule.converged(*_history([1.0, 0.0, 0.0], [1.0, 0.0, 0.0]))
-    assert state.gamma_defined
+    state = rule.check(_after([1.0, 0.0, 0.0], [1.0, 0.0, 0.0]))
     assert state.gamma == pytest.approx(0.0, abs=1e-12)
     assert state.converged
 
@@ -53,12 +57,12 @@ def test_equal_one_hot_posteriors_stop(rule: StopRule) -> None:
 def test_uninformative_probes_never_stop(rule: StopRule, rounding: float) -> None:
     nothing = [1 / 3 + rounding, 1 / 3 - rounding, 1 / 3]
     for history in (
-        _history(nothing, nothing),
-        _history([0.7, 0.2, 0.1], nothing),
-        _history(nothing, [0.7, 0.2, 0.1]),
+        _after(nothing, nothing),
+        _after([0.7, 0.2, 0.1], nothing),
+        _after(nothing, [0.7, 0.2, 0.1]),
     ):
-        state = rule.converged(*history)
-        assert not state.gamma_defined
+        state = rule.check(history)
+        assert np.isnan(state.gamma)
         assert not state.converged
 
 
@@ -67,34 +71,34 @@ def test_two_depths_are_refused_and_the_alternatives_named(rule: StopRule) -> No
     posteriors, gains = _history([0.7, 0.3], [0.6, 0.4])
     assert correlation(gains[0], gains[1]) == pytest.approx(0.0, abs=1e-12)
     with pytest.raises(PerceptionError, match="posterior_threshold"):
-        rule.converged(posteriors, gains)
+        rule.check(BeliefStep.last(posteriors, gains))
 
 
 def test_a_doubled_belief_fools_the_verbatim_rule_and_not_the_guarded_one() -> None:
-    history = _history([0.4, 0.3, 0.3], [0.9, 0.05, 0.05])
-    assert PaperVerbatim().converged(*history).gamma == pytest.approx(0.0, abs=1e-12)
-    assert PaperVerbatim().converged(*history).converged
-    assert not PaperGuarded().converged(*history).converged
+    history = _after([0.4, 0.3, 0.3], [0.9, 0.05, 0.05])
+    assert PaperVerbatim().check(history).gamma == pytest.approx(0.0, abs=1e-12)
+    assert PaperVerbatim().check(history).converged
+    assert not PaperGuarded().check(history).converged
 
 
 def test_a_settled_belief_stops_the_guarded_rule() -> None:
-    assert PaperGuarded().converged(*_history([0.9, 0.05, 0.05], [0.91, 0.045, 0.045])).converged
+    assert PaperGuarded().check(_after([0.9, 0.05, 0.05], [0.91, 0.045, 0.045])).converged
 
 
 def test_a_belief_that_moves_to_another_class_stops_no_paper_rule() -> None:
-    history = _history([0.8, 0.1, 0.1], [0.1, 0.8, 0.1])
-    assert not any(rule.converged(*history).converged for rule in PAPER)
+    history = _after([0.8, 0.1, 0.1], [0.1, 0.8, 0.1])
+    assert not any(rule.check(history).converged for rule in PAPER)
 
 
 def test_a_posterior_threshold_works_for_two_depths() -> None:
-    assert not PosteriorThreshold(0.95).converged(*_history([0.7, 0.3])).converged
-    assert PosteriorThreshold(0.95).converged(*_history([0.96, 0.04])).converged
+    assert not PosteriorThreshold(0.95).check(_after([0.7, 0.3])).converged
+    assert PosteriorThreshold(0.95).check(_after([0.96, 0.04])).converged
 
 
 def test_a_fixed_number_stops_at_that_number() -> None:
-    history = _history([0.7, 0.3], [0.6, 0.4])
-    assert FixedNumber(2).converged(*history).converged
-    assert not FixedNumber(3).converged(*history).converged
+    history = _after([0.7, 0.3], [0.6, 0.4])
+    assert FixedNumber(2).check(history).converged
+    assert not FixedNumber(3).check(history).converged
 
 
 def test_verdicts_are_continue_decided_and_undecided() -> None:

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
+from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import stationary
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, LongRun, Reading, long_run
-from palp_core.palpation.perception.strategy.policies import Markov, PolicyState
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy, RingChoice
 
 
 def ended(matrix: np.ndarray, reading: Reading, mean_level: float = 0.42) -> LongRun:
@@ -34,10 +35,11 @@ def test_the_policy_visits_levels_as_the_long_run_says(reading: Reading) -> None
     skewed = np.array([[0.5, 0.2, 0.1, 0.0, 0.0]] * 5).T
     matrix = np.eye(5) * 0.4 + 0.6 * skewed / skewed.sum(axis=0)
     expected = ended(matrix, reading)
-    policy, rng = Markov(matrix[None], reading, mean_level=0.42), np.random.default_rng(3)
-    state, seen, posterior = PolicyState(3, 0.42), np.zeros(5), np.ones(1)
+    policy, rng = MarkovPolicy(matrix[None], reading, mean_level=0.42), np.random.default_rng(3)
+    state, seen = RingChoice.at(3, mean_level=0.42), np.zeros(5)
+    belief = latent.of_classes(np.ones(1))
     for step in range(6000):
-        state = policy.step(state, posterior, rng)
+        state = policy.step(state, belief, rng.random)
         if step >= 100:
             seen[state.level] += 1
     assert seen / seen.sum() == pytest.approx(expected.law, abs=0.03)

@@ -7,44 +7,48 @@ from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import find, methods
+from palp_core.palpation.perception.belief import latent
+from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import (
-    Fixed,
-    InformationGain,
-    Markov,
-    Policy,
-    PolicyState,
-    Uniform,
+    FixedRing,
+    MarkovPolicy,
+    RingChoice,
+    StiffnessPolicy,
+    UniformRings,
     draw,
 )
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, information_gain
 
 FLAT = np.full(3, 1 / 3)
+NOTHING_FELT = latent.of_classes(FLAT)
 
 
-def _walk(policy: Policy, seed: int, steps: int) -> list[PolicyState]:
+def _walk(policy: StiffnessPolicy, seed: int, steps: int) -> list[RingChoice]:
     rng = np.random.default_rng(seed)
-    states = [policy.start(rng)]
+    states = [policy.start(rng.random)]
     for _ in range(steps):
-        states.append(policy.step(states[-1], FLAT, rng))
+        states.append(policy.step(states[-1], NOTHING_FELT, rng.random))
     return states
 
 
-def _gain_policy() -> InformationGain:
+def _gain_policy() -> InformationGainLatent:
     mean = np.array([[0.0, 1.0, 2.0], [0.0, 2.0, 6.0], [0.0, 3.0, 9.0]])
-    return InformationGain(mean, np.ones((3, 3)), rings_m=(0.0, 0.004, 0.016))
+    rings_m, ones = np.array([0.0, 0.004, 0.016]), np.ones((3, 3))
+    return information_gain(Primitives(np.array([2.0, 4.0, 8.0]), rings_m, mean, ones, ones, 0.1))
 
 
 def test_fixed_never_moves() -> None:
-    assert {Fixed(0.012).rings_m[s.level] for s in _walk(Fixed(0.012), 0, 20)} == {0.012}
+    assert {FixedRing(0.012).rings_m[s.level] for s in _walk(FixedRing(0.012), 0, 20)} == {0.012}
 
 
 def test_uniform_visits_every_ring_alike() -> None:
-    levels = [s.level for s in _walk(Uniform((0.008, 0.012, 0.016)), 0, 3000)]
+    levels = [int(s.level) for s in _walk(UniformRings((0.008, 0.012, 0.016)), 0, 3000)]
     assert np.bincount(levels) == pytest.approx([1000] * 3, abs=100)
 
 
 def test_the_column_reading_follows_the_columns() -> None:
-    policy = Markov()
+    policy = MarkovPolicy()
     levels = np.array([s.level for s in _walk(policy, 1, 20_000)])
     seen = np.zeros((5, 5))
     np.add.at(seen, (levels[1:], levels[:-1]), 1.0)
@@ -58,42 +62,44 @@ def test_the_column_reading_follows_the_columns() -> None:
 def test_the_mean_reading_freezes_at_the_middle_ring_from_any_start(
     start: int, kind: figure5.Reconstruction
 ) -> None:
-    policy = Markov(figure5.matrices(kind), reading="mean")
-    state = PolicyState(start, figure5.LEVELS[start])
+    policy = MarkovPolicy(figure5.matrices(kind), reading="mean")
+    state = RingChoice.at(start, mean_level=figure5.LEVELS[start])
     levels = []
     for seed in range(6):
-        state = policy.step(state, FLAT, np.random.default_rng(seed))
-        levels.append(state.level)
+        state = policy.step(state, NOTHING_FELT, np.random.default_rng(seed).random)
+        levels.append(int(state.level))
     assert [policy.rings_m[level] for level in levels[2:]] == [0.008] * 4
 
 
 def test_the_gaussian_reset_goes_on_moving_while_its_mean_freezes() -> None:
-    states = _walk(Markov(reading="gaussian_reset"), 2, 200)
-    assert len({s.level for s in states}) >= 3
+    states = _walk(MarkovPolicy(reading="gaussian_reset"), 2, 200)
+    assert len({int(s.level) for s in states}) >= 3
     assert states[-1].mean_level == pytest.approx(0.3, abs=1e-6)
 
 
 def test_the_sigma_within_a_level_alone_freezes_the_gaussian_reset() -> None:
-    assert {s.level for s in _walk(Markov(reading="gaussian_reset", sd_level=0.005), 2, 200)} == {2}
+    assert {int(s.level) for s in _walk(MarkovPolicy(reading="gaussian_reset", sd_level=0.005), 2, 200)} == {
+        2
+    }
 
 
 def test_the_first_level_is_drawn_from_the_initial_law() -> None:
-    policy = Markov()
+    policy = MarkovPolicy()
     rng = np.random.default_rng(3)
-    seen = np.bincount([policy.start(rng).level for _ in range(5000)], minlength=5) / 5000
+    seen = np.bincount([policy.start(rng.random).level for _ in range(5000)], minlength=5) / 5000
     assert seen == pytest.approx(policy.level_law(0.3), abs=0.03)
 
 
 def test_levels_correspond_to_the_rings_of_table_6() -> None:
-    assert dict(zip(figure5.LEVELS, Markov().rings_m, strict=True)) == {
+    assert dict(zip(figure5.LEVELS, MarkovPolicy().rings_m, strict=True)) == {
         0.1: 0.0, 0.2: 0.004, 0.3: 0.008, 0.4: 0.012, 0.5: 0.016,
     }  # fmt: skip
 
 
 def test_the_posterior_mixture_of_a_certain_belief_is_that_depths_matrix() -> None:
-    policy = Markov(mixture="posterior")
+    policy = MarkovPolicy(mixture="posterior")
     assert policy.matrix(np.array([0.0, 0.0, 1.0])) == pytest.approx(figure5.matrices()[2])
-    assert policy.matrix(FLAT) == pytest.approx(Markov().matrix(FLAT))
+    assert policy.matrix(FLAT) == pytest.approx(MarkovPolicy().matrix(FLAT))
     with pytest.raises(PerceptionError, match="shape"):
         policy.matrix(np.array([0.5, 0.5]))
 
@@ -101,7 +107,7 @@ def test_the_posterior_mixture_of_a_certain_belief_is_that_depths_matrix() -> No
 def test_information_gain_probes_where_classes_lie_furthest_apart() -> None:
     policy = _gain_policy()
     assert {policy.rings_m[state.level] for state in _walk(policy, 0, 3)} == {0.016}
-    assert policy.expected_gains_bits(FLAT)[0] == pytest.approx(0.0, abs=1e-9)
+    assert policy.actions(NOTHING_FELT, None).gain_bits[0] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +122,7 @@ def test_information_gain_probes_where_classes_lie_furthest_apart() -> None:
 )
 def test_bad_settings_are_refused(settings_: dict[str, Any], match: str) -> None:
     with pytest.raises(PerceptionError, match=match):
-        Markov(**settings_)
+        MarkovPolicy(**settings_)
 
 
 def test_every_policy_is_declared() -> None:
@@ -129,12 +135,20 @@ def test_every_policy_is_declared() -> None:
         "reposition",
         "uniform",
     }
-    assert find("policy", "markov").target is Markov
+    assert find("policy", "markov").target is MarkovPolicy
 
 
 def test_a_draw_never_leaves_the_levels() -> None:
     assert draw(np.array([0.5, 0.5 - 1e-12]), 1.0 - 1e-16) == 1
     assert draw(np.array([0.0, 1.0]), 0.0) == 1
+
+
+@given(st.integers(0, 10_000))
+def test_draws_side_by_side_are_those_of_a_search_in_each_cumulated_law(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    laws, uniforms = rng.dirichlet(np.ones(4), 20), rng.random(20)
+    each = [np.searchsorted(np.cumsum(law), u, side="right") for law, u in zip(laws, uniforms, strict=True)]
+    assert draw(laws, uniforms).tolist() == np.minimum(each, 3).tolist()
 
 
 @settings(deadline=None, max_examples=15)
@@ -143,26 +157,27 @@ def test_a_draw_never_leaves_the_levels() -> None:
     st.integers(1, 9),
     st.sampled_from(
         [
-            Fixed(),
-            Uniform(),
-            Markov(),
-            Markov(reading="gaussian_reset"),
-            Markov(reading="mean"),
+            FixedRing(),
+            UniformRings(),
+            MarkovPolicy(),
+            MarkovPolicy(reading="gaussian_reset"),
+            MarkovPolicy(reading="mean"),
             _gain_policy(),
         ]
     ),
 )
 def test_a_hand_over_of_state_and_generator_continues_the_same_walk(
-    seed: int, cut: int, policy: Policy
+    seed: int, cut: int, policy: StiffnessPolicy
 ) -> None:
     whole = _walk(policy, seed, 10)
     rng = np.random.default_rng(seed)
-    state = policy.start(rng)
+    state = policy.start(rng.random)
     for _ in range(cut):
-        state = policy.step(state, FLAT, rng)
+        state = policy.step(state, NOTHING_FELT, rng.random)
     heir = np.random.default_rng()
     heir.bit_generator.state = rng.bit_generator.state
-    state = PolicyState(int(state.level), float(state.mean_level))
+    state = RingChoice.at(int(state.level), mean_level=float(state.mean_level))
     for expected in whole[cut + 1 :]:
-        state = policy.step(state, FLAT, heir)
-        assert state == expected
+        state = policy.step(state, NOTHING_FELT, heir.random)
+        assert (state.level, state.mean_level) == (expected.level, expected.mean_level)
+        assert state.renew == expected.renew

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.latent import OffsetModel
-from palp_core.palpation.perception.strategy.policies import PolicyState
+from palp_core.palpation.perception.belief.trial_filter import Probe, known
+from palp_core.palpation.perception.strategy.policies import RingChoice
 from palp_core.palpation.perception.strategy.policies_informed import (
     EmgDriven,
     InformationGainLatent,
@@ -14,8 +15,8 @@ from palp_core.palpation.perception.strategy.policies_informed import (
     Timing,
 )
 
-RNG = np.random.default_rng(0)
-FLAT = np.full(3, 1 / 3)
+RANDOM = np.random.default_rng(0).random
+NOTHING_FELT = latent.of_classes(np.full(3, 1 / 3))
 
 
 def readings_of(ring_sd: float, noise_sd: float = 0.05) -> OffsetModel:
@@ -33,19 +34,23 @@ def after_one_probe(one: InformationGainLatent, reading: float = 0.5) -> latent.
     return latent.update(one.model, latent.start(one.model), reading, 1, True)
 
 
+def where(choice: RingChoice) -> tuple[int, bool]:
+    return int(choice.level), bool(choice.renew)
+
+
 def test_it_begins_where_the_classes_differ() -> None:
-    assert policy(0.3).start(RNG).level == 1
+    assert policy(0.3).start(RANDOM).level == 1
 
 
 def test_it_finds_out_that_a_new_landing_is_worth_a_probe() -> None:
     one = policy(0.5)
-    assert one.follow(PolicyState(1), after_one_probe(one)) == PolicyState(1, renew=True)
+    assert where(one.step(RingChoice.at(1), after_one_probe(one), RANDOM)) == (1, True)
 
 
 @pytest.mark.parametrize("per_second", [False, True])
 def test_it_does_not_move_where_nothing_stays(per_second: bool) -> None:
     one = policy(0.0, per_second=per_second)
-    assert one.follow(PolicyState(1), after_one_probe(one)) == PolicyState(1, renew=False)
+    assert where(one.step(RingChoice.at(1), after_one_probe(one), RANDOM)) == (1, False)
 
 
 @given(st.floats(0.2, 1.0), st.floats(0.05, 0.2))
@@ -58,8 +63,8 @@ def test_staying_never_promises_more_than_a_new_landing(ring_sd: float, noise_sd
 
 def test_a_slow_ring_makes_it_stay_when_seconds_count() -> None:
     slow = policy(0.1, per_second=True, timing=Timing(ring_m_per_s=1e-5))
-    assert not slow.follow(PolicyState(1), after_one_probe(slow)).renew
-    assert policy(0.1).follow(PolicyState(1), after_one_probe(slow)).renew
+    assert not slow.step(RingChoice.at(1), after_one_probe(slow), RANDOM).renew
+    assert policy(0.1).step(RingChoice.at(1), after_one_probe(slow), RANDOM).renew
 
 
 def test_seconds_are_those_of_the_moves() -> None:
@@ -69,27 +74,31 @@ def test_seconds_are_those_of_the_moves() -> None:
 
 
 def test_from_a_belief_without_offsets_it_still_chooses() -> None:
-    assert policy(0.3).step(PolicyState(0), FLAT, RNG).level == 1
+    one = policy(0.3)
+    assert one.step(RingChoice.at(0), latent.start(one.model), RANDOM).level == 1
 
 
 def test_a_history_of_readings_is_as_good_as_the_belief() -> None:
     one = policy(0.5)
-    known = after_one_probe(one)
-    told = InformationGainLatent(one.model, one.rings_m, history=((1, True, 0.5),))
-    assert told.step(PolicyState(1), known.posterior, RNG) == one.follow(PolicyState(1), known)
-    assert told.step(PolicyState(1), known.posterior, RNG).renew
+    found = after_one_probe(one)
+    told = known(one.model, [Probe(0.5, 1, True)]).with_classes(found.posterior)
+    choice = one.step(RingChoice.at(1), told, RANDOM)
+    assert where(choice) == where(one.step(RingChoice.at(1), found, RANDOM))
+    assert choice.renew
 
 
 def test_reposition_lands_anew_before_every_probe_but_the_first() -> None:
     one = Reposition(0.012)
-    first = one.start(RNG)
-    assert (first.renew, one.step(first, FLAT, RNG).renew, one.rings_m) == (False, True, (0.012,))
+    first = one.start(RANDOM)
+    assert not first.renew
+    assert one.step(first, NOTHING_FELT, RANDOM).renew
+    assert one.rings_m == (0.012,)
 
 
 def test_the_persons_level_is_followed_and_kept_in_a_pause() -> None:
-    assert EmgDriven().start(RNG).level == 2
-    assert EmgDriven(heard=4).step(PolicyState(1), FLAT, RNG).level == 4
-    assert EmgDriven().step(PolicyState(1), FLAT, RNG).level == 1
+    assert EmgDriven().start(RANDOM).level == 2
+    assert EmgDriven(heard=4).step(RingChoice.at(1), NOTHING_FELT, RANDOM).level == 4
+    assert EmgDriven().step(RingChoice.at(1), NOTHING_FELT, RANDOM).level == 1
 
 
 def test_a_level_without_a_ring_position_is_refused() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,12 +10,12 @@ import pytest
 from scipy.spatial.distance import correlation
 
 from palp_core.palpation.perception.belief.primitives import Primitives, fit
-from palp_core.palpation.perception.belief.stopping import PaperGuarded, PaperVerbatim, StopState
+from palp_core.palpation.perception.belief.stopping import BeliefStep, PaperGuarded, PaperVerbatim, StopState
 from palp_core.palpation.perception.emg.emg import EmgChain
 from palp_core.palpation.perception.signal.wavelet import denoise
 from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream
 from palp_core.palpation.perception.strategy import markov
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.decision import traps_belief as belief
 from palp_core.palpation.studies.decision import traps_signal as signal
 from palp_core.palpation.studies.decision.stability import TRAPS
@@ -24,12 +23,9 @@ from palp_core.palpation.studies.decision.trap import answer
 from palp_core.units import Float64Array
 
 
-def loop_of_algorithm_1(
-    self: Any, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]
-) -> StopState:
-    before = gains[-2] if len(gains) > 1 else np.zeros_like(gains[-1])
-    gamma = float(correlation(before, gains[-1]))
-    return StopState(gamma, gamma_defined=True, converged=not gamma > self.threshold)
+def loop_of_algorithm_1(self: Any, step: BeliefStep) -> StopState:
+    gamma = float(correlation(step.gain_before, step.gain))
+    return StopState(np.asarray(gamma), converged=np.asarray(not gamma > self.threshold))
 
 
 def densities_multiplied(self: Primitives, reading: float, setting_index: int, **_: Any) -> Float64Array:
@@ -52,11 +48,11 @@ def rms_of_the_counts(self: EmgChain, state: Any, counts: Float64Array) -> tuple
 FIT = fit
 
 MUTATIONS: dict[str, tuple[Any, str, Any]] = {
-    "T1": (PaperVerbatim, "converged", loop_of_algorithm_1),
+    "T1": (PaperVerbatim, "check", loop_of_algorithm_1),
     "T1b": (belief, "gain_vector", belief.naive_gain),
-    "T1c": (PaperVerbatim, "converged", loop_of_algorithm_1),
-    "T2": (PaperVerbatim, "converged", loop_of_algorithm_1),
-    "T3": (PaperGuarded, "converged", lambda self, p, g: PaperVerbatim(self.threshold).converged(p, g)),
+    "T1c": (PaperVerbatim, "check", loop_of_algorithm_1),
+    "T2": (PaperVerbatim, "check", loop_of_algorithm_1),
+    "T3": (PaperGuarded, "check", lambda self, step: PaperVerbatim(self.threshold).check(step)),
     "T4": (Primitives, "log_likelihood", densities_multiplied),
     "T5": (belief, "fit", without_a_floor),
     "T6": (markov, "transition_matrix", relative_frequencies),
@@ -66,8 +62,8 @@ MUTATIONS: dict[str, tuple[Any, str, Any]] = {
     "T8b": (signal, "peak", lambda *_, **__: SimpleNamespace(index=signal._naive_peak())),
     "T8c": (signal, "denoise", lambda values, **_: denoise(values, rule="approximation")),
     "T8d": (WaveletStream, "lag_samples", 0),
-    "T9": (signal, "Markov", lambda **_: Markov(reading="mean")),
-    "T9c": (Markov, "level_law", lambda self, mean: signal._printed_law()),
+    "T9": (signal, "MarkovPolicy", lambda **_: MarkovPolicy(reading="mean")),
+    "T9c": (MarkovPolicy, "level_law", lambda self, mean: signal._printed_law()),
     "T10": (EmgChain, "step", rms_of_the_counts),
     "T10b": (signal, "to_levels", lambda high: signal._naive_levels()),
     "T11": (signal, "two_way", lambda *_, **__: 0.0005),

@@ -26,6 +26,7 @@ from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
+_LEAST = 1e-300  # a class of probability 0 has a logarithm all the same
 Indices = int | NDArray[np.int64]
 
 
@@ -90,6 +91,20 @@ class Belief:
         """Probabilities of the classes, shape (..., m), summing to 1."""
         weights = np.exp(self.log_class - self.log_class.max(axis=-1, keepdims=True))
         return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+
+    def __getitem__(self, which: NDArray[np.bool_]) -> Belief:
+        """Return some of the trials."""
+        return Belief(self.log_class[which], self.offset_mean[which], self.offset_cov[which])
+
+    def with_classes(self, posterior: Float64Array) -> Belief:
+        """Return the same offsets under other probabilities of the classes, shape (..., m)."""
+        return replace(self, log_class=np.log(np.maximum(posterior, _LEAST)))
+
+
+def of_classes(posterior: Float64Array) -> Belief:
+    """Return the belief about classes alone, shape (..., m): nothing stays."""
+    empty = np.zeros((*posterior.shape, 0))
+    return Belief(posterior, empty, empty[..., None]).with_classes(posterior)
 
 
 def start(model: OffsetModel, trial_count: int | None = None) -> Belief:

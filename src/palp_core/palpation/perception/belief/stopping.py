@@ -1,18 +1,25 @@
-"""When to stop probing: rules over the beliefs and gains so far, and the verdict; task ``stop``.
+"""When to stop probing: rules over the beliefs so far, and the verdict; task ``stop``.
 
 The published rule stops when the correlation distance between successive gain vectors falls below T = 0.0005.
 That distance has cases without a value, and it cannot see a belief that doubles along the same direction;
-each case is named here. Every rule has the one method :meth:`StopRule.converged`, to be asked after each
-probe.
+each case is named here.
+
+Arrays may have leading dimensions, one entry per trial: many trials are judged by the same lines as one. A
+rule is one class here, declared with :func:`palp_core.palpation.methods.method`; the estimator, ``palp
+analyse --stop`` and the studies find it by its name.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Protocol
+from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import rel_entr
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import find, method
@@ -22,19 +29,56 @@ _FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
 _LEAST_SPREAD = 1e-12  # nats; a gain vector that varies less is rounding noise about "nothing gained"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class BeliefStep:
+    """What a rule goes by: beliefs and gains after a probe and before it.
+
+    Attributes:
+        posterior: P_t, shape (..., m).
+        before: P_{t-1}, shape (..., m); at the first probe the prior, or NaN where it is not told.
+        gain: G_t of eq. (8), nats, shape (..., m).
+        gain_before: G_{t-1}, shape (..., m); zero at the first probe.
+        probe_count: t, the same for all trials.
+    """
+
+    posterior: Float64Array
+    before: Float64Array
+    gain: Float64Array
+    gain_before: Float64Array
+    probe_count: int
+
+    @classmethod
+    def over(
+        cls, prior: Float64Array, posterior: Float64Array, before: Float64Array, probe_count: int
+    ) -> BeliefStep:
+        """Return the step from one belief to the next, with the gains over the prior P_0, shape (m,)."""
+        return cls(posterior, before, rel_entr(posterior, prior), rel_entr(before, prior), probe_count)
+
+    @classmethod
+    def last(cls, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> BeliefStep:
+        """Return the latest step of a history P_1 .. P_t and G_1 .. G_t, each shape (..., m)."""
+        unknown, nothing = np.full_like(posteriors[-1], np.nan), np.zeros_like(gains[-1])
+        (*_, before, after), (*_, gain_before, gain) = [unknown, *posteriors], [nothing, *gains]
+        return cls(after, before, gain, gain_before, len(posteriors))
+
+    @cached_property
+    def gamma(self) -> Float64Array:
+        """Correlation distance of the last two gain vectors, shape (...); NaN where it is not defined."""
+        return correlation_distance(self.gain_before, self.gain)
+
+
+@dataclass(frozen=True, eq=False)
 class StopState:
     """What a rule says after a probe.
 
     Attributes:
-        gamma: Correlation distance of the last two gain vectors, 0 to 2; 0.0 where not defined.
-        gamma_defined: Whether there is such a distance.
-        converged: Whether to stop here.
+        gamma: Correlation distance of the last two gain vectors, 0 to 2, shape (...); NaN where it is not
+            defined, or the rule does not go by it.
+        converged: Whether to stop here, shape (...).
     """
 
-    gamma: float
-    gamma_defined: bool
-    converged: bool
+    gamma: Float64Array
+    converged: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -45,69 +89,79 @@ class Verdict:
         word: ``continue``, ``decided``, or ``undecided`` when the probes ran out.
         class_index: Class with the largest posterior (the first of equals), whatever the word.
         probe_count: Probes so far.
-        state: The rule's state.
+        gamma: The rule's correlation distance, 0 to 2; 0.0 where not defined.
+        gamma_defined: Whether there is such a distance.
     """
 
     word: Literal["continue", "decided", "undecided"]
     class_index: int
     probe_count: int
-    state: StopState
+    gamma: float
+    gamma_defined: bool
 
 
-class StopRule(Protocol):
-    """Anything that says from the history of one trial whether to stop."""
+class StopRule(ABC):
+    """Says after each probe whether to stop; a frozen dataclass whose first field is the rule's own number.
 
-    def converged(self, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> StopState:
-        """Return the state after the last probe.
+    Attributes:
+        largest: Largest value that its own number may have.
+    """
 
-        Args:
-            posteriors: P_1 .. P_t, each shape (m,); the prior P_0 is not among them.
-            gains: G_1 .. G_t of eq. (8), each shape (m,).
+    largest: ClassVar[float] = np.inf
+
+    @property
+    def fewest_probes(self) -> int:
+        """Probes before which it never stops."""
+        return 1
+
+    @abstractmethod
+    def check(self, step: BeliefStep) -> StopState:
+        """Return what it says after a probe.
+
+        Raises:
+            PerceptionError: It cannot decide among so few classes, whatever is felt.
         """
-        ...
 
 
-def total_variation(first: Float64Array, second: Float64Array) -> float:
-    """Return half the summed absolute difference of two distributions, 0 to 1."""
-    return float(0.5 * np.abs(first - second).sum())
+def total_variation(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return half the summed absolute difference of distributions (..., m), 0 to 1, shape (...)."""
+    return np.asarray(0.5 * np.abs(first - second).sum(axis=-1))
 
 
-def too_few(class_count: int) -> PerceptionError:
-    """Return the error of a correlation distance over fewer than three classes."""
-    return PerceptionError(
-        f"the correlation distance of {class_count} classes is 0 or 2 whatever was felt; "
-        "use the stop rule 'posterior_threshold' or 'fixed_number'"
-    )
-
-
-def correlation_distance(first: Float64Array, second: Float64Array) -> float | None:
-    """Return 1 minus Pearson's correlation of two gain vectors, or None where it has no value.
+def correlation_distance(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return 1 minus Pearson's correlation of gain vectors, shape (...), NaN where it has no value.
 
     It has none when a vector does not vary over the classes: nothing was gained, as at t = 0 or after a probe
     that tells nothing.
 
     Args:
-        first: Gain vector, nats, shape (m,).
-        second: Gain vector, nats, shape (m,).
+        first: Gain vectors, nats, shape (..., m).
+        second: Gain vectors, nats, shape (..., m).
 
     Raises:
         PerceptionError: There are fewer than three classes: the distance could only be 0 or 2.
     """
     if first.shape != second.shape:
         raise PerceptionError(f"gain vectors have shapes {first.shape} and {second.shape}")
-    if first.size < _FEWEST:
-        raise too_few(first.size)
-    a, b = first - first.mean(), second - second.mean()
-    if np.abs(a).max() < _LEAST_SPREAD or np.abs(b).max() < _LEAST_SPREAD:
-        return None
-    cosine = (a / np.linalg.norm(a)) @ (b / np.linalg.norm(b))
-    return float(np.clip(1.0 - cosine, 0.0, 2.0))
+    if first.shape[-1] < _FEWEST:
+        raise PerceptionError(
+            f"the correlation distance of {first.shape[-1]} classes is 0 or 2 whatever was felt; "
+            "use the stop rule 'posterior_threshold' or 'fixed_number'"
+        )
+    a = first - first.mean(axis=-1, keepdims=True)
+    b = second - second.mean(axis=-1, keepdims=True)
+    flat = (np.abs(a).max(axis=-1) < _LEAST_SPREAD) | (np.abs(b).max(axis=-1) < _LEAST_SPREAD)
+    cosine = _dot(_direction(a, flat), _direction(b, flat))
+    return np.where(flat, np.nan, np.clip(1.0 - cosine, 0.0, 2.0))
 
 
-def _last_gamma(gains: Sequence[Float64Array]) -> float | None:
-    """Return the distance of the last two gains; none before the second probe: G_0 = 0 does not vary."""
-    previous = gains[-2] if len(gains) > 1 else np.zeros_like(gains[-1])
-    return correlation_distance(previous, gains[-1])
+def _direction(vector: Float64Array, flat: NDArray[np.bool_]) -> Float64Array:
+    length = np.where(flat, 1.0, np.sqrt(_dot(vector, vector)))
+    return np.asarray(vector / length[..., None])
+
+
+def _dot(first: Float64Array, second: Float64Array) -> Float64Array:
+    return np.asarray((first[..., None, :] @ second[..., :, None])[..., 0, 0])
 
 
 @method(
@@ -119,7 +173,7 @@ def _last_gamma(gains: Sequence[Float64Array]) -> float | None:
     survivor="paper_guarded",
 )
 @dataclass(frozen=True)
-class PaperVerbatim:
+class PaperVerbatim(StopRule):
     """Stop when the correlation distance is not above ``threshold``; an undefined distance does not stop.
 
     Attributes:
@@ -128,11 +182,8 @@ class PaperVerbatim:
 
     threshold: float = 0.0005
 
-    def converged(self, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> StopState:
-        gamma = _last_gamma(gains)
-        if gamma is None:
-            return StopState(0.0, gamma_defined=False, converged=False)
-        return StopState(gamma, gamma_defined=True, converged=gamma <= self.threshold)
+    def check(self, step: BeliefStep) -> StopState:
+        return StopState(step.gamma, step.gamma <= self.threshold)
 
 
 @method(
@@ -144,7 +195,7 @@ class PaperVerbatim:
     survivor="posterior_threshold",
 )
 @dataclass(frozen=True)
-class PaperGuarded:
+class PaperGuarded(StopRule):
     """As :class:`PaperVerbatim`, and the posterior must have settled too.
 
     Attributes:
@@ -155,12 +206,9 @@ class PaperGuarded:
     threshold: float = 0.0005
     settled: float = 0.05
 
-    def converged(self, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> StopState:
-        state = PaperVerbatim(self.threshold).converged(posteriors, gains)
-        if not state.converged:
-            return state
-        still = total_variation(posteriors[-2], posteriors[-1]) <= self.settled
-        return StopState(state.gamma, gamma_defined=True, converged=still)
+    def check(self, step: BeliefStep) -> StopState:
+        still = total_variation(step.posterior, step.before) <= self.settled
+        return StopState(step.gamma, (step.gamma <= self.threshold) & still)
 
 
 @method(
@@ -172,17 +220,18 @@ class PaperGuarded:
     survivor="fixed_number",
 )
 @dataclass(frozen=True)
-class PosteriorThreshold:
+class PosteriorThreshold(StopRule):
     """Stop when one class is probable enough.
 
     Attributes:
         level: Posterior probability to reach (assumed).
     """
 
+    largest: ClassVar[float] = 1.0
     level: float = 0.95
 
-    def converged(self, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> StopState:
-        return StopState(0.0, gamma_defined=False, converged=bool(posteriors[-1].max() >= self.level))
+    def check(self, step: BeliefStep) -> StopState:
+        return _apart_from_gamma(step.posterior.max(axis=-1) >= self.level)
 
 
 @method(
@@ -193,7 +242,7 @@ class PosteriorThreshold:
     fails="easy trials take as many probes as hard ones",
 )
 @dataclass(frozen=True)
-class FixedNumber:
+class FixedNumber(StopRule):
     """Stop after a number of probes.
 
     Attributes:
@@ -202,8 +251,17 @@ class FixedNumber:
 
     count: int = 5
 
-    def converged(self, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> StopState:
-        return StopState(0.0, gamma_defined=False, converged=len(posteriors) >= self.count)
+    @property
+    def fewest_probes(self) -> int:
+        return self.count
+
+    def check(self, step: BeliefStep) -> StopState:
+        return _apart_from_gamma(np.full(step.posterior.shape[:-1], step.probe_count >= self.count))
+
+
+def _apart_from_gamma(converged: NDArray[np.bool_]) -> StopState:
+    """Return the state of a rule that does not go by the correlation distance."""
+    return StopState(np.full(np.shape(converged), np.nan), np.asarray(converged))
 
 
 def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -> StopRule:
@@ -218,20 +276,15 @@ def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -
         MethodError: No such rule.
         PerceptionError: The rule has no use for such a number, or never gets as many probes as it wants.
     """
-    kind = find("stop", name).target
-    own = fields(kind)[0]
+    kind: type[StopRule] = find("stop", name).target
+    own = fields(kind)[0]  # type: ignore[arg-type]
     whole = isinstance(own.default, int)
-    if (
-        not 0.0 <= value < np.inf
-        or (whole and value != int(value))
-        or (name == "posterior_threshold" and value > 1.0)
-    ):
+    if not 0.0 <= value < np.inf or (whole and value != int(value)) or value > kind.largest:
         raise PerceptionError(f"the stop rule '{name}' cannot have {own.name} = {value:g}")
-    rule: StopRule = kind() if value == 0.0 else kind(**{own.name: int(value) if whole else value})
-    wanted = rule.count if isinstance(rule, FixedNumber) else 1
-    if max_probes is not None and max_probes < wanted:
+    rule = kind() if value == 0.0 else kind(**{own.name: int(value) if whole else value})
+    if max_probes is not None and max_probes < rule.fewest_probes:
         raise PerceptionError(
-            f"max_probes is {max_probes}, but the stop rule '{name}' wants {wanted}; raise it"
+            f"max_probes is {max_probes}, but the stop rule '{name}' wants {rule.fewest_probes}; raise it"
         )
     return rule
 
@@ -247,8 +300,8 @@ def require_classes(name: str, class_count: int) -> None:
         MethodError: No such rule.
         PerceptionError: It goes by the correlation distance, and there are fewer than three classes.
     """
-    if class_count < _FEWEST and find("stop", name).target in (PaperVerbatim, PaperGuarded):
-        raise too_few(class_count)
+    flat = np.full(class_count, 1.0 / class_count)
+    stop_rule(name).check(BeliefStep.over(flat, flat, flat, 1))
 
 
 def decide(
@@ -262,8 +315,8 @@ def decide(
 
     Args:
         rule: The stop rule.
-        posteriors: P_1 .. P_t.
-        gains: G_1 .. G_t.
+        posteriors: P_1 .. P_t, each shape (m,); the prior P_0 is not among them.
+        gains: G_1 .. G_t of eq. (8), each shape (m,).
         max_probes: Probes after which a trial without convergence is ``undecided``.
 
     Raises:
@@ -273,10 +326,13 @@ def decide(
         raise PerceptionError(
             f"a verdict needs equal histories, not {len(posteriors)} and {len(gains)} probes"
         )
-    state = rule.converged(posteriors, gains)
-    best = int(np.argmax(posteriors[-1]))
+    state, count = rule.check(BeliefStep.last(posteriors, gains)), len(posteriors)
+    word: Literal["continue", "decided", "undecided"] = "continue"
     if state.converged:
-        return Verdict("decided", best, len(posteriors), state)
-    if len(posteriors) >= max_probes:
-        return Verdict("undecided", best, len(posteriors), state)
-    return Verdict("continue", best, len(posteriors), state)
+        word = "decided"
+    elif count >= max_probes:
+        word = "undecided"
+    defined = not np.isnan(state.gamma)
+    return Verdict(
+        word, int(np.argmax(posteriors[-1])), count, float(state.gamma) if defined else 0.0, defined
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.palpation.perception.strategy.markov_readings import Reading
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -113,7 +113,7 @@ def markov_policy(
     reading: Reading = "column",
     mixture: Literal["average", "posterior"] = "average",
     depths_m: Sequence[float] = (),
-) -> Markov:
+) -> MarkovPolicy:
     """Return the policy that follows a learnt chain, with its own first mean and sigma_S.
 
     Args:
@@ -128,7 +128,7 @@ def markov_policy(
     found = read_chains(path)
     if mixture == "posterior" and (not depths_m or len(found.chains) < 2):
         raise PerceptionError(f"{path}: mixture 'posterior' needs depths, and a chain learnt at each")
-    return Markov(
+    return MarkovPolicy(
         found.matrices(depths_m if mixture == "posterior" else ()),
         reading,
         mixture,

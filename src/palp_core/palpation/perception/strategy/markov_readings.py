@@ -16,7 +16,7 @@ import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.markov import stationary
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.units import Float64Array
 
 Reading = Literal["column", "gaussian_reset", "mean"]
@@ -62,7 +62,7 @@ def long_run(
         law = stationary(matrix)
         return LongRun(reading, tuple(law.tolist()), float(scale @ law), None)
     rings_m = tuple(float(i) for i in range(len(scale)))  # where the ring stands does not matter here
-    chain = Markov(
+    chain = MarkovPolicy(
         np.asarray(matrix)[None], reading, rings_m=rings_m, levels=tuple(scale.tolist()), sd_level=sd_level
     )
     means = [mean_level]

@@ -16,7 +16,6 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import expected_gains_bits
 from palp_core.palpation.perception.strategy.optimal import Optimum
-from palp_core.palpation.perception.strategy.policies_batch import start_batch, step_batch
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.units import Float64Array
 
@@ -124,8 +123,8 @@ def _beliefs(
     truth = np.repeat(np.arange(classes), trial_count)
     renewed, noise = np.array(model.renewed_by_move, dtype=bool), np.sqrt(model.noise[..., 0, 0])
     policy = InformationGainLatent(model, tuple(float(k) for k in range(settings)))
-    belief, unused = latent.start(model, truth.size), np.zeros(truth.size)
-    at, before = start_batch(policy, unused), np.full(truth.size, -1)
+    belief, before = latent.start(model, truth.size), np.full(truth.size, -1)
+    at = policy.start(rng.random, truth.size)
     offset = rng.standard_normal((truth.size, renewed.size)) * model.offset_sd
     found = []
     for t in range(most):
@@ -141,7 +140,7 @@ def _beliefs(
         found.append(belief.posterior.reshape(classes, trial_count, classes))
         before = at.level
         if t + 1 < most:
-            at = step_batch(policy, at, belief, unused)
+            at = policy.step(at, belief, rng.random)
     return np.array(found)
 
 

@@ -1,43 +1,62 @@
 """Which ring position to probe with next; exchangeable, task ``policy``.
 
-A policy is a frozen value. What it remembers is a :class:`PolicyState` of plain numbers that goes in and
-comes out, so that whoever drives it can store it, hand it over, or replay it. Every draw takes one uniform
-number from ``rng``.
+A policy is a frozen value. What it remembers is a :class:`RingChoice` that goes in and comes out, so that
+whoever drives it can store it, hand it over, or replay it. Arrays may have a leading dimension, one entry per
+trial: a batch of trials is led by the same lines as one.
+
+Chance comes in as ``uniform``, which a policy calls once where it draws, and not where it does not. In a node
+it is its generator's ``random``; policies compared on the same trials are given common random numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import method
-from palp_core.palpation.perception.belief.information import expected_gain_bits
+from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
 
+UniformDraw = Callable[[], ArrayLike]
+"""Returns a number in [0, 1) for each trial, shape (...)."""
 
-@dataclass(frozen=True)
-class PolicyState:
-    """What a policy remembers between two probes.
+
+@dataclass(frozen=True, eq=False)
+class RingChoice:
+    """Where to probe next, which is all a policy remembers between two probes.
 
     Attributes:
-        level: Index of the ring position in use.
-        mean_level: Mean co-contraction level of P_{S,t}; only two of the Markov readings use it.
-        renew: Whether to position the ring anew although it is there already, for a new landing error.
+        level: Index of the ring position, shape (...).
+        mean_level: Mean co-contraction level of P_{S,t}, shape (...); only two of the Markov readings use it.
+        renew: Whether to position the ring anew although it is there already, for a new landing error, shape
+            (...).
     """
 
-    level: int
-    mean_level: float = 0.0
-    renew: bool = False
+    level: NDArray[np.int64]
+    mean_level: Float64Array
+    renew: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, level: ArrayLike, *, mean_level: ArrayLike = 0.0, renew: ArrayLike = False) -> RingChoice:
+        """Return the choice of levels (...); what else there is to remember may be alike for all."""
+        index = np.asarray(level, dtype=np.int64)
+        means = np.broadcast_to(np.asarray(mean_level, dtype=np.float64), index.shape)
+        return cls(index, means, np.broadcast_to(np.asarray(renew, dtype=bool), index.shape))
+
+    def __getitem__(self, which: NDArray[np.bool_]) -> RingChoice:
+        """Return some of the trials."""
+        return RingChoice(self.level[which], self.mean_level[which], self.renew[which])
 
 
-class Policy(Protocol):
+class StiffnessPolicy(Protocol):
     """Chooses the first level of a trial and each next one."""
 
     @property
@@ -45,18 +64,34 @@ class Policy(Protocol):
         """Ring position of each level, m."""
         ...
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        """Return the state with the first level of a trial."""
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        """Return the first levels of trials side by side; None: a single one, no leading dimension."""
         ...
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        """Return the state with the next level, given the belief (m,) after the last probe."""
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        """Return the next levels, given the belief after the last probe."""
         ...
 
 
-def draw(probabilities: Float64Array, uniform: float) -> int:
-    """Return the index whose cumulated probability first exceeds ``uniform``, a number in [0, 1)."""
-    return min(int(np.searchsorted(np.cumsum(probabilities), uniform, side="right")), len(probabilities) - 1)
+def draw(probabilities: Float64Array, uniform: ArrayLike) -> NDArray[np.int64]:
+    """Return the first index whose cumulated probability exceeds a uniform number, shape (...).
+
+    Args:
+        probabilities: Shape (..., k) or (k,).
+        uniform: Numbers in [0, 1), shape (...).
+    """
+    below = np.cumsum(probabilities, axis=-1) <= np.asarray(uniform)[..., None]
+    return np.asarray(np.minimum(below.sum(axis=-1), probabilities.shape[-1] - 1), dtype=np.int64)
+
+
+def given(uniforms: ArrayLike) -> UniformDraw:
+    """Return the draw of numbers in [0, 1) that are known before, shape (...)."""
+    return lambda: uniforms
+
+
+def everywhere(level: int, trial_count: int | None) -> RingChoice:
+    """Return the choice of one level in all trials."""
+    return RingChoice.at(np.full(() if trial_count is None else trial_count, level))
 
 
 @method(
@@ -68,7 +103,7 @@ def draw(probabilities: Float64Array, uniform: float) -> int:
     survivor="uniform",
 )
 @dataclass(frozen=True)
-class Fixed:
+class FixedRing:
     """Keep one ring position for the whole trial.
 
     Attributes:
@@ -82,11 +117,11 @@ class Fixed:
         """The one position, m."""
         return (self.ring_m,)
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(0)
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        return everywhere(0, trial_count)
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        return state
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        return at
 
 
 @method(
@@ -98,7 +133,7 @@ class Fixed:
     survivor="information_gain",
 )
 @dataclass(frozen=True)
-class Uniform:
+class UniformRings:
     """Draw every ring position with equal probability, whatever was felt.
 
     Attributes:
@@ -107,11 +142,11 @@ class Uniform:
 
     rings_m: tuple[float, ...] = figure5.RINGS_M
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(int(rng.random() * len(self.rings_m)))
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        return RingChoice.at(np.asarray(uniform()) * len(self.rings_m))
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        return self.start(rng)
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        return self.start(uniform)
 
 
 @method(
@@ -123,7 +158,7 @@ class Uniform:
     survivor="information_gain",
 )
 @dataclass(frozen=True, eq=False)
-class Markov:
+class MarkovPolicy:
     """Follow a human's chain of co-contraction levels, eqs. (4) and (5).
 
     The source does not say how the two equations choose a level, so three readings are named:
@@ -167,67 +202,34 @@ class Markov:
         if not self.sd_level > 0.0:
             raise PerceptionError(f"sd_level is {self.sd_level}; it must be positive")
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
         """Draw the first level from P_{S,1}."""
-        level = draw(self.level_law(self.mean_level), rng.random())
-        return PolicyState(level, self.levels[level] if self.reading == "mean" else self.mean_level)
+        level = draw(self.level_law(self.mean_level), uniform())
+        mean = np.asarray(self.levels)[level] if self.reading == "mean" else self.mean_level
+        return RingChoice.at(level, mean_level=mean)
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        matrix = self.matrix(posterior)
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        matrix = self.matrix(belief.posterior)
         if self.reading == "column":
-            return PolicyState(draw(matrix[:, state.level], rng.random()), state.mean_level)
-        mean = float(np.asarray(self.levels) @ (matrix @ self.level_law(state.mean_level)))
+            columns = np.take_along_axis(matrix, at.level[..., None, None], axis=-1)[..., 0]
+            return RingChoice.at(draw(columns, uniform()), mean_level=at.mean_level)
+        levels = np.asarray(self.levels)
+        mean = (matrix @ self.level_law(at.mean_level)[..., None])[..., 0] @ levels
         if self.reading == "mean":
-            return PolicyState(int(np.argmin(np.abs(np.asarray(self.levels) - mean))), mean)
-        return PolicyState(draw(self.level_law(mean), rng.random()), mean)
+            return RingChoice.at(np.argmin(np.abs(levels - mean[..., None]), axis=-1), mean_level=mean)
+        return RingChoice.at(draw(self.level_law(mean), uniform()), mean_level=mean)
 
     def matrix(self, posterior: Float64Array) -> Float64Array:
-        """Return the mixture of the classes' matrices that applies under a belief, shape (n, n)."""
+        """Return the mixture of the classes' matrices under beliefs (..., m), shape (..., n, n)."""
         if self.mixture == "average":
-            return np.asarray(self.matrices.mean(axis=0))
-        if posterior.shape != (len(self.matrices),):
+            size = self.matrices.shape[1:]
+            return np.broadcast_to(self.matrices.mean(axis=0), (*posterior.shape[:-1], *size))
+        if posterior.shape[-1] != len(self.matrices):
             raise PerceptionError(f"the belief has shape {posterior.shape}, not ({len(self.matrices)},)")
         return np.asarray(np.tensordot(posterior, self.matrices, axes=1))
 
-    def level_law(self, mean: float) -> Float64Array:
-        """Return N(mean, sd_level) rounded to the nearest level, tails to the end levels; shape (n,)."""
+    def level_law(self, mean: ArrayLike) -> Float64Array:
+        """Return N(mean, sd_level) rounded to the nearest level, tails to the end levels, shape (..., n)."""
         levels = np.asarray(self.levels)
-        below = ndtr(((levels[:-1] + levels[1:]) / 2.0 - mean) / self.sd_level)
-        return np.diff(np.concatenate([[0.0], below, [1.0]]))
-
-
-@method(
-    task="policy",
-    name="information_gain",
-    cost_s=5e-4,
-    evidence="tests/palpation/perception/strategy/test_policies.py",
-    fails="readings of a trial that share an error: it returns to the position it is already over-sure of",
-    survivor="uniform",
-)
-@dataclass(frozen=True, eq=False)
-class InformationGain:
-    """Probe where the next reading is expected to tell most about the class (greedy, one step ahead).
-
-    Attributes:
-        mean: Mean reading of the memory primitives, shape (m, k).
-        sd: Standard deviation, shape (m, k).
-        rings_m: Ring position of each setting, m, shape (k,).
-    """
-
-    mean: Float64Array
-    sd: Float64Array
-    rings_m: tuple[float, ...] = figure5.RINGS_M
-
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        return self._best(np.full(len(self.mean), 1.0 / len(self.mean)))
-
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        return self._best(posterior)
-
-    def _best(self, belief: Float64Array) -> PolicyState:
-        gains = self.expected_gains_bits(belief)
-        return PolicyState(int(np.argmax(gains)))
-
-    def expected_gains_bits(self, belief: Float64Array) -> Sequence[float]:
-        """Return the expected information gain of each setting, bits, length k."""
-        return [expected_gain_bits(belief, self.mean[:, k], self.sd[:, k]) for k in range(self.mean.shape[1])]
+        below = ndtr(((levels[:-1] + levels[1:]) / 2.0 - np.asarray(mean)[..., None]) / self.sd_level)
+        return np.diff(below, prepend=0.0, append=1.0)

@@ -14,8 +14,10 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.methods import method
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import expected_gains_bits
+from palp_core.palpation.perception.belief.primitives import Primitives
+from palp_core.palpation.perception.belief.rig_noise import independent_model
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.policies import PolicyState
+from palp_core.palpation.perception.strategy.policies import RingChoice, UniformDraw, everywhere
 from palp_core.units import Float64Array
 
 _TIE = 1e-9  # bits, or bits per second; far below what one probe tells
@@ -70,11 +72,11 @@ class Reposition:
         """The one position, m."""
         return (self.ring_m,)
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(0)
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        return everywhere(0, trial_count)
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(0, renew=True)
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        return RingChoice.at(at.level, renew=True)
 
 
 @method(
@@ -106,11 +108,11 @@ class EmgDriven:
                     f"co-contraction level {level} has no ring position; there are {len(self.rings_m)}"
                 )
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(self.start_level if self.heard is None else self.heard)
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        return everywhere(self.start_level if self.heard is None else self.heard, trial_count)
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        return PolicyState(state.level if self.heard is None else self.heard)
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        return RingChoice.at(at.level if self.heard is None else np.full_like(at.level, self.heard))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +151,6 @@ class InformationGainLatent:
         per_second: Whether to weigh by time: bits per second instead of bits.
         timing: How long moves and sweeps take.
         node_count: Quadrature nodes per class.
-        history: Level of each probe of the trial, whether the ring landed anew for it, and its reading: for
-            :meth:`step`, whose caller knows the classes' belief only.
     """
 
     model: latent.OffsetModel
@@ -158,24 +158,15 @@ class InformationGainLatent:
     per_second: bool = False
     timing: Timing = Timing()
     node_count: int = 33
-    history: tuple[tuple[int, bool, float], ...] = ()
 
-    def start(self, rng: np.random.Generator) -> PolicyState:
-        level, _ = self.best(latent.start(self.model), None)
-        return PolicyState(int(level))
+    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
+        level, _ = self.best(latent.start(self.model, trial_count), None)
+        return RingChoice.at(level)
 
-    def step(self, state: PolicyState, posterior: Float64Array, rng: np.random.Generator) -> PolicyState:
-        """Return the next level from the classes' belief; what is known of the offsets is in the history."""
-        belief = latent.start(self.model)
-        for level, landed, reading in self.history:
-            belief = latent.update(self.model, belief, reading, level, landed)
-        log_class = np.log(np.maximum(posterior, 1e-300))
-        return self.follow(state, latent.Belief(log_class, belief.offset_mean, belief.offset_cov))
-
-    def follow(self, state: PolicyState, belief: latent.Belief) -> PolicyState:
-        """Return the next level from the belief about classes and offsets."""
-        level, renew = self.best(belief, state.level)
-        return PolicyState(int(level), renew=bool(renew))
+    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
+        """Return the next levels from what is known of the classes and of the model's offsets."""
+        level, renew = self.best(belief, at.level)
+        return RingChoice.at(level, renew=renew)
 
     def best(
         self, belief: latent.Belief, level: ArrayLike | None
@@ -226,3 +217,16 @@ class InformationGainLatent:
         means = np.stack([centre[..., 0] for centre, _ in found], axis=-2)
         sds = np.sqrt(np.stack([spread[..., 0, 0] for _, spread in found], axis=-2))
         return expected_gains_bits(belief.posterior, means, sds, node_count=self.node_count)
+
+
+@method(
+    task="policy",
+    name="information_gain",
+    cost_s=5e-4,
+    evidence="tests/palpation/perception/strategy/test_policies.py",
+    fails="readings of a trial that share an error: it returns to the position it is already over-sure of",
+    survivor="uniform",
+)
+def information_gain(primitives: Primitives) -> InformationGainLatent:
+    """Return the policy that takes every reading for independent: plain information gain, one step ahead."""
+    return InformationGainLatent(independent_model(primitives), tuple(primitives.rings_m.tolist()))

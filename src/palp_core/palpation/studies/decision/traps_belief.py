@@ -12,7 +12,7 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit
-from palp_core.palpation.perception.belief.stopping import PaperGuarded, PaperVerbatim, StopRule
+from palp_core.palpation.perception.belief.stopping import BeliefStep, PaperGuarded, PaperVerbatim, StopRule
 from palp_core.palpation.perception.strategy import markov
 from palp_core.palpation.studies.decision.trap import Trap
 from palp_core.units import Float64Array
@@ -36,7 +36,8 @@ def naive_stop(posteriors: Sequence[Float64Array]) -> bool:
 def our_stop(rule: StopRule, posteriors: Sequence[Float64Array]) -> bool:
     """Tell whether a rule stops."""
     prior = np.full(posteriors[0].size, 1.0 / posteriors[0].size)
-    return rule.converged(posteriors, [gain_vector(p, prior) for p in posteriors]).converged
+    gains = [gain_vector(p, prior) for p in posteriors]
+    return bool(rule.check(BeliefStep.last(posteriors, gains)).converged)
 
 
 def _stops(stop: Any) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import pywt
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.signal.features import peak
@@ -15,7 +16,7 @@ from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream, WaveletStreamState
 from palp_core.palpation.perception.statistics.anova import NotTestable, two_way
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.decision.trap import Trap
 from palp_core.units import Float64Array
 
@@ -77,13 +78,13 @@ def _stream_apart() -> float:
 
 
 def _visited(reading: str) -> int:
-    policy = Markov(reading=reading)  # type: ignore[arg-type]
-    rng, flat = np.random.default_rng(0), np.full(3, 1 / 3)
-    state = policy.start(rng)
+    policy = MarkovPolicy(reading=reading)  # type: ignore[arg-type]
+    rng, flat = np.random.default_rng(0), latent.of_classes(np.full(3, 1 / 3))
+    at = policy.start(rng.random)
     levels = []
     for _ in range(40):
-        state = policy.step(state, flat, rng)
-        levels.append(state.level)
+        at = policy.step(at, flat, rng.random)
+        levels.append(int(at.level))
     return len(set(levels[5:]))
 
 
@@ -235,7 +236,7 @@ TRAPS = (
         "exp(+x^2 / 2 sigma^2)",
         "exp(-x^2 / 2 sigma^2)",
         _printed_law,
-        lambda: Markov().level_law(0.3),
+        lambda: MarkovPolicy().level_law(0.3),
         lambda found: not isinstance(found, Exception) and int(np.argmax(found)) == 2,
         _law,
     ),

@@ -10,7 +10,7 @@ import numpy as np
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim, PosteriorThreshold
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.policies import Uniform
+from palp_core.palpation.perception.strategy.policies import UniformRings
 from palp_core.palpation.studies.simulation.conditions import Conditions, draw, train
 from palp_core.palpation.studies.simulation.policies import (
     NAMES,
@@ -116,7 +116,12 @@ def grid_session(job: GridJob) -> dict[str, Float64Array]:
     found = {}
     for name, model in (("naive", naive), ("latent", aware)):
         ended = run_trials(
-            job.grid_touch, conditions, draws, model, Uniform(STIFF_M), FixedNumber(conditions.max_probes)
+            job.grid_touch,
+            conditions,
+            draws,
+            model,
+            UniformRings(STIFF_M),
+            FixedNumber(conditions.max_probes),
         )
         found[f"uniform_stiff, {name} filter"] = _squared(ended.expected_m, truth)
     return found

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 
@@ -34,10 +34,10 @@ class RobustnessCell:
         """Factor and value."""
         return f"{self.factor}: {self.value}" if self.factor else "centre"
 
-    def markov(self) -> Markov:
+    def markov(self) -> MarkovPolicy:
         """Return the human strategy as this cell reads it."""
         kind, reading, mixture = self.chain
-        return Markov(figure5.matrices(kind), reading=reading, mixture=mixture)  # type: ignore[arg-type]
+        return MarkovPolicy(figure5.matrices(kind), reading=reading, mixture=mixture)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold, StopRule
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.perception.strategy.policies import Markov
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.studies.robustness.cells import RobustnessCell
 from palp_core.palpation.studies.simulation.policies import (
@@ -134,7 +134,7 @@ def _run(
     return run_policy(asked, session, design.stop, filter_name=design.filter_name)
 
 
-def chain_outcomes(chain: Markov, session: SimulatedSession, design: FilterDesign) -> Outcomes:
+def chain_outcomes(chain: MarkovPolicy, session: SimulatedSession, design: FilterDesign) -> Outcomes:
     """Return what a chain does in a session."""
     model = session.naive if design.filter_name == "naive" else session.latent
     return run_trials(session.table, session.conditions, session.draws, model, chain, design.stop)
@@ -182,7 +182,7 @@ def family_shares(job: FamilyJob) -> Float64Array:
     sessions = [begin_session(felt, job.cell.conditions, seed) for seed in job.seeds]
     return np.array(
         [
-            accuracies([chain_outcomes(Markov(each), one, DESIGNS["paper"]) for one in sessions])
+            accuracies([chain_outcomes(MarkovPolicy(each), one, DESIGNS["paper"]) for one in sessions])
             for each in job.matrices
         ]
     )

@@ -16,7 +16,12 @@ from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.rig_noise import independent_model
 from palp_core.palpation.perception.belief.stopping import FixedNumber, StopRule
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.perception.strategy.policies import Fixed, Markov, Policy, Uniform
+from palp_core.palpation.perception.strategy.policies import (
+    FixedRing,
+    MarkovPolicy,
+    StiffnessPolicy,
+    UniformRings,
+)
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Reposition
 from palp_core.palpation.studies.simulation.conditions import (
     Conditions,
@@ -142,7 +147,7 @@ def _order(count: int, rng: np.random.Generator) -> tuple[int, ...]:
             return order
 
 
-def policy(name: str, session: SimulatedSession, *, per_second: bool = False) -> Policy:
+def policy(name: str, session: SimulatedSession, *, per_second: bool = False) -> StiffnessPolicy:
     """Return a policy by the name it has in every table.
 
     Args:
@@ -155,18 +160,18 @@ def policy(name: str, session: SimulatedSession, *, per_second: bool = False) ->
     """
     rings_m = session.table.gel.rings_m
     if name.startswith("fixed_") and name.removeprefix("fixed_").replace(".", "").isdigit():
-        return Fixed(round(float(name.removeprefix("fixed_")) * 1e-3, 9))
+        return FixedRing(round(float(name.removeprefix("fixed_")) * 1e-3, 9))
     if name.startswith("markov"):
         return _chain(name, session)
     match name:
         case "fixed_best" | "best_single_probe":
-            return Fixed(session.best_ring_m)
+            return FixedRing(session.best_ring_m)
         case "reposition_best":
             return Reposition(session.best_ring_m)
         case "uniform":
-            return Uniform(rings_m)
+            return UniformRings(rings_m)
         case "uniform_stiff":
-            return Uniform(STIFF_M)
+            return UniformRings(STIFF_M)
         case "information_gain":
             return InformationGainLatent(session.naive, rings_m, per_second=per_second)
         case "information_gain_latent":
@@ -174,21 +179,21 @@ def policy(name: str, session: SimulatedSession, *, per_second: bool = False) ->
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(NAMES)}")
 
 
-def _chain(name: str, session: SimulatedSession) -> Markov:
-    matrix = Markov().matrices.mean(axis=0)
+def _chain(name: str, session: SimulatedSession) -> MarkovPolicy:
+    matrix = MarkovPolicy().matrices.mean(axis=0)
     match name:
         case "markov":
-            return Markov()
+            return MarkovPolicy()
         case "markov_stationary":
-            return Markov(markov.independent(matrix)[None])
+            return MarkovPolicy(markov.independent(matrix)[None])
         case "markov_reversed":
-            return Markov(markov.time_reversed(matrix)[None])
+            return MarkovPolicy(markov.time_reversed(matrix)[None])
         case "markov_permuted":
-            return Markov(markov.permuted(matrix, session.order)[None])
+            return MarkovPolicy(markov.permuted(matrix, session.order)[None])
         case "markov_gaussian_reset":
-            return Markov(reading="gaussian_reset")
+            return MarkovPolicy(reading="gaussian_reset")
         case "markov_mean":
-            return Markov(reading="mean")
+            return MarkovPolicy(reading="mean")
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(NAMES)}")
 
 

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
 from palp_core.palpation.perception.belief import latent
-from palp_core.palpation.perception.belief.stopping import StopRule
-from palp_core.palpation.perception.belief.stopping_batch import Step, converged_batch
-from palp_core.palpation.perception.strategy.policies import Fixed, Policy
-from palp_core.palpation.perception.strategy.policies_batch import Levels, start_batch, step_batch
+from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
+from palp_core.palpation.perception.strategy.policies import FixedRing, StiffnessPolicy, given
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Timing
 from palp_core.palpation.studies.simulation.conditions import Conditions, Draws
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable
@@ -56,7 +54,7 @@ def run_trials(
     conditions: Conditions,
     draws: Draws,
     model: latent.OffsetModel,
-    policy: Policy,
+    policy: StiffnessPolicy,
     stop: StopRule,
     *,
     timing: Timing | None = None,
@@ -74,7 +72,7 @@ def run_trials(
 
     Raises:
         PalpError: The policy asks for a ring position that the rig was not trained at.
-        PerceptionError: Policy or stop rule has no batch form.
+        PerceptionError: The stop rule cannot decide among so few classes.
     """
     timing = timing or Timing()
     slot = _slots(policy, table)
@@ -85,7 +83,7 @@ def run_trials(
     belief = latent.start(model, count)
     knows = isinstance(policy, InformationGainLatent) and policy.model is not model
     own = latent.start(policy.model, count) if isinstance(policy, InformationGainLatent) else belief
-    at = start_batch(policy, draws.uniforms[:, 0])
+    at = policy.start(given(draws.uniforms[:, 0]), count)
     end_posterior = np.tile(prior, (count, 1))
     posteriors = np.zeros((most, count, len(depths_m)))
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
@@ -102,7 +100,7 @@ def run_trials(
             landing = draws.level_landing_m[ring]
         else:  # a fixed ring lands before its first probe only
             landing = (
-                draws.fixed_landing_m[active] if isinstance(policy, Fixed) else draws.landing_m[active, t]
+                draws.fixed_landing_m[active] if isinstance(policy, FixedRing) else draws.landing_m[active, t]
             )
         error_m[active] = np.where(moved, landing, error_m[active])
         felt = draws.bias_n_m + table.reading(
@@ -117,7 +115,7 @@ def run_trials(
         else:
             own = belief
         posterior = belief.posterior
-        halt = converged_batch(stop, Step(posterior, end_posterior[active], prior, t + 1))
+        halt = stop.check(BeliefStep.over(prior, posterior, end_posterior[active], t + 1)).converged
         end_posterior[active], probes[active] = posterior, t + 1
         decided[active] = halt
         posteriors[t] = end_posterior
@@ -125,8 +123,8 @@ def run_trials(
         if t + 1 == most or not going.any():
             posteriors[t + 1 :] = end_posterior
             break
-        active, belief, own, at = active[going], _keep(belief, going), _keep(own, going), _at(at, going)
-        at = step_batch(policy, at, own, draws.uniforms[active, t + 1])
+        active, belief, own = active[going], belief[going], own[going]
+        at = policy.step(at[going], own, given(draws.uniforms[active, t + 1]))
     estimate = np.argmax(end_posterior, axis=1)
     return Outcomes(
         draws.depth,
@@ -141,7 +139,7 @@ def run_trials(
     )
 
 
-def _slots(policy: Policy, table: ReadingTable) -> NDArray[np.int64]:
+def _slots(policy: StiffnessPolicy, table: ReadingTable) -> NDArray[np.int64]:
     """Return the trained setting of each level of the policy."""
     away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(table.gel.rings_m))
     if (away.min(axis=1) > 1e-9).any():
@@ -161,11 +159,3 @@ def _travel_s(
     first = (rings_m[ring] + timing.home_m) / timing.ring_m_per_s + timing.settle_s
     way = np.where(renew, timing.renew_s(rings_m[ring]), timing.move_s(rings_m[here], rings_m[ring]))
     return np.where(here < 0, first, way)
-
-
-def _keep(belief: latent.Belief, which: NDArray[np.bool_]) -> latent.Belief:
-    return latent.Belief(belief.log_class[which], belief.offset_mean[which], belief.offset_cov[which])
-
-
-def _at(levels: Levels, which: NDArray[np.bool_]) -> Levels:
-    return Levels(levels.level[which], levels.mean_level[which], levels.renew[which])
