@@ -12,6 +12,7 @@ import pytest
 
 from palp_core.errors import GraphError, LifecycleError, NodeError
 from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
@@ -231,6 +232,16 @@ def test_a_handler_that_raises_names_itself_and_brings_the_node_to_its_safe_stat
     drive.executor.run_timers()
     drive.executor.transition(Transition.SHUTDOWN)
     assert drive.node.state.log[-1] == "deactivate"
+
+
+def test_the_journal_of_a_node_that_failed_ends_with_the_message_it_failed_on() -> None:
+    drive = Drive(Everything, **WIRED)
+    (subscription,) = drive.executor.ends.subscriptions["/p/word"]
+    frame = parse(pack(b"/p/word", Kind.DATA, 0, 1, 0, schema_of(Word).type_hash, encode(Word(n=-1))))
+    with pytest.raises(NodeError, match="below 0"):
+        drive.executor.deliver(subscription, 0, *frame[1:])
+    (order,) = drive.sent("/n/_order", Order)
+    assert order.sources[order.source[-1]] == "input:word"
 
 
 def test_a_hook_that_raises_while_the_node_fails_does_not_stop_the_others() -> None:

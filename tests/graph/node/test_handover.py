@@ -160,13 +160,13 @@ class Run:
 
     def swap(self, *, waiting: list[bytes] | None = None) -> HandOver:
         """Let another executor take over, through bytes."""
-        self.executor.pause()
+        self.executor.succession.pause()
         for frame in waiting or []:
             self.executor.consume(frame)
-        data = encode_any(self.executor.hand_over())
+        data = encode_any(self.executor.succession.hand_over())
         self.executor = self.fresh()
         hand_over = decode_any(HandOver, data)
-        self.executor.take_over(hand_over)
+        self.executor.succession.take_over(hand_over)
         while self.executor.inbox:
             self.executor.consume(self.executor.inbox.popleft())
         return hand_over
@@ -257,7 +257,7 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
     executor.transition(Transition.CONFIGURE)
     topics = {"input:left": "/w/left", "input:right": "/w/right", "reply:ask": "/w/srv/busy/ask"}
     if orders[start].hand_over:
-        executor.take_over(decode_any(HandOver, orders[start].hand_over))
+        executor.succession.take_over(decode_any(HandOver, orders[start].hand_over))
     for order in orders[start:]:
         for source, sequence, now_ns in zip(order.source, order.sequence, order.now_ns, strict=True):
             name = order.sources[source]
@@ -359,7 +359,7 @@ def test_arrays_in_the_state_can_be_written_after_a_hand_over() -> None:
 def test_only_an_inactive_node_can_take_over() -> None:
     run = Run()
     with pytest.raises(LifecycleError):
-        run.executor.take_over(run.executor.hand_over())
+        run.executor.succession.take_over(run.executor.succession.hand_over())
 
 
 def test_a_generator_continues_from_its_text() -> None:
@@ -401,7 +401,10 @@ class Renamed(State):
 
 def _hand_over(state: State, node_class: str = "m:C", version: int = 1) -> HandOver:
     return msgspec.structs.replace(
-        Run().executor.hand_over(), state=encode_any(state), node_class=node_class, state_version=version
+        Run().executor.succession.hand_over(),
+        state=encode_any(state),
+        node_class=node_class,
+        state_version=version,
     )
 
 
@@ -470,5 +473,7 @@ def test_a_refused_hand_over_leaves_the_successor_inactive() -> None:
     run = Run()
     successor = run.fresh(Successor)
     with pytest.raises(SchemaMismatch):
-        successor.take_over(msgspec.structs.replace(run.executor.hand_over(), state=b"\xc1"))
+        successor.succession.take_over(
+            msgspec.structs.replace(run.executor.succession.hand_over(), state=b"\xc1")
+        )
     assert successor.lifecycle.value == "inactive"

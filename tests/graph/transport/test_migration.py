@@ -6,8 +6,7 @@ from collections import defaultdict
 
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import encode_any
-from palp_core.graph.transport.migration import Migration, Unordered
-from palp_core.graph.transport.moves import Move
+from palp_core.graph.transport.migration import Migration, Move, Unordered
 
 TOPIC = "/a/b"
 

@@ -84,6 +84,7 @@ def encode(message: Message) -> bytes:
 
 
 _DECODERS: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
+_NOT_DECODED = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
 def _decoder(cls: type[T], writable: bool) -> msgspec.msgpack.Decoder[T]:
@@ -102,8 +103,24 @@ def decode_any(cls: type[T], data: bytes | memoryview, *, writable: bool = False
     """
     try:
         return _decoder(cls, writable).decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except _NOT_DECODED as error:
         raise SchemaMismatch(f"not a {cls.__name__}: {error}") from error
+
+
+def decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], M]:
+    """Return :func:`decode` for one type of message, where many of them come."""
+    decode_plain, check = _decoder(cls, writable=False).decode, schema_of(cls).check
+
+    def decode_checked(data: bytes | memoryview) -> M:
+        try:
+            message = decode_plain(data)
+        except _NOT_DECODED as error:
+            raise SchemaMismatch(f"not a {cls.__name__}: {error}") from error
+        if check is not None:
+            check(message)
+        return message
+
+    return decode_checked
 
 
 def decode(cls: type[M], data: bytes | memoryview) -> M:
@@ -113,17 +130,4 @@ def decode(cls: type[M], data: bytes | memoryview) -> M:
         SchemaMismatch: Missing field, wrong type, a value out of its unit's bounds, NaN where bounds are
         given.
     """
-    message = decode_any(cls, data)
-    check = schema_of(cls).check
-    if check is not None:
-        check(message)
-    return message
-
-
-DECODE_ERRORS = (msgspec.DecodeError, UnicodeDecodeError, RecursionError, SchemaMismatch)
-"""What a decoder and a check may raise."""
-
-
-def plain_decoder(cls: type[M]) -> Callable[[bytes | memoryview], M]:
-    """Return the function that decodes a message type and checks no bounds of arrays."""
-    return _decoder(cls, writable=False).decode
+    return decoder_of(cls)(data)

@@ -150,7 +150,7 @@ class Bench(Generic[N]):
 
     def hand_over(self) -> HandOver:
         """Return the node's hand-over at this instant."""
-        return self.executor.hand_over()
+        return self.executor.succession.hand_over()
 
     def _decode(self, message: type[M], name: str) -> list[M]:
         parsed = [parse(frame) for frame in self.frames]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 import msgspec
@@ -61,14 +62,14 @@ class Bindings:
         self, declared: Declaration, spec: NodeSpec, owner: Owner, guard: Guard, send: Callable[[bytes], None]
     ) -> None:
         self.publishers: dict[str, PublisherEnd[Any]] = {}
-        self.inputs: dict[str, list[Subscription]] = {}
+        self.subscriptions: dict[str, list[Subscription]] = {}
         self.timers: dict[str, TimedEnd] = {}
         self._spec, self._owner, self._send, self._guard = spec, owner, send, guard
         self.services = {name: guard(name, declared.handlers[name]) for name in declared.services}
         handlers = {name: guard(name, handler) for name, handler in declared.handlers.items()}
         self._bind_timers(declared, handlers)
-        self._bind_topics(declared, handlers)
-        self._bind_services(declared, handlers)
+        self._bind_topics(declared)
+        self._bind_services(declared)
 
     def publisher(self, name: str, message: type[Message], qos: Qos) -> PublisherEnd[Any]:
         """Add an output."""
@@ -76,8 +77,8 @@ class Bindings:
         self.publishers[name] = made
         return made
 
-    def _wire(self, name: str, wired: Subscription) -> None:
-        self.inputs.setdefault(name, []).append(wired)
+    def _subscribe(self, subscription: Subscription) -> None:
+        self.subscriptions.setdefault(subscription.topic, []).append(subscription)
 
     def _event(self, kind: EventKind, port: str, name: str, declared: Declaration) -> EventEnd:
         handler = declared.event_handlers.get(port)
@@ -92,7 +93,7 @@ class Bindings:
         self.timers[end.name] = end
         return end
 
-    def _bind_topics(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
+    def _bind_topics(self, declared: Declaration) -> None:
         spec, ends = self._spec, self._owner.node.__dict__
         for name, pub in declared.pubs.items():
             ends[name] = self.publisher(topic(spec.name, name), pub.message, pub.qos)
@@ -102,18 +103,19 @@ class Bindings:
             source, qos = spec.inputs[name], spec.qos.get(name, sub.qos)
             if name in spec.external:
                 self.publisher(source, sub.message, qos)
-            wired = Subscription(f"input:{name}", name, sub.message, handlers[name], qos)
-            wired.handler = declared.handlers[name]
-            self._wire(source, wired)
-            wired.message_lost = self._event("message_lost", name, source, declared)
+            subscription = Subscription(
+                source, f"input:{name}", name, sub.message, declared.handlers[name], qos
+            )
+            self._subscribe(subscription)
+            subscription.message_lost = self._event("message_lost", name, source, declared)
             if qos.deadline_ms:
-                wired.deadline = self._event("deadline", name, source, declared)
+                subscription.deadline = self._event("deadline", name, source, declared)
             if qos.lifespan_ms:
-                wired.lifespan = self._event("lifespan", name, source, declared)
+                subscription.lifespan = self._event("lifespan", name, source, declared)
             if qos.lease_ms:
                 self._event("liveliness", name, source, declared)
 
-    def _bind_services(self, declared: Declaration, handlers: dict[str, Callable[..., Any]]) -> None:
+    def _bind_services(self, declared: Declaration) -> None:
         """A client's requests are a topic of its own; the replies to it are a topic of the server's."""
         spec, ends = self._spec, self._owner.node.__dict__
         for name, client in declared.clients.items():
@@ -131,16 +133,21 @@ class Bindings:
             )
             self._event("call_timeout", name, spec.inputs.get(name, own), declared)
             if name in spec.inputs:
-                answers = ReplySubscription(f"reply:{name}", name, client.reply, handlers[name], SERVICE)
-                answers.end = end
-                self._wire(spec.inputs[name] + own, answers)
+                answers = spec.inputs[name] + own
+                replies = ReplySubscription(
+                    answers, f"reply:{name}", name, client.reply, declared.handlers[name], SERVICE
+                )
+                replies.end = end
+                self._subscribe(replies)
         for name, service in declared.services.items():
             for client_topic in spec.requests.get(name, []):
                 source = f"call:{name}{client_topic}"
-                calls = RequestSubscription(source, name, service.request, lambda _: None, SERVICE)
+                calls = RequestSubscription(
+                    client_topic, source, name, service.request, declared.handlers[name], SERVICE
+                )
                 calls.reply = self.publisher(topic(spec.name, name) + client_topic, service.reply, SERVICE)
-                calls.handle = self._guard(name, _answer(declared.handlers[name], calls))
-                self._wire(client_topic, calls)
+                calls.handler = _answer(calls.handler, calls)
+                self._subscribe(calls)
 
     def _given_up(self, name: str) -> Callable[[int], None]:
         def count(change: int) -> None:
@@ -163,18 +170,21 @@ class Bindings:
 
     def sources(self) -> list[str]:
         """Return the name of everything that the node can consume."""
-        wired = [wired.source for inputs in self.inputs.values() for wired in inputs]
-        return [*wired, *(f"timer:{name}" for name in self.timers), *(f"outside:{n}" for n in self.services)]
+        read = [subscription.source for subscription in self._all_subscriptions()]
+        return [*read, *(f"timer:{name}" for name in self.timers), *(f"outside:{n}" for n in self.services)]
+
+    def _all_subscriptions(self) -> Iterator[Subscription]:
+        return itertools.chain.from_iterable(self.subscriptions.values())
 
     @property
     def accounts(self) -> dict[str, SequenceAccount]:
         """Account of every input topic."""
-        return {name: inputs[0].account for name, inputs in self.inputs.items()}
+        return {name: subscriptions[0].account for name, subscriptions in self.subscriptions.items()}
 
     @property
     def topic_of_source(self) -> dict[str, str]:
-        """Topic behind each input, reply or call that the node's order names."""
-        return {wired.source: name for name, inputs in self.inputs.items() for wired in inputs}
+        """Topic behind each input, reply or call that the node's journal names."""
+        return {subscription.source: subscription.topic for subscription in self._all_subscriptions()}
 
     def counts(self) -> dict[str, int]:
         """Return how many ticks, overruns and missed deadlines there were, over all timers and inputs."""
@@ -215,8 +225,8 @@ class Bindings:
             else:
                 end.resume(hand_over.calls.get(name, []))
         for name, counter in hand_over.consumed.items():
-            for wired in self.inputs.get(name, []):
-                wired.account = msgspec.structs.replace(counter)
+            for subscription in self.subscriptions.get(name, []):
+                subscription.account = msgspec.structs.replace(counter)
         for name, out in self.publishers.items():
             out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
             out.idle_until_next = name in hand_over.idle

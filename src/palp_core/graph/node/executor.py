@@ -13,25 +13,25 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from palp_core.errors import NodeError, SchemaMismatch
+import msgspec
+
+from palp_core.errors import NodeError, SchemaMismatch, in_words
 from palp_core.graph.clock import Clock
 from palp_core.graph.messages.builtin import NodeEvent, Order
-from palp_core.graph.messages.frame import Frame, parse
-from palp_core.graph.messages.message import DECODE_ERRORS, encode_any
+from palp_core.graph.messages.frame import Frame, parse, raw_of
+from palp_core.graph.messages.message import encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.bindings import Bindings
 from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
-from palp_core.graph.node.failing import Failing
-from palp_core.graph.node.handover import HandOver, first_state
+from palp_core.graph.node.handover import VERSION, HandOver, adopt_state, first_state
 from palp_core.graph.node.journal import ORDER_PORT, Journal
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
-from palp_core.graph.node.node import Node, declaration_of
+from palp_core.graph.node.node import Node, Params, State, class_name, declaration_of
 from palp_core.graph.node.params import load_params
 from palp_core.graph.node.qos_events import EventEnd
-from palp_core.graph.node.rng import rng_of
+from palp_core.graph.node.rng import rng_from_text, rng_of, rng_to_text
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import Subscription
-from palp_core.graph.node.succession import hand_over_of, leave, snapshot, take_over
 
 
 class Executor:
@@ -48,7 +48,7 @@ class Executor:
         resend: Takes a frame that is sent again.
         send_pieces: Takes the topic and the pieces of a large message; None: it is sent whole.
         swaps: Every time the node has changed hands.
-        paused: At a boundary, until it is clear who goes on.
+        succession: Its change of hands.
 
     Raises:
         GraphError: The parameters do not fit the class.
@@ -63,7 +63,6 @@ class Executor:
         self.exit_code: int | None = None
         self.epoch = spec.epoch
         self.publishing = False
-        self.paused = False
         self.swaps: list[dict[str, Any]] = []
         self.log = logging.getLogger(f"palp.{spec.name}")
         self.inbox: deque[Frame] = deque()
@@ -78,17 +77,18 @@ class Executor:
         self.node.params = load_params(self.declaration, spec.params, self.name)
         self.node.state = first_state(self.declaration.state, self.name)
         self.failing = Failing(self)
+        self.succession = Succession(self)
         self.ends = Bindings(self.declaration, spec, self, self.failing.guard, send)
         told = self.ends.publisher(topic(self.name, EVENTS_PORT), NodeEvent, Qos(depth=100))
         self.events = EventPublisher(told, self.log, self)
-        self.order = Journal(
+        self.journal = Journal(
             self.ends.publisher(topic(self.name, ORDER_PORT), Order, Qos(depth=1)),
             self.ends.sources(),
-            lambda: encode_any(snapshot(self)),
+            lambda: encode_any(self.succession.snapshot()),
         )
-        for inputs in self.ends.inputs.values():
-            for wired in inputs:
-                wired.index = self.order.index_of(wired.source)
+        for subscriptions in self.ends.subscriptions.values():
+            for subscription in subscriptions:
+                subscription.index = self.journal.index_of(subscription.source)
 
     def now_ns(self) -> int:
         """Return the time of the present handler."""
@@ -111,20 +111,20 @@ class Executor:
         """
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.FINALIZED:
             return
-        self.resume()
+        self.succession.resume()
         target = successor(self.lifecycle, transition)
         self._now_ns = self._clock.now_ns()
         if transition is Transition.ACTIVATE:
             self.publishing = True
             for end in self.ends.timers.values():
                 end.begin(self._now_ns)
-            self.state_bytes()  # a state that cannot be handed over is found now, not at the first swap
-        noted = self.order.note_transition(transition, self._now_ns)
+            self.succession.state_bytes()  # one that cannot be handed over is found now, not at a swap
+        noted = self.journal.note_transition(transition, self._now_ns)
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.ACTIVE:
             self.failing.hook("on_deactivate")
         self.failing.hook(f"on_{transition.value}")
         if transition in (Transition.DEACTIVATE, Transition.SHUTDOWN):
-            self.order.flush(self._now_ns)
+            self.journal.flush(self._now_ns)
             self.publishing = False
         before, self.lifecycle = self.lifecycle, target
         if noted:
@@ -158,81 +158,178 @@ class Executor:
         """
         end = self.ends.timers[name]
         self._now_ns = self._clock.now_ns()
-        self.order.prepare(self._now_ns)
+        self.journal.prepare(self._now_ns)
         k = end.tick()
         if recorded is not None and isinstance(end, EventEnd):
             end.recall(recorded)
             k = recorded
-        self.order.note(f"timer:{name}", 0, k, self._now_ns)
+        self.journal.note(f"timer:{name}", 0, k, self._now_ns)
         end.handle()
         return k
 
     def consume(self, raw: bytes | Frame) -> None:
-        """Take one frame: account for it, decode it, run its handlers.
-
-        A frame that is not what the edge carries is counted in ``rejected_count``, logged and dropped.
+        """Take one frame; one that comes before the node is active waits in the inbox.
 
         Raises:
             NodeError: A handler failed.
         """
         try:
             frame = raw if isinstance(raw, Frame) else parse(raw)
-            if self.lifecycle is not Lifecycle.ACTIVE:
-                self.inbox.append(frame)
-                return
-            if self.exit_code is not None:
-                return
-            self._now_ns = self._clock.now_ns()
-            self.order.prepare(self._now_ns)
-            inputs = self.ends.inputs.get(frame.topic)
-            if not inputs:
-                raise SchemaMismatch(f"topic {frame.topic} is not an input of {self.name}")
-            messages = [(wired, wired.accept(frame, self._now_ns)) for wired in inputs]
         except SchemaMismatch as error:
             self.events.reject(error)
             return
-        for wired, message in messages:
-            if message is not None:
-                self.order.note(wired.source, frame.epoch, frame.sequence, self._now_ns)
-                wired.handle(message)
+        if self.lifecycle is not Lifecycle.ACTIVE:
+            self.inbox.append(frame)
+            return
+        if self.exit_code is not None:
+            return
+        subscriptions = self.ends.subscriptions.get(frame.topic)
+        if not subscriptions:
+            self.events.reject(SchemaMismatch(f"topic {frame.topic} is not an input of {self.name}"))
+            return
+        now_ns = self._clock.now_ns()
+        for subscription in subscriptions:
+            if not self.deliver(subscription, now_ns, *frame[1:]):
+                return  # another subscription to the topic would say the same of it
 
-    def take(self, wired: Subscription, epoch: int, sequence: int, payload: memoryview, now_ns: int) -> None:
-        """Consume the next message of an edge on which nothing is missing: the short way of :meth:`consume`.
+    def deliver(
+        self,
+        subscription: Subscription,
+        now_ns: int,
+        kind: int,
+        epoch: int,
+        sequence: int,
+        stamp_ns: int,
+        type_hash: int,
+        payload: memoryview,
+        rest: tuple[memoryview, ...] = (),
+    ) -> bool:
+        """Account for a message that is due at an active node, write it down and hand it to its handler.
 
-        What can wait until the handler has seen the message waits.
+        Every message comes this way, in lockstep, on the wall clock and on a test bench. One that is not what
+        the edge carries is counted in ``rejected_count``, logged and dropped.
+
+        Returns:
+            False if the message was rejected.
 
         Raises:
-            NodeError: A handler failed.
+            NodeError: The handler failed.
         """
-        if now_ns >= self.order.next_snapshot_ns:
-            self.order.begin(now_ns)
-        try:
-            message = wired.decode(payload)
-            if wired.check is not None:
-                wired.check(message)
-        except DECODE_ERRORS as error:
-            self.events.reject(SchemaMismatch(f"not a {wired.message.__name__}: {error}"))
-            return
         self._now_ns = now_ns
+        journal = self.journal
+        if now_ns >= journal.next_snapshot_ns:
+            journal.begin(now_ns)
         try:
-            wired.handler(self.node, message)
-        except (Exception, SystemExit) as error:
-            raise self.failing.failed(wired.port, wired.handler.__name__, error) from error
-        finally:
-            self.order.note_index(wired.index, epoch, sequence, now_ns)
-            counter = wired.account
-            if sequence == counter.sequence + 1:
-                counter.sequence = sequence
-                counter.received += 1
-            else:
-                wired.skip_to(sequence, now_ns)
+            message = subscription.accept(kind, epoch, sequence, stamp_ns, type_hash, payload, rest, now_ns)
+        except SchemaMismatch as error:
+            self.events.reject(error)
+            return False
+        if message is not None:
+            journal.note_index(subscription.index, epoch, sequence, now_ns)
+            try:
+                subscription.handler(self.node, message)
+            except (Exception, SystemExit) as error:
+                raise self.failing.failed(subscription.port, subscription.handler.__name__, error) from error
+        return True
 
     def begin_command(self) -> None:
         """Give a command from outside, between two handlers, the present time and a place in the order."""
         self._now_ns = self._clock.now_ns()
-        self.order.prepare(self._now_ns)
+        self.journal.prepare(self._now_ns)
 
-    # Hand-over
+
+class Failing:
+    """Turns whatever a node's code raises into the node's failure.
+
+    Args:
+        executor: The node's.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def guard(self, port: str, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a handler, called without its node, whose failure is the node's."""
+        node = self._executor.node
+
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return handler(node, *arguments)
+            except (Exception, SystemExit) as error:
+                raise self.failed(port, handler.__name__, error) from error
+
+        return guarded
+
+    def hook(self, name: str) -> None:
+        """Run a lifecycle hook.
+
+        Raises:
+            NodeError: It failed.
+        """
+        executor = self._executor
+        try:
+            getattr(executor.node, name)()
+        except (Exception, SystemExit) as error:
+            self.fail(error)
+            raise NodeError(executor.name, f"{name} failed: {in_words(error)}") from error
+
+    def failed(self, port: str, handler: str, error: BaseException) -> NodeError:
+        """Fail, because a handler did; return what to raise."""
+        self.fail(error)
+        text = f"{handler} (handler of '{port}') failed: {in_words(error)}"
+        return NodeError(self._executor.name, text)
+
+    def fail(self, error: BaseException) -> None:
+        """Finalize the node, its safe state reached."""
+        executor = self._executor
+        executor.log.error("failed", exc_info=error)
+        reason = error if isinstance(error, Exception) else NodeError(executor.name, in_words(error))
+        executor.lifecycle = Lifecycle.FINALIZED
+        hooks: list[Callable[[], None]] = [
+            lambda: executor.node.on_error(reason),
+            executor.node.on_deactivate,
+        ]
+        for hook in hooks:
+            try:
+                hook()
+            except (Exception, SystemExit):
+                executor.log.exception("a hook failed while the node was failing")
+        executor.journal.flush(executor.now_ns())
+        executor.publishing = False
+
+
+class Succession:
+    """A node's change of hands at a handler boundary: it is written down, and another goes on from there.
+
+    Args:
+        executor: The node's.
+
+    Attributes:
+        paused: At a boundary, until it is clear who goes on.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self.paused = False
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the node is at work, or paused in it."""
+        return self._executor.lifecycle is Lifecycle.ACTIVE or self.paused
+
+    def pause(self) -> None:
+        """Take up and publish nothing more, at a handler boundary; no hook runs."""
+        if self._executor.lifecycle is Lifecycle.ACTIVE:
+            self._switch(Lifecycle.INACTIVE, paused=True)
+
+    def resume(self) -> None:
+        """Go on after :meth:`pause`."""
+        if self.paused:
+            self._switch(Lifecycle.ACTIVE)
+
+    def _switch(self, lifecycle: Lifecycle, *, paused: bool = False) -> None:
+        self.paused = paused
+        self._executor.lifecycle, self._executor.publishing = lifecycle, lifecycle is Lifecycle.ACTIVE
 
     def state_bytes(self) -> bytes:
         """Return the encoded state.
@@ -240,35 +337,61 @@ class Executor:
         Raises:
             NodeError: It holds what cannot be written down; the node has failed.
         """
+        executor = self._executor
         try:
-            return encode_any(self.node.state)
+            return encode_any(executor.node.state)
         except (SchemaMismatch, TypeError, ValueError, OverflowError) as error:
-            self.failing.fail(error)
-            raise NodeError(self.name, f"its state cannot be written down: {error}") from error
+            executor.failing.fail(error)
+            raise NodeError(executor.name, f"its state cannot be written down: {error}") from error
+
+    def snapshot(self) -> HandOver:
+        """Return the hand-over without inbox and histories."""
+        executor = self._executor
+        return HandOver(
+            node_class=class_name(type(executor.node)),
+            state_version=type(executor.node.state).version,
+            state=self.state_bytes(),
+            params=msgspec.to_builtins(executor.node.params),
+            epoch=executor.epoch,
+            now_ns=executor.now_ns(),
+            inbox=[],
+            history={},
+            rng=rng_to_text(executor.rng),
+            active=self.is_active,
+            finished=executor.exit_code is not None,
+            swaps=list(executor.swaps),
+            **executor.ends.write_down(),
+        )
+
+    def copy(self) -> HandOver:
+        """Return everything a successor needs, of a node that goes on."""
+        executor = self._executor
+        history = {name: end.remembered() for name, end in executor.ends.publishers.items() if end.history}
+        inbox = [raw_of(frame) for frame in executor.inbox]
+        return msgspec.structs.replace(self.snapshot(), inbox=inbox, history=history)
 
     def hand_over(self) -> HandOver:
-        """Return everything a successor needs, at a handler boundary."""
-        self.order.flush(self._now_ns)
-        return hand_over_of(self)
+        """Return everything a successor needs, its journal closed."""
+        self._executor.journal.flush(self._executor.now_ns())
+        return self.copy()
 
-    @property
-    def is_active(self) -> bool:
-        """Whether the node is at work, or paused in it."""
-        return self.lifecycle is Lifecycle.ACTIVE or self.paused
+    def fitting(self, hand_over: HandOver, changes: Mapping[str, Any]) -> tuple[State, Params | None]:
+        """Return state and parameters as the node would take them over; no parameters: its own stay.
 
-    def pause(self) -> None:
-        """Take up and publish nothing more, at a handler boundary; no hook runs."""
-        if self.lifecycle is Lifecycle.ACTIVE:
-            self.paused, self.publishing, self.lifecycle = True, False, Lifecycle.INACTIVE
-
-    def resume(self) -> None:
-        """Go on after :meth:`pause`."""
-        if self.paused:
-            self.paused, self.publishing, self.lifecycle = False, True, Lifecycle.ACTIVE
-
-    def leave(self) -> None:
-        """End a node that another process goes on with: the hooks of the safe end run and publish nothing."""
-        leave(self)
+        Raises:
+            SchemaMismatch: The hand-over is of another version, or its state does not fit the class.
+            GraphError: The parameters do not fit.
+        """
+        executor = self._executor
+        if hand_over.version != VERSION:
+            raise SchemaMismatch(f"a hand-over of version {hand_over.version}; this end speaks {VERSION}")
+        own_class = class_name(type(executor.node))
+        state = adopt_state(executor.declaration.state, own_class, hand_over)
+        if hand_over.node_class != own_class:
+            return state, None
+        known = executor.declaration.params.__struct_fields__  # another version of the class may have others
+        kept = {name: value for name, value in hand_over.params.items() if name in known}
+        return state, load_params(executor.declaration, kept | dict(changes), executor.name)
 
     def take_over(self, hand_over: HandOver, changes: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Continue where another executor stopped: state, sequences, timers, randomness, unread inbox.
@@ -278,8 +401,35 @@ class Executor:
         changes included; ``changes`` are those that are to be others.
 
         Raises:
-            SchemaMismatch, GraphError: The state or the parameters do not fit this class.
+            SchemaMismatch, GraphError: State or parameters do not fit this class; nothing has changed.
             LifecycleError: The node is not inactive.
             NodeError: The hook failed.
         """
-        take_over(self, hand_over, changes)
+        executor = self._executor
+        target = successor(executor.lifecycle, Transition.ACTIVATE)
+        state, params = self.fitting(hand_over, changes)
+        if params is not None:
+            executor.node.params = params
+        executor.node.state = state
+        executor.swaps = list(hand_over.swaps)
+        executor.rng = rng_from_text(hand_over.rng)
+        executor.epoch = hand_over.epoch
+        executor.ends.resume(hand_over)
+        executor.set_time(hand_over.now_ns)
+        executor.inbox.extend(map(parse, hand_over.inbox))
+        if hand_over.active:
+            executor.publishing = True
+            executor.failing.hook("on_resume")
+            executor.lifecycle = target
+            executor.journal.begin(hand_over.now_ns)
+
+    def leave(self) -> None:
+        """End a node that another process goes on with: the hooks of the safe end run and publish nothing."""
+        executor = self._executor
+        hooks = ("on_deactivate", "on_shutdown") if self.is_active else ("on_shutdown",)
+        self._switch(Lifecycle.FINALIZED)
+        for hook in hooks:
+            try:
+                executor.failing.hook(hook)
+            except NodeError as error:  # nobody waits for it any more
+                executor.log.warning("while it was leaving: %s", error)

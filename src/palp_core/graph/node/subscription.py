@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.fragments import decode_pieces
 from palp_core.graph.messages.frame import Frame, Kind
-from palp_core.graph.messages.message import Message, decode, plain_decoder
+from palp_core.graph.messages.message import Message, decoder_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.publisher import PublisherEnd
@@ -16,106 +16,124 @@ from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
 
+_DATA = int(Kind.DATA)  # an enum costs a comparison in Python
+
 
 class Subscription:
-    """A subscription.
+    """One wired input.
 
     Args:
-        source: By which the node's order names it, as in ``input:belief``.
+        topic: What it reads.
+        source: By which the node's journal names it, as in ``input:belief``.
         port: Its port.
         message: What it carries.
-        handle: Takes each message.
+        handler: The method that takes the node and each message.
         qos: What holds on the edge.
 
     Attributes:
-        index: Number of the source in the node's order.
-        handler: The method behind ``handle``, for the short way.
+        account: What has been taken up.
+        index: Number of the source in the node's journal.
     """
 
     ordered = True
     index = 0
 
     def __init__(
-        self, source: str, port: str, message: type[Message], handle: Callable[[Any], None], qos: Qos
+        self,
+        topic: str,
+        source: str,
+        port: str,
+        message: type[Message],
+        handler: Callable[..., Any],
+        qos: Qos,
     ) -> None:
+        self.topic = topic
         self.source = source
         self.port = port
         self.message = message
-        self.type_hash = schema_of(message).type_hash
-        self.decode = plain_decoder(message)
-        self.check = schema_of(message).check
-        self.handle = handle
-        self.handler: Callable[..., None] = _no_handler
+        self.handler = handler
         self.qos = qos
         self.account = SequenceAccount()
         self.deadline: EventEnd | None = None
         self.message_lost: EventEnd | None = None
         self.lifespan: EventEnd | None = None
+        self._type_hash = schema_of(message).type_hash
+        self._decode = decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
+        self._is_plain = type(self) is Subscription and not self._lifespan_ns and not self._deadline_ns
 
-    @property
-    def is_simple(self) -> bool:
-        """True if a message that is next in sequence needs no further looks."""
-        return type(self) is Subscription and not self._lifespan_ns and self.deadline is None
-
-    def accept(self, frame: Frame, now_ns: int) -> Message | None:
+    def accept(
+        self,
+        kind: int,
+        epoch: int,
+        sequence: int,
+        stamp_ns: int,
+        type_hash: int,
+        payload: memoryview,
+        rest: Sequence[memoryview],
+        now_ns: int,
+    ) -> Message | None:
         """Account for a frame and return its message; None if there is none to be handled.
+
+        Nearly every frame is the message that is next in its sequence, and nothing else is to be looked at.
 
         Raises:
             SchemaMismatch: It carries another type, or bytes that are not this type.
         """
-        lost_before = self.account.lost
-        message = None
-        if frame.kind == Kind.DATA:
-            message = self._take(frame, now_ns)
+        account = self.account
+        if (
+            sequence == account.sequence + 1
+            and epoch == account.epoch
+            and kind == _DATA
+            and type_hash == self._type_hash
+            and self._is_plain
+            and not rest
+        ):
+            message = self._decode(payload)
+            account.sequence = sequence
+            account.received += 1
+            return message
+        lost_before = account.lost
+        if kind == _DATA:
+            message = self._decode_any(type_hash, payload, rest)
+            taken = message if self._is_new(epoch, sequence, stamp_ns, now_ns) else None
         else:
-            self.account.heartbeat(frame.epoch, frame.sequence)
-            if frame.kind == Kind.IDLE and self.deadline is not None:
+            taken = None
+            account.heartbeat(epoch, sequence)
+            if kind == Kind.IDLE and self.deadline is not None:
                 self.deadline.expect(None)
-        self.mind_gap(self.account.lost - lost_before, now_ns)
-        return message
+        if account.lost > lost_before and self.message_lost is not None:
+            self.message_lost.count(account.lost - lost_before, now_ns)
+        return taken
 
     def expects(self, frame: Frame) -> bool:
         """Tell whether a frame was not taken up yet, where its sequence alone does not say so."""
         return True
 
-    def skip_to(self, sequence: int, now_ns: int) -> None:
-        """Account for a message after one that was refused: that one shows as a gap now."""
-        lost_before = self.account.lost
-        self.account.accept(self.account.epoch, sequence)
-        self.mind_gap(self.account.lost - lost_before, now_ns)
-
-    def mind_gap(self, lost: int, now_ns: int) -> None:
-        """Raise an event if messages were lost."""
-        if lost > 0 and self.message_lost is not None:
-            self.message_lost.count(lost, now_ns)
-
-    def _decode(self, frame: Frame) -> Message:
-        if frame.type_hash != self.type_hash:
+    def _decode_any(self, type_hash: int, payload: memoryview, rest: Sequence[memoryview]) -> Message:
+        if type_hash != self._type_hash:
             raise SchemaMismatch(
-                f"{frame.topic} carries another type than {self.message.__name__} "
-                f"(hash {frame.type_hash:016x}, expected {self.type_hash:016x}): rebuild the older end"
+                f"{self.topic} carries another type than {self.message.__name__} "
+                f"(hash {type_hash:016x}, expected {self._type_hash:016x}): rebuild the older end"
             )
-        if frame.rest:
-            return decode_pieces(self.message, frame.payload, frame.rest)
-        return decode(self.message, frame.payload)
+        return decode_pieces(self.message, payload, rest) if rest else self._decode(payload)
 
-    def _take(self, frame: Frame, now_ns: int) -> Message | None:
-        message = self._decode(frame)
-        if self._lifespan_ns and now_ns - frame.stamp_ns > self._lifespan_ns:
+    def _is_new(self, epoch: int, sequence: int, stamp_ns: int, now_ns: int) -> bool:
+        """Account for a message; tell whether it is to be handled."""
+        if self._lifespan_ns and now_ns - stamp_ns > self._lifespan_ns:
             self.account.late += 1
-            self.account.drop(frame.epoch, frame.sequence)
+            self.account.drop(epoch, sequence)
             if self.lifespan is not None:
                 self.lifespan.count(1, now_ns)
-            return None
-        if not self.account.accept(frame.epoch, frame.sequence):
-            return None
+            return False
+        if not self.account.accept(epoch, sequence):
+            return False
         if self.deadline is not None:
-            if now_ns - frame.stamp_ns > self._deadline_ns:
+            if now_ns - stamp_ns > self._deadline_ns:
                 self.account.late += 1
             self.deadline.expect(now_ns + self._deadline_ns, self._deadline_ns)
-        return message
+        return True
 
 
 class ReplySubscription(Subscription):
@@ -128,14 +146,13 @@ class ReplySubscription(Subscription):
         """Tell whether the call it answers still waits."""
         return any(pending.sequence == frame.sequence for pending in self.end.pending)
 
-    def _take(self, frame: Frame, now_ns: int) -> Message | None:
-        message = self._decode(frame)
-        if not self.end.settle(frame.sequence):
+    def _is_new(self, epoch: int, sequence: int, stamp_ns: int, now_ns: int) -> bool:
+        if not self.end.settle(sequence):
             self.account.repeated += 1
-            return None
-        self.account.epoch, self.account.sequence = frame.epoch, frame.sequence
+            return False
+        self.account.epoch, self.account.sequence = epoch, sequence
         self.account.received += 1
-        return message
+        return True
 
 
 class RequestSubscription(Subscription):
@@ -149,15 +166,10 @@ class RequestSubscription(Subscription):
     reply: PublisherEnd[Any]
     current = (0, 0)
 
-    def _take(self, frame: Frame, now_ns: int) -> Message | None:
-        message = self._decode(frame)
-        self.current = (frame.epoch, frame.sequence)
-        if not self.account.accept(frame.epoch, frame.sequence):
+    def _is_new(self, epoch: int, sequence: int, stamp_ns: int, now_ns: int) -> bool:
+        self.current = (epoch, sequence)
+        if not self.account.accept(epoch, sequence):
             if self.reply.repeat(*self.current):
-                return None
+                return False
             self.account.received += 1  # done by a process that died before its reply got through
-        return message
-
-
-def _no_handler(_node: Any, _message: Message) -> None:
-    raise AssertionError("only a subscription goes the short way")
+        return True

@@ -67,7 +67,7 @@ class NodeServices:
         executor, declared = self._executor, self._executor.declaration
         more = self._edges(int(request.get("window", 0)))
         inputs = {}
-        for name, wired in executor.ends.inputs.items():
+        for name, wired in executor.ends.subscriptions.items():
             account = msgspec.to_builtins(wired[0].account)
             fixed = {"port": wired[0].port, "qos": msgspec.to_builtins(wired[0].qos)}
             inputs[name] = (
@@ -212,7 +212,7 @@ def set_parameters(executor: Executor, changes: dict[str, Any]) -> None:
     node.params = params
     for end in executor.ends.timers.values():
         end.retime(executor.now_ns())
-    executor.order.note_change(PARAMETERS, changes, executor.now_ns())
+    executor.journal.note_change(PARAMETERS, changes, executor.now_ns())
     changed = {name: [before[name], value] for name, value in after.items() if before[name] != value}
     if changed:
         text = ", ".join(f"{name} = {new}" for name, (_, new) in changed.items())
@@ -227,7 +227,7 @@ def serve_outside(executor: Executor, service: str, request: Message) -> Message
     """
     executor.begin_command()
     written = base64.b64encode(encode(request)).decode()
-    executor.order.note_change(f"{OUTSIDE}{service}", {"request": written}, executor.now_ns())
+    executor.journal.note_change(f"{OUTSIDE}{service}", {"request": written}, executor.now_ns())
     reply: Message = executor.ends.services[service](request)
     return reply
 

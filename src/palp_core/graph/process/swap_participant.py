@@ -18,7 +18,6 @@ from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.succession import fitting, hand_over_of
 from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.process.swap_messages import (
@@ -42,16 +41,14 @@ from palp_core.graph.process.swap_messages import (
     ToSwapped,
     Working,
 )
-from palp_core.graph.transport.moves import Move
+from palp_core.graph.transport.migration import Move
+from palp_core.graph.transport.offsets import ReceivedOffsets
 from palp_core.graph.transport.publisher_socket import PublisherSocket
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 READERS_NS = 300_000_000
 """How long readers that are no nodes of the graph may take to listen to a second place (assumed: a terminal
 that is stopped must not keep a node from its swap)."""
-
-Heard = dict[str, tuple[int, int]]
-"""Epoch and sequence by input topic: received, with all that came before."""
 
 
 class SwapParticipant:
@@ -77,7 +74,7 @@ class SwapParticipant:
         say: Callable[[ChannelMessage], None],
         line: int,
         *,
-        heard: Callable[[], Heard] = dict[str, tuple[int, int]],
+        heard: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
         succeed: Callable[[HandOver], int] = lambda hand_over: len(hand_over.inbox),
         begin: Callable[[int], None] = lambda _: None,
         depart: Callable[[], None] = lambda: None,
@@ -116,7 +113,7 @@ class SwapParticipant:
                 self._hand_in = line
             case Resume():
                 self._hand_in = None
-                self._executor.resume()
+                self._executor.succession.resume()
             case Stay():
                 self._broadcast.tell(self._moved_all("stay"))
                 self._broadcast.greeting = lambda publisher: [publisher.heartbeat()]
@@ -142,9 +139,9 @@ class SwapParticipant:
         if self._hand_in is not None and _covers(self._heard(), self._hand_in.after):
             pause, self._hand_in = self._hand_in.pause, None
             if pause:
-                self._executor.pause()
+                self._executor.succession.pause()
             at_ns = monotonic_ns()
-            hand_over = self._executor.hand_over() if pause else hand_over_of(self._executor)
+            hand_over = self._executor.succession.hand_over() if pause else self._executor.succession.copy()
             self._say(HandedIn(encode_any(hand_over), at_ns, self._broadcast.remembered))
         if self._meet is not None:
             self._broadcast.poll()
@@ -178,7 +175,7 @@ class SwapParticipant:
         self._broadcast.tell(self._moved_all("gone"))
         self._depart()
         self._broadcast.see_off(patience_ns, self._line)
-        self._executor.leave()
+        self._executor.succession.leave()
         self.left = True
 
     # Successor
@@ -186,7 +183,7 @@ class SwapParticipant:
     def _objection(self, line: Rehearse) -> str:
         try:
             hand_over = decode_any(HandOver, line.hand_over)
-            fitting(self._executor, hand_over, line.params)
+            self._executor.succession.fitting(hand_over, line.params)
         except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
             return in_words(error)
         return ""
@@ -195,7 +192,7 @@ class SwapParticipant:
         try:
             self._begin(line.start_ns)
             hand_over = decode_any(HandOver, line.hand_over)
-            self._executor.take_over(hand_over, line.params)
+            self._executor.succession.take_over(hand_over, line.params)
             self._broadcast.remember(line.remembered)
             return TookOver("", self._succeed(hand_over))
         except PalpError as error:
@@ -222,8 +219,8 @@ class SwapParticipant:
 
     def _end_shadow(self) -> Shadowed:
         assert self._comparison is not None
-        self._executor.pause()
-        self._executor.paused = False  # it is no more than ready to take over
+        self._executor.succession.pause()
+        self._executor.succession.paused = False  # it is no more than ready to take over
         self.turn()
         report = b""
         if self._eavesdropper is not None:
@@ -251,7 +248,7 @@ class SwapParticipant:
         self._say(Working(record))
 
 
-def _covers(heard: Heard, after: Heard) -> bool:
+def _covers(heard: ReceivedOffsets, after: ReceivedOffsets) -> bool:
     return all(heard.get(topic, (-1, 0)) >= point for topic, point in after.items())
 
 

@@ -50,7 +50,7 @@ class WallLoop:
         self.executor.send_pieces = self.broadcast.send_pieces
         self.executor.events.report = self._report
         publishers = {
-            name: endpoints(process.run_dir, name.split("/")[1]) for name in self.executor.ends.inputs
+            name: endpoints(process.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
         }
         keeps = process.spec.restart == "on_failure"
         kept = Path(process.run_dir, process.place) if keeps else None
@@ -82,10 +82,12 @@ class WallLoop:
             if shown:
                 publisher.divert(self._send_progress)
         self.broadcast.answer(
-            process.spec.name, NodeServices(self.executor, self.receiver.account).operations(), CHANGING
+            process.spec.name,
+            NodeServices(self.executor, self.receiver.monitor.account).operations(),
+            CHANGING,
         )
         self._others = (channel.socket.fileno(), *self.broadcast.file_descriptors)
-        self._reads = bool(self.executor.ends.inputs)
+        self._reads = bool(self.executor.ends.subscriptions)
         self._wakeup = Wakeup(self.broadcast.context, self._others)
         self.receiver.hear(ENDPOINT)
         self._health = HealthProbe(process.spec.name)
@@ -128,7 +130,7 @@ class WallLoop:
                 self._work()
             if self.broadcast.pending():
                 self.broadcast.poll()
-                if not self.executor.paused:
+                if not self.executor.succession.paused:
                     self.broadcast.perform()
             if self.executor.exit_code is not None and not finished:
                 finished = True
@@ -142,8 +144,8 @@ class WallLoop:
                 self.broadcast.beat()
             self._matched_readers.note()
             self.receiver.keep_house(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
-            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
-            self.executor.order.keep_up(self.executor.now_ns(), active=at_work)
+            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
+            self.executor.journal.keep_up(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
@@ -178,7 +180,7 @@ class WallLoop:
         """Tell the supervisor that this loop turns, and how it does."""
         executor = self.executor
         edges = {
-            name: (executor.ends.inputs[name][0].account, buffer.latency)
+            name: (executor.ends.subscriptions[name][0].account, buffer.latency)
             for name, buffer in self.receiver.buffers.items()
         }
         health = self._health.pulse(

@@ -193,7 +193,7 @@ class _Replay:
             spec = msgspec.structs.replace(spec, run=run)
         self._executor = executor = _executor(spec, self._workspace, self._clock, self._frames)
         if hand_over is not None:
-            executor.take_over(hand_over)
+            executor.succession.take_over(hand_over)
             executor.ends.resume(hand_over)  # whatever it said as it took over, it has said before
         self._frames.clear()
         self._synced.clear()

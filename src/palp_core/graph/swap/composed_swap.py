@@ -12,7 +12,6 @@ from palp_core.graph.lockstep.composition import Composition
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
-from palp_core.graph.node.succession import fitting, hand_over_of
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
 
@@ -48,24 +47,24 @@ class ComposedSwaps:
         try:
             new, sent = composition.understudy(replacement.new)
             step = "state"
-            running = _copied(hand_over_of(old))
+            running = _copied(old.succession.copy())
             if why := unfit(running, replacement):
                 raise GraphError(why)
-            fitting(new, running, request.params)
+            new.succession.fitting(running, request.params)
             found: dict[str, Any] = {}
             if request.shadow_s:
                 step = "shadow"
-                new.take_over(_copied(running), request.params)
+                new.succession.take_over(_copied(running), request.params)
                 found = self._shadow(replacement, new, sent, running)
                 now_ns += round(request.shadow_s * 1e9)
             if request.dry_run:
-                new.leave()
+                new.succession.leave()
                 return replacement.report(at_ns=now_ns, **_AT_ONCE, held=0, shadow=found), None
             step = "take over"
             handed_frames, handed = composition.hand_in(replacement.index)
-            new.take_over(_copied(handed), request.params)
+            new.succession.take_over(_copied(handed), request.params)
         except Exception as error:
-            old.resume()
+            old.succession.resume()
             if isinstance(error, SwapFailed):
                 raise
             text = in_words(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
@@ -79,7 +78,7 @@ class ComposedSwaps:
         }
         new.swaps.append(record)
         done = composition.promote(replacement.index, new, [*handed_frames, *sent])
-        old.leave()
+        old.succession.leave()
         return replacement.report(at_ns=now_ns, **_AT_ONCE, held=len(new.inbox), shadow=found), done
 
     def _shadow(
@@ -93,8 +92,8 @@ class ComposedSwaps:
         finally:
             self._composition.shadow = None
             sent.clear()
-        new.pause()
-        new.paused = False
+        new.succession.pause()
+        new.succession.paused = False
         new.inbox.clear()
         return comparison.report()
 

@@ -40,10 +40,10 @@ from palp_core.graph.process.swap_messages import (
     TookOver,
     Working,
 )
-from palp_core.graph.process.swap_participant import Heard
 from palp_core.graph.supervision.standby import Understudy
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
+from palp_core.graph.transport.offsets import ReceivedOffsets
 
 Answer = TypeVar("Answer", bound=ChannelMessage)
 
@@ -195,7 +195,7 @@ class _Swap(SwapTalk):
 
     # Steps
 
-    def _prepare(self) -> Heard:
+    def _prepare(self) -> ReceivedOffsets:
         """Bring a new process as far as it comes while the old one works."""
         running = decode_any(HandOver, self._hand_in({}, pause=False).hand_over)
         if why := unfit(running, self._replacement):
@@ -240,7 +240,7 @@ class _Swap(SwapTalk):
         )
         self._until(lambda: wanted <= supervisor.listening, text)
 
-    def _shadow(self, after: Heard) -> Heard:
+    def _shadow(self, after: ReceivedOffsets) -> ReceivedOffsets:
         """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
         self._step = "shadow"
         request, supervisor, new = self._replacement.request, self._supervisor, self._new
@@ -274,7 +274,7 @@ class _Swap(SwapTalk):
             self._found = msgspec.json.decode(shadowed.report)
         return shadowed.after
 
-    def _change(self, after: Heard) -> tuple[SwapReport, Done | None]:
+    def _change(self, after: ReceivedOffsets) -> tuple[SwapReport, Done | None]:
         request = self._replacement.request
         self._step = "hand over"
         self._paused = True

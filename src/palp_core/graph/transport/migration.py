@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 
+import msgspec
+
+from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Frame, Kind
-from palp_core.graph.transport.moves import read_move
+from palp_core.graph.messages.message import decode_any
 
 PATIENCE_NS = 5_000_000_000
 """How long what comes from a new place waits for the old one's word (assumed: no host is busier)."""
@@ -16,6 +19,33 @@ GIVE_UP_NS = 90_000_000_000
 """Longer than an old place stays for a slow reader."""
 
 Item = TypeVar("Item")
+
+
+class Move(msgspec.Struct, frozen=True):
+    """Payload of a frame of kind MOVED.
+
+    Attributes:
+        phase: ``prepare``: listen there too; ``here``: this is that place, and it speaks from now on;
+            ``gone``: from here comes nothing more; ``stay``: forget that place.
+        publish: That place's endpoint.
+        serve: Where it answers.
+    """
+
+    phase: str
+    publish: str
+    serve: str
+
+
+def read_move(payload: memoryview) -> Move:
+    """Decode a MOVED frame's payload.
+
+    Raises:
+        SchemaMismatch: It is none, or sends readers to another host.
+    """
+    move = decode_any(Move, payload)
+    if not (move.publish.startswith("ipc://") and move.serve.startswith("ipc://")):
+        raise SchemaMismatch(f"a publisher cannot move to {move.publish}")
+    return move
 
 
 class _Ear(Protocol):

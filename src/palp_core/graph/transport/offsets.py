@@ -11,6 +11,9 @@ import struct
 from collections.abc import Sequence
 from pathlib import Path
 
+ReceivedOffsets = dict[str, tuple[int, int]]
+"""Epoch and sequence by input topic: received, with all that came before."""
+
 _SLOT = struct.Struct("<qQ")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,19 +23,16 @@ from palp_core.graph.messages.qos import strictest
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
-from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.subscription import Subscription
-from palp_core.graph.process.swap_participant import Heard
-from palp_core.graph.transport.merging import merged
+from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
-from palp_core.graph.transport.offsets import Offsets
+from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 256 << 20
-RATE_WINDOW_NS = 1_000_000_000
 
 
 class Receiver:
@@ -48,6 +47,8 @@ class Receiver:
 
     Attributes:
         more: The last :meth:`take` left something in the socket.
+        buffers: Puts each input topic in order.
+        monitor: Looks how the edges do.
     """
 
     def __init__(
@@ -63,22 +64,26 @@ class Receiver:
         places = {name: publish for name, (publish, _) in publishers.items()}
         self._subscriber = SubscriberSocket(places, context, name=executor.name)
         self._requester = RequesterSocket(context)
-        self._offsets = Offsets(offsets, list(executor.ends.inputs)) if offsets is not None else None
-        self._buffers = {name: self._buffer_of(name, wired) for name, wired in executor.ends.inputs.items()}
-        self._migration = Migration(self._subscriber, publishers, self._buffers, listening)
+        self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
+        self.buffers = {
+            name: self._buffer_of(name, subscriptions)
+            for name, subscriptions in executor.ends.subscriptions.items()
+        }
+        self._migration = Migration(self._subscriber, publishers, self.buffers, listening)
         self._unread_bytes = 0
-        self._silent: set[str] = set()
-        self._rates = dict.fromkeys(self._buffers, (0, 0, 0.0))
+        self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
         self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
         self._start_ns = 0
 
-    def _buffer_of(self, name: str, wired: list[Subscription]) -> ReorderBuffer:
+    def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
         if self._offsets is not None and self._executor.spec.epoch > 0:
-            for one in wired:
+            for one in subscriptions:
                 one.account.epoch, one.account.sequence = self._offsets.read(name)
-        qos = strictest([one.qos for one in wired])
-        return ReorderBuffer(name, qos, wired[0].account, self._deliver, self._ask, ordered=wired[0].ordered)
+        qos = strictest([one.qos for one in subscriptions])
+        return ReorderBuffer(
+            name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].ordered
+        )
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
@@ -88,14 +93,14 @@ class Receiver:
     @property
     def matched(self) -> bool:
         """True once every publisher has been heard, and late joiners have what they ask for."""
-        return all(buffer.matched for buffer in self._buffers.values())
+        return all(buffer.matched for buffer in self.buffers.values())
 
     @property
-    def heard(self) -> Heard:
+    def heard(self) -> ReceivedOffsets:
         """Up to where each publisher's messages have been received."""
         return {
             name: (buffer.epoch, buffer.next - 1)
-            for name, buffer in self._buffers.items()
+            for name, buffer in self.buffers.items()
             if buffer.is_ordered
         }
 
@@ -105,28 +110,29 @@ class Receiver:
         Raises:
             SchemaMismatch: A message was heard by neither.
         """
-        frames = merged(self._inbox, hand_over, self._buffers, self._executor.ends.inputs)
+        frames = _merged(self._inbox, hand_over, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
         self._unread_bytes = 0
         for frame in frames:
             self._deliver(frame)
         if self._offsets is not None:
             for name, counter in hand_over.consumed.items():
-                if name in self._buffers:
+                if name in self.buffers:
                     self._offsets.note(name, counter.epoch, counter.sequence)
         return len(frames)
 
     def begin(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
-        for buffer in self._buffers.values():
+        for buffer in self.buffers.values():
             buffer.origin_ns = self._start_ns = start_ns
-        inputs = self._executor.ends.inputs
-        if any(wired.qos.reliability == "best_effort" for several in inputs.values() for wired in several):
+        inputs = self._executor.ends.subscriptions
+        several = itertools.chain.from_iterable(inputs.values())
+        if any(subscription.qos.reliability == "best_effort" for subscription in several):
             return  # such a reader must see all that has arrived before it knows what to skip
         self._quick = {
-            name.encode(): (self._buffers[name], wired[0])
-            for name, wired in inputs.items()
-            if len(wired) == 1 and wired[0].is_simple
+            name.encode(): (self.buffers[name], subscriptions[0])
+            for name, subscriptions in inputs.items()
+            if len(subscriptions) == 1
         }
 
     def hear(self, endpoint: str) -> None:
@@ -156,7 +162,7 @@ class Receiver:
             return
         now_ns = monotonic_ns()
         for reply in self._requester.replies():
-            buffer = self._buffers.get(reply.get("topic", ""))
+            buffer = self.buffers.get(reply.get("topic", ""))
             if buffer is not None:
                 buffer.fill(reply["epoch"], [parse(raw) for raw in reply["frames"]], now_ns)
 
@@ -169,18 +175,18 @@ class Receiver:
         edge = self._quick.get(raw[:end])
         executor = self._executor
         if edge is not None and len(raw) > end + HEADER_BYTES and not self._inbox and executor.publishing:
-            buffer, wired = edge
+            buffer, subscription = edge
             head, epoch, sequence, stamp_ns, type_hash = quick_header(raw, end + 1)
             if (
                 head == PLAIN_DATA
                 and sequence == buffer.next
                 and epoch == buffer.epoch
-                and type_hash == wired.type_hash
                 and buffer.give_up_ns is None
                 and executor.exit_code is None
             ):
                 graph_ns = now_ns - self._start_ns
-                executor.take(wired, epoch, sequence, memoryview(raw)[end + 1 + HEADER_BYTES :], graph_ns)
+                payload = memoryview(raw)[end + 1 + HEADER_BYTES :]
+                executor.deliver(subscription, graph_ns, 0, epoch, sequence, stamp_ns, type_hash, payload)
                 buffer.next = sequence + 1
                 buffer.heard_ns = buffer.data_ns = now_ns
                 buffer.latency.add(graph_ns - stamp_ns)
@@ -196,7 +202,7 @@ class Receiver:
             frame = parse(raw)
             if rest:
                 frame = frame._replace(rest=checked_pieces(rest))
-            buffer = self._buffers.get(frame.topic)
+            buffer = self.buffers.get(frame.topic)
             if buffer is None:
                 raise SchemaMismatch(f"{frame.topic} is no input of {self._executor.name}")
             if frame.kind == Kind.MOVED:
@@ -217,8 +223,8 @@ class Receiver:
         self._inbox.append(frame)
         self._unread_bytes += frame.payload_bytes
         self._was_active = self._was_active or self._executor.lifecycle is Lifecycle.ACTIVE
-        if self._was_active and not self._executor.is_active and frame.kind == Kind.DATA:
-            self._retain(self._buffers[frame.topic])
+        if self._was_active and not self._executor.succession.is_active and frame.kind == Kind.DATA:
+            self._retain(self.buffers[frame.topic])
 
     def _retain(self, buffer: ReorderBuffer) -> None:
         """Keep no more than ``depth`` messages for a node that was deactivated; the oldest go first."""
@@ -233,7 +239,7 @@ class Receiver:
     def hand_over_next(self) -> None:
         """Hand the next frame to the node; a best-effort reader skips to its last ``depth``."""
         frame = self._inbox.popleft()
-        buffer = self._buffers.get(frame.topic)
+        buffer = self.buffers.get(frame.topic)
         if buffer is None or frame.kind != Kind.DATA:
             self._executor.consume(frame)
             return
@@ -249,51 +255,16 @@ class Receiver:
     def _drop(self, buffer: ReorderBuffer, frame: Frame) -> None:
         buffer.unread -= 1
         self._unread_bytes -= frame.payload_bytes
-        for wired in self._executor.ends.inputs[frame.topic]:
-            wired.account.drop(frame.epoch, frame.sequence)
+        for subscription in self._executor.ends.subscriptions[frame.topic]:
+            subscription.account.drop(frame.epoch, frame.sequence)
 
     def keep_house(self, now_ns: int, graph_ns: int, late_ns: int) -> None:
         """Look for silence, give up what cannot be had; due ten times a second, and now so late."""
         self._migration.tick(now_ns)
-        for name, buffer in self._buffers.items():
+        for buffer in self.buffers.values():
             buffer.pardon(late_ns, now_ns)
             buffer.expire(now_ns)
-            count, since_ns, _ = self._rates[name]
-            if now_ns - since_ns >= RATE_WINDOW_NS:
-                rate_hz = (buffer.latency.count - count) / (now_ns - since_ns) * 1e9
-                self._rates[name] = (buffer.latency.count, now_ns, rate_hz)
-            for wired in self._executor.ends.inputs[name]:
-                if wired.qos.lease_ms:
-                    self._watch(buffer, wired, now_ns, graph_ns)
-
-    def _watch(self, buffer: ReorderBuffer, wired: Subscription, now_ns: int, graph_ns: int) -> None:
-        if self._executor.lifecycle is not Lifecycle.ACTIVE:
-            return
-        asserted_ns = buffer.data_ns if wired.qos.liveliness == "manual_by_topic" else buffer.heard_ns
-        silent = now_ns - asserted_ns > wired.qos.lease_ms * 1e6
-        if silent != (wired.port in self._silent):
-            self._silent ^= {wired.port}
-            end = self._executor.ends.timers[f"liveliness:{wired.port}"]
-            assert isinstance(end, EventEnd)
-            end.count(1, graph_ns)
-
-    def account(self, window: int = 0) -> dict[str, dict[str, Any]]:
-        """Return what the node counts not itself; latencies of the last ``window`` messages if not 0."""
-        return {
-            name: {
-                "filled": buffer.filled,
-                "unread": buffer.unread,
-                "rate_hz": self._rates[name][2],
-                "latency_s": buffer.latency.summary_s() if buffer.latency.count else None,
-                **({"recent_latency_s": buffer.latency.recent_s(window)} if window > 0 else {}),
-            }
-            for name, buffer in self._buffers.items()
-        }
-
-    @property
-    def buffers(self) -> Mapping[str, ReorderBuffer]:
-        """Every edge's reception, by topic."""
-        return self._buffers
+        self.monitor.look(now_ns, graph_ns)
 
     def close(self) -> None:
         """Let go."""
@@ -301,3 +272,46 @@ class Receiver:
         self._requester.close()
         if self._offsets is not None:
             self._offsets.close()
+
+
+def _merged(
+    inbox: deque[Frame],
+    hand_over: HandOver,
+    buffers: Mapping[str, ReorderBuffer],
+    subscriptions: Mapping[str, list[Subscription]],
+) -> list[Frame]:
+    """Return what the successor has to take up, each message once: the predecessor's first, then its own.
+
+    Args:
+        inbox: The successor's; the predecessor's frames are the last of it.
+        hand_over: The predecessor's.
+        buffers: The successor's, by topic; they go on where the predecessor's were.
+        subscriptions: The successor's, by topic.
+
+    Raises:
+        SchemaMismatch: A message was heard by neither.
+    """
+    count = len(inbox) - len(hand_over.inbox)
+    frames = list(inbox)
+    own, theirs = frames[:count], [frame for frame in frames[count:] if frame.topic in buffers]
+    last = {name: (counter.epoch, counter.sequence) for name, counter in hand_over.consumed.items()}
+    for frame in theirs:
+        last[frame.topic] = max(last.get(frame.topic, (-1, 0)), (frame.epoch, frame.sequence))
+    for name, buffer in buffers.items():
+        buffer.succeed(*last.get(name, (-1, 0)))
+        buffer.unread = 0
+    had = {(frame.topic, frame.epoch, frame.sequence) for frame in theirs}
+    for frame in own:
+        buffer = buffers[frame.topic]
+        if buffer.is_ordered:
+            is_new = (frame.epoch, frame.sequence) > last.get(frame.topic, (-1, 0))
+        else:
+            is_new = (frame.topic, frame.epoch, frame.sequence) not in had
+            is_new = is_new and any(
+                subscription.expects(frame) for subscription in subscriptions[frame.topic]
+            )
+        if is_new:
+            theirs.append(frame)
+    for frame in theirs:
+        buffers[frame.topic].unread += frame.kind == Kind.DATA
+    return theirs
