@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from msgs.actuator import RingState
@@ -15,7 +18,7 @@ from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.methods import find
+from palp_core.palpation.methods import find, names
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
@@ -36,6 +39,9 @@ from palp_core.units import (
     RatioNonNegative,
     Seconds,
 )
+
+StopName = Annotated[str, msgspec.Meta(extra={"choices": partial(names, "stop")})]
+"""A stop rule by its name in the register of methods."""
 
 
 class EstimatorParams(Params):
@@ -59,7 +65,7 @@ class EstimatorParams(Params):
     ring_sd_mm: MillimetresNonNegative = 0.17
     height_sd_mm: MillimetresNonNegative = 0.1
     scene: str = ""
-    stop: str = "paper_guarded"
+    stop: StopName = "paper_guarded"
     stop_value: RatioNonNegative = 0.0
     max_probes: CountPositive = 15
     resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3

@@ -166,6 +166,11 @@ def methods(task: str) -> list[Method]:
     return sorted((m for m in _REGISTER.values() if m.task == task), key=lambda m: (m.cost_s, m.name))
 
 
+def names(task: str) -> list[str]:
+    """Return the names of a task's methods, cheapest first."""
+    return [one.name for one in methods(task)]
+
+
 def find(task: str, name: str) -> Method:
     """Return one method by name.
 
@@ -175,7 +180,7 @@ def find(task: str, name: str) -> Method:
     _load(task)
     found = _REGISTER.get((task, name))
     if found is None:
-        known = ", ".join(m.name for m in methods(task)) or "none"
+        known = ", ".join(names(task)) or "none"
         raise MethodError(f"no method '{name}' for task '{task}'; declared: {known}")
     return found
 

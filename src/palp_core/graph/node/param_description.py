@@ -19,7 +19,8 @@ class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
         default: Default as a plain value; None when required.
         minimum: Smallest value; None when not bounded.
         maximum: Largest value; None when not bounded.
-        choices: The values allowed; empty when any is.
+        choices: The values allowed; empty when any is. Those of a Literal, or what a function says that a
+            parameter names: ``Annotated[str, Meta(extra={"choices": function})]``.
         read_only: It cannot be changed while the node lives.
     """
 
@@ -42,11 +43,14 @@ def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
 
 
 def _describe(field: msgspec.inspect.Field) -> ParamDescription:
-    kind, unit, read_only = field.type, "", False
+    kind, unit, extra = field.type, "", dict[str, Any]()
     if isinstance(kind, msgspec.inspect.Metadata):
         unit = (kind.extra_json_schema or {}).get("x-unit", "")
-        read_only = bool((kind.extra or {}).get("read_only"))
+        extra = kind.extra or {}
         kind = kind.type
+    choices = list(kind.values) if isinstance(kind, msgspec.inspect.LiteralType) else []
+    if "choices" in extra:
+        choices = list(extra["choices"]())
     default = None
     if field.default is not msgspec.NODEFAULT:
         default = msgspec.to_builtins(field.default)
@@ -60,8 +64,8 @@ def _describe(field: msgspec.inspect.Field) -> ParamDescription:
         default=default,
         minimum=getattr(kind, "ge", None),
         maximum=getattr(kind, "le", None),
-        choices=list(kind.values) if isinstance(kind, msgspec.inspect.LiteralType) else [],
-        read_only=read_only,
+        choices=choices,
+        read_only=bool(extra.get("read_only")),
     )
 
 

@@ -1,10 +1,16 @@
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import correlation
 
+from nodes.estimator import EstimatorParams, mistakes
 from palp_core.errors import MethodError, PerceptionError
+from palp_core.graph.node.param_description import describe_params
+from palp_core.palpation import methods as registry
 from palp_core.palpation.methods import methods
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.stopping import (
@@ -14,11 +20,14 @@ from palp_core.palpation.perception.belief.stopping import (
     PaperVerbatim,
     PosteriorThreshold,
     StopRule,
+    StopState,
     correlation_distance,
     decide,
+    require_classes,
     stop_rule,
     total_variation,
 )
+from palp_core.palpation.session.reanalysis import Methods as DecisionMethods
 
 FLAT = np.full(3, 1 / 3)
 PAPER: list[StopRule] = [PaperVerbatim(), PaperGuarded()]
@@ -182,3 +191,29 @@ def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> N
     """NaN made a rule that never stops, infinity one that always does."""
     with pytest.raises(PerceptionError, match="cannot have"):
         stop_rule(name, value)
+
+
+def test_one_declared_class_is_all_that_a_new_rule_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches, the estimator's choices and a re-analysis know it by its declaration."""
+    monkeypatch.setattr(registry, "_REGISTER", {**registry._REGISTER})
+
+    @registry.method(task="stop", name="after_doubt", cost_s=1e-6, evidence="here", fails="always")
+    @dataclass(frozen=True)
+    class AfterDoubt(StopRule):
+        largest: ClassVar[float] = 1.0
+        doubt: float = 0.5
+
+        def check(self, step: BeliefStep) -> StopState:
+            sure = step.posterior.max(axis=-1) > 1.0 - self.doubt
+            return StopState(np.full(np.shape(sure), np.nan), np.asarray(sure))
+
+    assert "after_doubt" in describe_params(EstimatorParams)["stop"].choices
+    assert mistakes(EstimatorParams(stop="after_doubt")) == {}
+    assert "cannot have doubt" in mistakes(EstimatorParams(stop="after_doubt", stop_value=2.0))["stop"]
+    assert DecisionMethods(stop="after_doubt").stop == "after_doubt"
+    require_classes("after_doubt", 2)
+    history = _history([0.7, 0.2, 0.1])
+    assert decide(stop_rule("after_doubt", 0.4), *history, max_probes=3).word == "decided"
+    assert decide(stop_rule("after_doubt", 0.2), *history, max_probes=3).word == "continue"
+    side_by_side = BeliefStep.over(FLAT, np.array([[0.7, 0.2, 0.1], FLAT]), np.array([FLAT, FLAT]), 1)
+    assert stop_rule("after_doubt").check(side_by_side).converged.tolist() == [True, False]
