@@ -1,4 +1,4 @@
-"""Promises about the repository: every node is tested and used, files are short, the README is current."""
+"""Promises about the repository: nodes are tested and used, sources keep measure, the README is current."""
 
 from __future__ import annotations
 
@@ -13,16 +13,59 @@ from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.launch.graph import check_file
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node
+from tests.support import measures
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = [path for folder in ("src", "nodes", "msgs") for path in sorted((ROOT / folder).rglob("*.py"))]
 LAUNCH_FILES = [
     *sorted((ROOT / "launch").glob("*.yaml")),
     *sorted((ROOT / "examples").rglob("launch/*.yaml")),
 ]
-LONGEST_FILE = 500
 TEXT = {".py", ".yaml", ".yml", ".toml", ".md", ".txt", ".cfg", ".json", ".csv", ".html", ".sh", ""}
 OUTSIDE = {".git", "build", "dist", "results"}
+STILL_LEFT: set[str] = {
+    "Calibration: twice",
+    "Caller: twice",
+    "Choice: twice",
+    "Clock: twice",
+    "Comparison: twice",
+    "Emg: twice",
+    "EmgParams: twice",
+    "EmgSource: twice",
+    "EmgState: twice",
+    "EmgStream: twice",
+    "Health: twice",
+    "Hello: twice",
+    "Interval: twice",
+    "Leave: twice",
+    "Levels: twice",
+    "Listening: twice",
+    "Loop: twice",
+    "Node: twice",
+    "Patience: twice",
+    "Probe: twice",
+    "Reactor: twice",
+    "Receiver: twice",
+    "Refused: twice",
+    "Schema: twice",
+    "Stage: twice",
+    "Status: twice",
+    "Watch: twice",
+    "benchmarks/rig_bench/running.py: RunningRig",
+    "circle: palp_core.graph.node, palp_core.graph.process, palp_core.graph.transport",
+    "circle: palp_core.palpation.mechanics.equilibrium, palp_core.palpation.mechanics.scene",
+    "nodes: files",
+    "src/palp_core/graph/discovery/running_graph.py: RunningGraph",
+    "src/palp_core/graph/node/executor.py: Executor",
+    "src/palp_core/graph/node/node.py: Node",
+    "src/palp_core/graph/supervision/supervisor.py: ProcessCrew",
+    "src/palp_core/graph/swap/process_swap.py: SwapTalk",
+    "src/palp_core/graph/transport/publisher_socket.py: PublisherSocket",
+    "src/palp_core/graph/transport/receiver.py: Receiver",
+    "src/palp_core/palpation/mechanics/contact: files",
+    "tests/graph/node/test_executor.py: lines",
+    "tests/nodes: files",
+}
+"""What does not yet keep its measure. It grows no more; an entry that is put right has to go."""
 
 
 def name_of(path: Path) -> str:
@@ -122,15 +165,12 @@ def test_the_readmes_picture_is_the_graph_of_the_simulated_rig(graphs: dict[str,
     )
 
 
-def test_each_source_file_is_one_short_idea_with_a_docstring() -> None:
-    guilty = []
-    for path in SOURCES:
-        text = path.read_text(encoding="utf-8")
-        if (count := len(text.splitlines())) >= LONGEST_FILE:
-            guilty.append(f"{name_of(path)} has {count} lines; fewer than {LONGEST_FILE} are one idea")
-        if not ast.get_docstring(ast.parse(text)):
-            guilty.append(f"{name_of(path)}: say in one line what the module is for")
-    assert guilty == []
+def test_the_source_keeps_its_measures() -> None:
+    found = {finding.key: finding.words for finding in measures.Tree(ROOT).findings()}
+    new = [words for key, words in found.items() if key not in STILL_LEFT]
+    gone = [f"{key}: put right; take it out of STILL_LEFT" for key in sorted(STILL_LEFT - found.keys())]
+    if new or gone:
+        pytest.fail("\n".join([*new, *gone]), pytrace=False)
 
 
 def test_no_file_knows_where_it_was_written() -> None:
