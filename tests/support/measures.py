@@ -29,16 +29,11 @@ APART = {"Message", "Params", "Protocol", "State"}
 SAME_NAME: dict[str, str] = {
     "Belief": "the message msgs.estimation:Belief carries it",
     "EmgBlock": "the message msgs.emg:EmgBlock carries it",
-    "Fixed": "the node nodes.policy_fixed:Fixed plays it",
-    "Markov": "the node nodes.policy_markov:Markov plays it",
     "Mount": "the message msgs.experiment:Mount orders it",
     "Phantom": "the node nodes.phantom:Phantom is it in the simulated rig",
-    "Policy": "the nodes of nodes.policy:Policy play it",
-    "PolicyState": "nodes.policy:PolicyState is what a swap hands over of it",
     "RingState": "the message msgs.actuator:RingState reports it",
     "StageState": "nodes.stage:StageState is what a swap hands over of it",
     "TorqueBlock": "the message msgs.torque:TorqueBlock carries it",
-    "Uniform": "the node nodes.policy_uniform:Uniform plays it",
 }
 """Top-level classes that share a name, with the cause."""
 
