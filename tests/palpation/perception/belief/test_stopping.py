@@ -193,9 +193,9 @@ def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> N
         stop_rule(name, value)
 
 
-def test_one_declared_class_is_all_that_a_new_rule_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_declared_class_is_all_that_a_new_rule_takes(request: pytest.FixtureRequest) -> None:
     """Batches, the estimator's choices and a re-analysis know it by its declaration."""
-    monkeypatch.setattr(registry, "_REGISTER", {**registry._REGISTER})
+    request.addfinalizer(lambda: registry._REGISTER.pop(("stop", "after_doubt")))
 
     @registry.method(task="stop", name="after_doubt", cost_s=1e-6, evidence="here", fails="always")
     @dataclass(frozen=True)
