@@ -1,8 +1,11 @@
-"""Robotic palpation: a node graph, the mechanics of a soft probe, and the perception of depth.
+"""A graph of nodes for anybody, and robotic palpation on top of it.
 
-The names a node file needs are here: ``from palp_core import Node, Params, Pub, State, Sub, every, on``.
-They load on first use, so that importing :mod:`palp_core.palpation.mechanics` in a notebook loads nothing
-of the graph.
+What a node file, a program that runs a graph and one that reads a recording need is here::
+
+    from palp_core import Graph, Message, Node, Params, Pub, State, Sub, every, on, read, to_numpy
+
+The names load on first use: :mod:`palp_core.palpation.mechanics` in a notebook loads nothing of the graph,
+and a graph nothing of palpation.
 """
 
 from __future__ import annotations
@@ -11,6 +14,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from palp_core.graph.bag.reader import Bag, read, to_numpy
+    from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.messages.builtin import NodeEvent, Progress, Swap
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
@@ -23,8 +29,10 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Alarm",
+    "Bag",
     "Bench",
     "Client",
+    "Graph",
     "Message",
     "Node",
     "NodeEvent",
@@ -34,6 +42,7 @@ __all__ = [
     "Qos",
     "QosEvent",
     "ReadOnly",
+    "RunSummary",
     "Srv",
     "State",
     "Sub",
@@ -42,25 +51,40 @@ __all__ = [
     "every",
     "on",
     "on_event",
+    "read",
     "serve",
+    "to_numpy",
 ]
 
-_HOME = {
+_HOME = dict.fromkeys(__all__, "node.ports") | {
+    "Bag": "bag.reader",
     "Bench": "node.bench",
-    "Progress": "messages.builtin",
-    "Swap": "messages.builtin",
+    "Graph": "launch.graph",
     "Message": "messages.message",
     "Node": "node.node",
     "NodeEvent": "messages.builtin",
     "Params": "node.node",
-    "ReadOnly": "node.node",
-    "State": "node.node",
+    "Progress": "messages.builtin",
     "Qos": "messages.qos",
     "QosEvent": "node.qos_events",
+    "ReadOnly": "node.node",
+    "RunSummary": "launch.summary",
+    "State": "node.node",
+    "Swap": "messages.builtin",
+    "read": "bag.reader",
+    "to_numpy": "bag.reader",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module 'palp_core' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"palp_core.graph.{_HOME.get(name, 'node.ports')}"), name)
+    home = _HOME.get(name)
+    if home is None:
+        from palp_core.graph.problems import hint
+
+        raise AttributeError(f"module 'palp_core' has no attribute '{name}'{hint(name, __all__)}")
+    value = globals()[name] = getattr(importlib.import_module(f"palp_core.graph.{home}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

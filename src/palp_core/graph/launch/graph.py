@@ -89,11 +89,11 @@ class Graph:
         overrides: Sequence[str] = (),
         started: ServerProcess | None = None,
         listen: str | None = None,
-        record: Path | None = None,
+        record: str | Path | None = None,
         **args: Any,
     ) -> None:
         self.path = Path(path)
-        self._listen, self._record = listen, record
+        self._listen, self._record = listen, None if record is None else Path(record)
         self.recordings = Recordings()
         self.gateway: GatewayHandle | None = None
         self._started = started

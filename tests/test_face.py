@@ -1,0 +1,131 @@
+"""The face of the library: its names are there, and nothing loads that is not used."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import palp_core
+
+HEAVY = ("palp_core.palpation", "scipy", "pandas", "matplotlib", "pywt", "statsmodels", "serial", "can")
+
+
+def loaded_by(program: str) -> list[str]:
+    program += (
+        f"\nimport sys, json; print(json.dumps([name for name in sys.modules if name.startswith({HEAVY!r})]))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    found: list[str] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@pytest.mark.parametrize("name", palp_core.__all__)
+def test_each_name_is_there_and_listed(name: str) -> None:
+    assert getattr(palp_core, name) is not None
+    assert name in dir(palp_core)
+
+
+def test_a_type_checker_sees_the_same_names() -> None:
+    tree = ast.parse(Path(palp_core.__file__).read_text(encoding="utf-8"))
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    seen = [alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    assert sorted(seen) == sorted(palp_core.__all__)
+
+
+def test_everything_can_be_imported_at_once() -> None:
+    names: dict[str, object] = {}
+    exec("from palp_core import *", names)
+    assert set(palp_core.__all__) <= set(names)
+
+
+def test_a_misspelt_name_gets_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'Grahp'; did you mean 'Graph'"):
+        palp_core.Grahp  # noqa: B018
+    with pytest.raises(ImportError, match="cannot import name 'Publisher'"):
+        exec("from palp_core import Publisher")
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import palp_core",
+        "import palp_core.graph",
+        "from palp_core import *",
+        "import palp_core; [getattr(palp_core, name) for name in palp_core.__all__]",
+    ],
+)
+def test_the_face_loads_nothing_of_palpation_and_nothing_heavy(program: str) -> None:
+    assert loaded_by(program) == []
+
+
+def test_the_face_itself_loads_no_module_of_palps() -> None:
+    program = "import palp_core, sys; print([name for name in sys.modules if name.startswith('palp_core.')])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+SPY = """
+import json, sys
+from palp_core import Node
+class Spy(Node):
+    def on_activate(self):
+        with open("loaded.json", "w") as file:
+            json.dump([name for name in sys.modules if name.startswith(%r)], file)
+"""
+
+
+def readme_example(folder: Path) -> str:
+    """Write the files of the README's section into a folder; return what is typed there."""
+    text = README.read_text(encoding="utf-8")
+    section = text.split("## A graph of your own, without a rig\n")[1].split("\n## ")[0]
+    for name, block in re.findall(r"```\w+\n# (\S+)\n(.*?)```", section, flags=re.DOTALL):
+        (folder / name).write_text(block, encoding="utf-8")
+    (typed,) = re.findall(r"```sh\n(.*?)```", section, flags=re.DOTALL)
+    return str(typed)
+
+
+def typed_in(folder: Path, lines: str) -> str:
+    """Run lines in a shell that has ``python`` and ``palp``; return what they print."""
+    commands = folder / "bin"
+    commands.mkdir()
+    for name, words in (("python", ""), ("palp", "-m palp_core")):
+        (commands / name).write_text(f'#!/bin/sh\nexec {sys.executable} {words} "$@"\n')
+        (commands / name).chmod(0o755)
+    environment = {
+        **os.environ,
+        "PATH": f"{commands}:{os.environ['PATH']}",
+        "PYTHONPATH": str(README.parent / "src"),
+    }
+    done = subprocess.run(
+        ["bash", "-ec", lines], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_readmes_graph_runs_in_an_empty_folder(tmp_path: Path) -> None:
+    lines = typed_in(tmp_path, readme_example(tmp_path)).splitlines()
+    assert lines[0] == "0.25 [1 2 3 4 5]"
+    assert sum("count ended after 0.2 s" in line for line in lines) == 2
+    assert lines[-1] == "/counter/number: 5 equal"
+
+
+@pytest.mark.parametrize("compose", [False, True])
+def test_its_processes_load_nothing_of_palpation_and_nothing_heavy(tmp_path: Path, compose: bool) -> None:
+    readme_example(tmp_path)
+    (tmp_path / "spy.py").write_text(SPY % (HEAVY,))
+    with (tmp_path / "count.yaml").open("a") as file:
+        file.write("  spy: {run: spy.py:Spy}\n")
+    program = (
+        f"from palp_core import Graph\nwith Graph('count.yaml', compose={compose}) as graph: graph.run()"
+    )
+    typed_in(tmp_path, f'python -c "{program}"')
+    assert json.loads((tmp_path / "loaded.json").read_text()) == []
