@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.description.check import GraphProblems, load
-from palp_core.graph.description.node_class import describe
+from palp_core.graph.description.node_class import inspect_classes
 
 LAUNCH = Path(__file__).parents[2] / "launch"
 
@@ -17,7 +17,7 @@ def test_a_bad_scene_file_is_a_mistake_at_the_parameter_that_names_it(name: str,
     scene = tmp_path / "scene.yaml"
     scene.write_text("phantom: {modulus_pa: -5}\n", encoding="utf-8")
     with pytest.raises(GraphProblems) as caught:
-        load(LAUNCH / f"{name}.yaml", [f"scene:={scene}"], describe)
+        load(LAUNCH / f"{name}.yaml", [f"scene:={scene}"], inspect_classes)
     lines = str(caught.value).splitlines()
     launch = (LAUNCH / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     assert any("(Estimator)" in line for line in lines)
@@ -32,8 +32,8 @@ def test_files_of_scene_and_phantoms_are_each_checked_and_good_ones_pass(tmp_pat
     beads = "".join(f"{code}: {{bead: {{depth_m: 0.00{code[1]}}}}}\n" for code in ("X3", "X5", "X7"))
     phantoms.write_text(beads, encoding="utf-8")
     files = [f"scene:={scene}", f"phantoms:={phantoms}"]
-    assert load(LAUNCH / "sim.yaml", files, describe).nodes
+    assert load(LAUNCH / "sim.yaml", files, inspect_classes).nodes
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
     with pytest.raises(GraphProblems, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'") as caught:
-        load(LAUNCH / "sim.yaml", [*files, "scene:=nowhere.yaml"], describe)
+        load(LAUNCH / "sim.yaml", [*files, "scene:=nowhere.yaml"], inspect_classes)
     assert "nowhere.yaml: cannot read the scene: No such file" in str(caught.value)

@@ -70,13 +70,13 @@ def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose:
     with Graph(launch, compose=compose, observe=lambda _, frame: frames.append(frame)) as graph:
         graph.plan_swap(0.1, "relay", "swap_toys:Faulty", **params)
         swaps = graph.swaps
-        turn = swaps.turn
+        turn = swaps.run_due
 
         def forgiving() -> None:
             with contextlib.suppress(SwapFailed):
                 turn()
 
-        swaps.turn = forgiving  # type: ignore[method-assign]
+        swaps.run_due = forgiving  # type: ignore[method-assign]
         assert graph.run().exit_code == 0
     assert _without_orders(frames) == _without_orders(plain)
 

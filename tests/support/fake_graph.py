@@ -19,7 +19,7 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.supervision.launcher_node import GraphBus
+from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 PATIENCE_NS = 60_000_000_000
@@ -89,7 +89,7 @@ class FakeGraph:
     def __init__(self, workspace: Path) -> None:
         self.directory = RunDirectory("fake")
         self._start_ns = monotonic_ns()
-        self.bus = GraphBus(str(self.directory.path), self.now_ns)
+        self.bus = LauncherNode(str(self.directory.path), self.now_ns)
         facts = {"graph_yaml": "graph: fake\n", "nodes": [], "workspace": str(workspace)}
         self.bus.answer("launch", lambda _: facts)
         self.nodes: list[FakeNode] = []
@@ -110,7 +110,7 @@ class FakeGraph:
         entries = [NodeEntry("source", "nodes.source:Source", 0, *nodes[0].at)]
         serve = endpoints(path, "graph")[1]
         self.bus.record = record_for(
-            "fake", "fake.yaml", "wall", serve, entries, topics + GraphBus.topics(path)
+            "fake", "fake.yaml", "wall", serve, entries, topics + LauncherNode.topics(path)
         )
         self.directory.write(self.bus.record)
 

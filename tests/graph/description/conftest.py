@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.description.check import CheckedGraph, load
-from palp_core.graph.description.node_class import describe
+from palp_core.graph.description.node_class import inspect_classes
 
 MESSAGES = """
 from palp_core import Message
@@ -138,7 +138,7 @@ class Workspace:
         return path
 
     def load(self, text: str, *overrides: str) -> CheckedGraph:
-        return load(self.write("launch/graph.yaml", text), overrides, describe)
+        return load(self.write("launch/graph.yaml", text), overrides, inspect_classes)
 
 
 @pytest.fixture

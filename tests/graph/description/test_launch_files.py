@@ -12,7 +12,7 @@ from palp_core.graph.description.check import CheckedGraph, GraphProblems, load,
 from palp_core.graph.description.diagram import draw_png, mermaid
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text, find_workspace
-from palp_core.graph.description.node_class import describe
+from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.messages.qos import Qos
 
 LAUNCH = """
@@ -106,7 +106,7 @@ def test_a_checked_graph_crosses_a_process_boundary(workspace: Any) -> None:
 
 def test_the_printed_graph_loads_to_the_same_nodes_and_wires(workspace: Any) -> None:
     graph = workspace.load(LAUNCH, "policy:=fixed")
-    again = load(workspace.write("launch/printed.yaml", resolved_yaml(graph)), [], describe)
+    again = load(workspace.write("launch/printed.yaml", resolved_yaml(graph)), [], inspect_classes)
     assert again == msgspec.structs.replace(graph, args={}, file=str(workspace.root / "launch/printed.yaml"))
 
 

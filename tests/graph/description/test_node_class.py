@@ -7,17 +7,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription, describe
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
 
 
-def ask(workspace: Any, run: str, **params: Any) -> NodeDescription:
-    (answer,) = describe([DescribeRequest(run, params)], workspace.root)
+def ask(workspace: Any, run: str, **params: Any) -> NodeClass:
+    (answer,) = inspect_classes([NodeClassRequest(run, params)], workspace.root)
     return answer
 
 
 def test_a_class_is_described_as_plain_data(workspace: Any) -> None:
     answer = ask(workspace, "nodes.torque:TorqueSensor")
-    assert msgspec.msgpack.decode(msgspec.msgpack.encode(answer), type=NodeDescription) == answer
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(answer), type=NodeClass) == answer
     assert answer.error is None
     assert {name: port.kind for name, port in answer.ports.items()} == {
         "torque": "pub",
@@ -87,16 +87,16 @@ def test_a_module_of_another_workspace_is_not_taken_for_ours(workspace: Any) -> 
     ask(workspace, "nodes.record:Record")
     other = workspace.root / "other"
     workspace.write("other/nodes/record.py", "")
-    (answer,) = describe([DescribeRequest("nodes.record:Record")], other)
+    (answer,) = inspect_classes([NodeClassRequest("nodes.record:Record")], other)
     assert answer.error is not None
     assert "not from the workspace" in answer.error
 
 
 def test_a_function_is_found_or_its_like_is_named(workspace: Any) -> None:
     requests = [
-        DescribeRequest(f"nodes.policy_markov:{name}", kind="function") for name in ("report", "reprot")
+        NodeClassRequest(f"nodes.policy_markov:{name}", kind="function") for name in ("report", "reprot")
     ]
-    found, missed = describe(requests, workspace.root)
+    found, missed = inspect_classes(requests, workspace.root)
     assert found.error is None
     assert missed.error is not None
     assert "did you mean 'report'?" in missed.error

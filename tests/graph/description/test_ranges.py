@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.description.check import GraphProblems, load
-from palp_core.graph.description.node_class import describe
+from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.param_description import ParamDescription, describe_params
@@ -21,7 +21,7 @@ PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else 
 def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     """Return the text that each mistake points at, and what it says."""
     with pytest.raises(GraphProblems) as caught:
-        load(path, arguments, describe)
+        load(path, arguments, inspect_classes)
     lines = path.read_text(encoding="utf-8").splitlines()
     assert {problem.file for problem in caught.value.problems} == {str(path)}
     return [(lines[p.line - 1][p.column - 1 :], p.message) for p in caught.value.problems]

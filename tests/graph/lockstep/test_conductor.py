@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.lockstep.composition import Composition
-from palp_core.graph.lockstep.conductor import Conductor, Crew
+from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
@@ -167,7 +167,7 @@ class Split:
             replies[index] = part.work({local: rounds[index]})[local]
         return replies
 
-    def knocks(self) -> set[int]:
+    def pending_commands(self) -> set[int]:
         return set()
 
     def shutdown(self, index: int, now_ns: int) -> Done:
@@ -179,17 +179,19 @@ Seen = list[tuple[int, bytes]]
 
 
 def conduct(
-    specs: Sequence[NodeSpec], workspace: str, ends: Sequence[int] = (), crew: Crew | None = None
+    specs: Sequence[NodeSpec], workspace: str, ends: Sequence[int] = (), nodes: LockstepNodes | None = None
 ) -> tuple[Conductor, Seen]:
     seen: Seen = []
     composed = Composition(specs, workspace)
     readers = readers_of(specs, composed)
-    conductor = Conductor(crew or composed, readers, ends, lambda now_ns, frame: seen.append((now_ns, frame)))
+    conductor = Conductor(
+        nodes or composed, readers, ends, lambda now_ns, frame: seen.append((now_ns, frame))
+    )
     return conductor, seen
 
 
-def whole_run(workspace: str, crew: Crew | None = None) -> Seen:
-    conductor, seen = conduct(GRAPH, workspace, [2], crew)
+def whole_run(workspace: str, nodes: LockstepNodes | None = None) -> Seen:
+    conductor, seen = conduct(GRAPH, workspace, [2], nodes)
     conductor.activate()
     assert conductor.run() == 7
     conductor.shutdown(range(len(GRAPH)))

@@ -19,7 +19,7 @@ from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import RunDirectory, base_folder, running
 from palp_core.graph.process.control_messages import Hello, Round, Shutdown, node_end
 from palp_core.graph.supervision import fork_client
-from palp_core.graph.supervision.channel_server import Switchboard
+from palp_core.graph.supervision.channel_server import ChannelServer
 from tests.support.palp import CHAIN, PATIENCE_S, Palp
 from tests.support.toys import LAUNCH, Hostile, Pipe
 
@@ -79,7 +79,7 @@ def test_a_second_ctrl_c_breaks_into_a_composed_handler_that_never_ends(hostile:
 def test_a_node_that_neither_reads_nor_finishes_its_sentence_does_not_stop_the_supervisor(
     tmp_path: Path,
 ) -> None:
-    lines = Switchboard(tmp_path / "s", ["a"], ())
+    lines = ChannelServer(tmp_path / "s", ["a"], ())
     node = node_end(str(tmp_path / "s"))
     node.send(Hello("a", 1))
     while not lines.connected(0):

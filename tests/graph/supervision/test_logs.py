@@ -13,23 +13,23 @@ from hypothesis import strategies as st
 
 from palp_core.graph.discovery.log_reader import follow
 from palp_core.graph.supervision import logs
-from palp_core.graph.supervision.logs import LogKeeper, note, tail
+from palp_core.graph.supervision.logs import LogWriter, note, tail
 
 
-def say(keeper: LogKeeper, path: Path, *pieces: bytes) -> None:
+def say(writer: LogWriter, path: Path, *pieces: bytes) -> None:
     """Let a process say something in pieces, and end."""
-    read_end, write_end = keeper.open(path.stem, path)
+    read_end, write_end = writer.open(path.stem, path)
     for piece in pieces:
         os.write(write_end, piece)
-        keeper.take(read_end)
+        writer.read(read_end)
     os.close(write_end)
-    keeper.end(read_end)
+    writer.close(read_end)
 
 
 def test_a_line_is_in_its_own_log_as_it_is_and_in_the_merged_one_with_time_and_name(tmp_path: Path) -> None:
-    keeper = LogKeeper()
-    say(keeper, tmp_path / "a.log", b"one\ntw", b"o\n")
-    say(keeper, tmp_path / "b.log", b"three\n")
+    writer = LogWriter()
+    say(writer, tmp_path / "a.log", b"one\ntw", b"o\n")
+    say(writer, tmp_path / "b.log", b"three\n")
     assert (tmp_path / "a.log").read_text() == "one\ntwo\n"
     merged = (tmp_path / "merged.log").read_text().splitlines()
     assert [line.split(" ", 1)[1] for line in merged] == ["a: one", "a: two", "b: three"]
@@ -37,7 +37,7 @@ def test_a_line_is_in_its_own_log_as_it_is_and_in_the_merged_one_with_time_and_n
 
 
 def test_a_line_that_was_never_ended_is_there_all_the_same(tmp_path: Path) -> None:
-    say(LogKeeper(), tmp_path / "a.log", b"the last wo")
+    say(LogWriter(), tmp_path / "a.log", b"the last wo")
     assert (tmp_path / "a.log").read_text() == "the last wo\n"
     assert (tmp_path / "merged.log").read_text().endswith(" a: the last wo\n")
 
@@ -48,7 +48,7 @@ def test_whatever_is_printed_in_whatever_pieces_nothing_is_changed(
     tmp_path_factory: pytest.TempPathFactory, pieces: list[bytes]
 ) -> None:
     path = tmp_path_factory.mktemp("logs") / "a.log"
-    say(LogKeeper(), path, *pieces)
+    say(LogWriter(), path, *pieces)
     said = b"".join(pieces)
     whole = said if not said or said.endswith(b"\n") else said + b"\n"
     assert path.read_bytes() == whole
@@ -59,7 +59,7 @@ def test_whatever_is_printed_in_whatever_pieces_nothing_is_changed(
 def test_logs_are_bounded_and_one_old_file_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(logs, "KEEP_BYTES", 1000)
     path = tmp_path / "a.log"
-    say(LogKeeper(), path, *(b"%08d\n" % number for number in range(1000)))
+    say(LogWriter(), path, *(b"%08d\n" % number for number in range(1000)))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.log", "a.log.1", "merged.log", "merged.log.1"]
     assert all(p.stat().st_size <= 1000 for p in tmp_path.iterdir())
     kept = (tmp_path / "a.log.1").read_text() + path.read_text()
@@ -76,23 +76,23 @@ def test_the_tail_reaches_into_the_old_file(tmp_path: Path) -> None:
 
 
 def test_an_endless_line_is_merged_in_pieces(tmp_path: Path) -> None:
-    say(LogKeeper(), tmp_path / "a.log", *([b"x" * 50_000] * 3))
+    say(LogWriter(), tmp_path / "a.log", *([b"x" * 50_000] * 3))
     assert max(map(len, (tmp_path / "merged.log").read_text().splitlines())) < 130_000
     assert (tmp_path / "a.log").stat().st_size == 150_001
 
 
 def test_a_stray_child_that_prints_on_does_not_hold_the_end_of_a_log(tmp_path: Path) -> None:
-    keeper = LogKeeper()
-    read_end, write_end = keeper.open("a", tmp_path / "a.log")
+    writer = LogWriter()
+    read_end, write_end = writer.open("a", tmp_path / "a.log")
     os.write(write_end, b"said before the end\n")
-    keeper.end(read_end)  # the other end is still open
+    writer.close(read_end)  # the other end is still open
     os.close(write_end)
     assert (tmp_path / "a.log").read_text() == "said before the end\n"
 
 
 def test_a_full_disk_costs_lines_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "merged.log").symlink_to("/dev/full")
-    say(LogKeeper(), tmp_path / "a.log", b"one\n")
+    say(LogWriter(), tmp_path / "a.log", b"one\n")
     assert (tmp_path / "a.log").read_text() == "one\n"
 
 
@@ -121,21 +121,21 @@ def test_a_log_is_followed_through_its_change_of_file(
     reader = threading.Thread(target=read)
     reader.start()
     lives.wait()
-    keeper = LogKeeper()
-    read_end, write_end = keeper.open("a", path)
+    writer = LogWriter()
+    read_end, write_end = writer.open("a", path)
     while not arrived.acquire(timeout=0.05):  # until it looks
         os.write(write_end, b"hello\n")
-        keeper.take(read_end)
+        writer.read(read_end)
     for number in range(300):
         os.write(write_end, b"%08d\n" % number)
-        keeper.take(read_end)
+        writer.read(read_end)
         while f"{number:08d}" not in seen[-1]:
             arrived.acquire()
     lives.clear()
     os.write(write_end, b"end\n")
-    keeper.take(read_end)
+    writer.read(read_end)
     reader.join()
     os.close(write_end)
-    keeper.end(read_end)
+    writer.close(read_end)
     assert "before" not in seen
     assert [line for line in seen if line.isdigit()] == [f"{number:08d}" for number in range(300)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -13,11 +13,11 @@ from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import encode
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Raised
-from palp_core.graph.supervision import restarts as keeping
+from palp_core.graph.supervision import restarts
 from palp_core.graph.supervision.interrupt import KILL_NS
-from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Watch
-from palp_core.graph.supervision.managed_process import FORGIVE_NS, Member
-from palp_core.graph.supervision.restarts import READY_NS, Keeper
+from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Liveness
+from palp_core.graph.supervision.managed_process import STABLE_NS, ManagedProcess
+from palp_core.graph.supervision.restarts import READY_NS, Restarts
 
 S = 1_000_000_000
 
@@ -30,33 +30,35 @@ def health(name: str = "a") -> NodeHealth:
     )  # fmt: skip
 
 
-def look_each_second(watch: Watch, until_ns: int, start_ns: int = 0) -> list[tuple[int, int]]:
+def look_each_second(liveness: Liveness, until_ns: int, start_ns: int = 0) -> list[tuple[int, int]]:
     found = []
     for now_ns in range(start_ns, until_ns + 1, S // 2):
-        found += list(watch.look(now_ns))
+        found += list(liveness.unresponsive(now_ns))
     return found
 
 
 class Stage:
-    """Members, and what a keeper does to them and says of them; its time is its own."""
+    """Processes, what is done to them and said of them; its time is its own."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, *specs: NodeSpec) -> None:
         self.now_ns = S
-        monkeypatch.setattr(keeping, "monotonic_ns", lambda: self.now_ns)
-        self.members = [Member(spec, folder / f"{spec.name}.log") for spec in specs]
+        monkeypatch.setattr(restarts, "monotonic_ns", lambda: self.now_ns)
+        self.processes = [ManagedProcess(spec, folder / f"{spec.name}.log") for spec in specs]
         self.done: list[tuple[Any, ...]] = []
         self.said: list[tuple[str, str]] = []
         self.healths: list[list[NodeHealth]] = []
-        self.keeper = Keeper(self.members, self, self, restarts=True)  # type: ignore[arg-type]
+        self.restarts = Restarts(
+            self.processes, cast("Any", self), self.activate, cast("Any", self), restarts=True
+        )
 
-    def spawn(self, member: Member) -> None:
-        self.done.append(("spawn", member.spec.name))
+    def spawn(self, process: ManagedProcess) -> None:
+        self.done.append(("spawn", process.spec.name))
 
-    def activate_on_wall(self, index: int) -> None:
-        self.done.append(("activate", self.members[index].spec.name))
+    def activate(self, index: int) -> None:
+        self.done.append(("activate", self.processes[index].spec.name))
 
-    def signal(self, member: Member, *numbers: signal.Signals) -> None:
-        self.done += [(number.name, member.spec.name) for number in numbers]
+    def signal(self, process: ManagedProcess, *numbers: signal.Signals) -> None:
+        self.done += [(number.name, process.spec.name) for number in numbers]
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
         self.said.append((kind, node))
@@ -66,21 +68,21 @@ class Stage:
 
     def ready(self) -> None:
         """All are at work and have been heard."""
-        for index, member in enumerate(self.members):
-            member.configured = member.matched = True
-            self.keeper.pulse(index, encode(health(member.spec.name)))
+        for index, process in enumerate(self.processes):
+            process.configured = process.matched = True
+            self.restarts.on_health(index, encode(health(process.spec.name)))
         self.turn(self.now_ns)
         self.done.clear()
 
     def turn(self, until_ns: int) -> None:
         """Turn twice a second until then."""
         while self.now_ns <= until_ns:
-            self.keeper.turn(self.now_ns)
+            self.restarts.run_due(self.now_ns)
             self.now_ns += S // 2
 
     def end(self, index: int) -> None:
-        self.members[index].ended = True
-        self.keeper.ended(index)
+        self.processes[index].ended = True
+        self.restarts.forget(index)
 
 
 def restarted(name: str, **fields: Any) -> NodeSpec:
@@ -95,39 +97,39 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stage:
 
 
 def test_silence_begins_when_a_node_was_last_heard() -> None:
-    watch = Watch()
-    watch.begin(0, 0)
-    watch.hear(0, health(), 0)
-    assert look_each_second(watch, HANG_NS - 1) == []
-    watch.hear(0, health(), 2 * S)
-    assert look_each_second(watch, 2 * S + HANG_NS, HANG_NS) == [(0, HANG_NS)]
+    liveness = Liveness()
+    liveness.expect(0, 0)
+    liveness.heard(0, health(), 0)
+    assert look_each_second(liveness, HANG_NS - 1) == []
+    liveness.heard(0, health(), 2 * S)
+    assert look_each_second(liveness, 2 * S + HANG_NS, HANG_NS) == [(0, HANG_NS)]
 
 
 def test_nobody_is_blamed_for_time_in_which_the_supervisor_itself_stood_still() -> None:
-    watch = Watch()
-    watch.begin(0, 0)
-    watch.hear(0, health(), 0)
-    look_each_second(watch, S)
-    assert list(watch.look(100 * S)) == []
-    assert look_each_second(watch, 101 * S, 100 * S) == []
-    assert look_each_second(watch, 103 * S, 101 * S + S // 2)[-1] == (0, 4 * S)
+    liveness = Liveness()
+    liveness.expect(0, 0)
+    liveness.heard(0, health(), 0)
+    look_each_second(liveness, S)
+    assert list(liveness.unresponsive(100 * S)) == []
+    assert look_each_second(liveness, 101 * S, 100 * S) == []
+    assert look_each_second(liveness, 103 * S, 101 * S + S // 2)[-1] == (0, 4 * S)
 
 
 def test_a_node_that_has_never_been_heard_or_has_ended_is_not_missed() -> None:
-    watch = Watch()
-    watch.begin(0, 0)
-    watch.begin(1, 0)
-    watch.hear(1, health(), 0)
-    watch.end(1)
-    assert look_each_second(watch, 20 * S) == []
-    assert watch.health == []
+    liveness = Liveness()
+    liveness.expect(0, 0)
+    liveness.expect(1, 0)
+    liveness.heard(1, health(), 0)
+    liveness.forget(1)
+    assert look_each_second(liveness, 20 * S) == []
+    assert liveness.health == []
 
 
 def test_an_unresponsive_node_is_said_once_and_so_is_its_return(stage: Stage) -> None:
     stage.turn(2 * HANG_NS)
     assert stage.said == [("unresponsive", "a"), ("unresponsive", "b")]
-    stage.keeper.pulse(1, encode(health("b")))
-    stage.keeper.pulse(1, encode(health("b")))
+    stage.restarts.on_health(1, encode(health("b")))
+    stage.restarts.on_health(1, encode(health("b")))
     assert stage.said[2:] == [("responsive", "b")]
     assert stage.done == []
 
@@ -135,7 +137,7 @@ def test_an_unresponsive_node_is_said_once_and_so_is_its_return(stage: Stage) ->
 def test_the_last_log_lines_of_an_unresponsive_node_are_in_the_warning(
     stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
-    stage.members[0].log.write_text("opening the device\n")
+    stage.processes[0].log.write_text("opening the device\n")
     stage.turn(2 * HANG_NS)
     assert "opening the device" in caplog.text
 
@@ -149,7 +151,7 @@ def test_only_a_node_whose_rule_says_so_is_restarted_for_its_silence(stage: Stag
 
 def test_one_that_does_not_go_meets_the_signal_that_cannot_be_refused(stage: Stage) -> None:
     stage.turn(S + GIVE_UP_NS)
-    planned_ns = stage.members[0].respawn_at_ns
+    planned_ns = stage.processes[0].respawn_at_ns
     assert planned_ns is not None
     stage.turn(planned_ns + KILL_NS)
     assert ("SIGKILL", "a") not in stage.done
@@ -163,12 +165,12 @@ def test_one_that_does_not_go_meets_the_signal_that_cannot_be_refused(stage: Sta
 
 def test_a_restarted_node_is_activated_when_it_is_matched(stage: Stage) -> None:
     stage.end(0)
-    assert stage.keeper.restart(0, "its process was killed by SIGKILL")
+    assert stage.restarts.restart(0, "its process was killed by SIGKILL")
     stage.turn(stage.now_ns + S)
-    stage.members[0].configured = True
+    stage.processes[0].configured = True
     stage.turn(stage.now_ns)
     assert stage.done == [("spawn", "a")]
-    stage.members[0].matched = True
+    stage.processes[0].matched = True
     stage.turn(stage.now_ns)
     assert stage.done[-1] == ("activate", "a")
     assert stage.said == [("restarting", "a"), ("restarted", "a")]
@@ -176,7 +178,7 @@ def test_a_restarted_node_is_activated_when_it_is_matched(stage: Stage) -> None:
 
 def test_a_restart_that_never_gets_ready_is_given_up_by_rule(stage: Stage) -> None:
     stage.end(0)
-    stage.keeper.restart(0, "fell")
+    stage.restarts.restart(0, "fell")
     stage.turn(stage.now_ns + READY_NS + 2 * S)
     assert stage.said.count(("restarting", "a")) == 2
     stage.end(0)
@@ -185,30 +187,30 @@ def test_a_restart_that_never_gets_ready_is_given_up_by_rule(stage: Stage) -> No
 
 
 def test_the_limit_of_restarts_holds_until_a_node_has_worked_well_for_a_while(tmp_path: Path) -> None:
-    member = Member(restarted("a", max_restarts=1), tmp_path / "a.log")
-    member.activate(0)
-    assert member.plan_restart(S, "fell").startswith("fell; restart 1 of 1")
-    member.begin(2 * S)
-    member.activate(2 * S)
-    assert member.plan_restart(3 * S, "fell") == ""
-    assert member.plan_restart(2 * S + FORGIVE_NS, "fell") != ""
-    assert member.spec.epoch == 2  # what readers count never goes back
+    process = ManagedProcess(restarted("a", max_restarts=1), tmp_path / "a.log")
+    process.activate(0)
+    assert process.plan_restart(S, "fell").startswith("fell; restart 1 of 1")
+    process.reset(2 * S)
+    process.activate(2 * S)
+    assert process.plan_restart(3 * S, "fell") == ""
+    assert process.plan_restart(2 * S + STABLE_NS, "fell") != ""
+    assert process.spec.epoch == 2  # what readers count never goes back
 
 
 def test_the_back_off_doubles(tmp_path: Path) -> None:
-    member = Member(restarted("a", max_restarts=3, backoff_s=0.5), tmp_path / "a.log")
+    process = ManagedProcess(restarted("a", max_restarts=3, backoff_s=0.5), tmp_path / "a.log")
     waits = []
     for _ in range(3):
-        member.activate(0)
-        member.plan_restart(S, "fell")
-        assert member.respawn_at_ns is not None
-        waits.append((member.respawn_at_ns - S) / S)
-        member.begin(S)
+        process.activate(0)
+        process.plan_restart(S, "fell")
+        assert process.respawn_at_ns is not None
+        waits.append((process.respawn_at_ns - S) / S)
+        process.reset(S)
     assert waits == [0.5, 1.0, 2.0]
 
 
 def test_a_node_that_was_never_at_work_is_not_restarted(tmp_path: Path) -> None:
-    assert Member(restarted("a"), tmp_path / "a.log").plan_restart(0, "fell") == ""
+    assert ManagedProcess(restarted("a"), tmp_path / "a.log").plan_restart(0, "fell") == ""
 
 
 @pytest.mark.parametrize("action", ["warn", "restart", "shutdown"])
@@ -218,10 +220,10 @@ def test_a_broken_promise_is_acted_upon_as_the_launch_file_says(
     event = Raised("deadline", "sample", "/a/sample", "nothing for 0.2 s", action)
     if action == "shutdown":
         with pytest.raises(NodeError, match=r"b: nothing for 0\.2 s"):
-            stage.keeper.raised(1, event)
+            stage.restarts.on_qos_event(1, event)
     else:
-        stage.keeper.raised(1, event)
-        stage.keeper.raised(1, event)
+        stage.restarts.on_qos_event(1, event)
+        stage.restarts.on_qos_event(1, event)
     assert stage.said[0] == ("qos", "b")
     assert "b: nothing for 0.2 s" in caplog.text
     assert stage.done == ([("SIGTERM", "a"), ("SIGCONT", "a")] if action == "restart" else [])
@@ -231,7 +233,7 @@ def test_a_broken_promise_is_acted_upon_as_the_launch_file_says(
 def test_a_publisher_whose_rule_does_not_restart_it_is_only_named(
     stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
-    stage.keeper.raised(0, Raised("liveliness", "x", "/b/x", "silent", "restart"))
+    stage.restarts.on_qos_event(0, Raised("liveliness", "x", "/b/x", "silent", "restart"))
     assert stage.done == []
     assert "b: its rule does not restart it" in caplog.text
 

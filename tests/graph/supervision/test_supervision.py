@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from palp_core.graph.description.node_class import DescribeRequest
+from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory, locked
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
@@ -198,10 +198,10 @@ def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_n
     talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
     server = ForkServer()
     try:
-        (light,) = server.describe([DescribeRequest("nodes.talk:Talk")], tmp_path, tmp_path)
+        (light,) = server.inspect_classes([NodeClassRequest("nodes.talk:Talk")], tmp_path, tmp_path)
         assert light.error is None
         assert not loaded(server, "/scipy/")
-        (heavy,) = server.describe([DescribeRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
+        (heavy,) = server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
         assert heavy.error is None
         assert loaded(server, "/scipy/special/")
         assert not loaded(server, "/scipy/signal/")

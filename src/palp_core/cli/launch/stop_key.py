@@ -54,7 +54,7 @@ def stop_key(graph: Graph) -> StopKey:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     def press() -> None:
-        record = graph.bus.record
+        record = graph.launcher_node.record
         if record is None:  # it has not begun
             return
         try:

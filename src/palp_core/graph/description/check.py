@@ -14,21 +14,21 @@ from palp_core.graph.description.checked import (
     resolved_yaml,
 )
 from palp_core.graph.description.file_reader import read
-from palp_core.graph.description.launch_file import Description, GraphNode, InputEntry, Variant
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription, PortDescription
+from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile, Variant
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
 from palp_core.graph.messages.qos import incompatibility, on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import GraphProblems, Problems, hint, nearest
 
-__all__ = ["CheckedGraph", "DescribeFunction", "GraphProblems", "check", "load", "resolved_yaml"]
+__all__ = ["CheckedGraph", "GraphProblems", "InspectFunction", "check", "load", "resolved_yaml"]
 
-DescribeFunction = Callable[[list[DescribeRequest], Path], list[NodeDescription]]
+InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 
 _TRUTH = "truth"
 _PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
 
 
-def load(path: Path, overrides: Sequence[str], describe_fn: DescribeFunction) -> CheckedGraph:
+def load(path: Path, overrides: Sequence[str], describe_fn: InspectFunction) -> CheckedGraph:
     """Read and check a launch file.
 
     Args:
@@ -42,7 +42,7 @@ def load(path: Path, overrides: Sequence[str], describe_fn: DescribeFunction) ->
     return check(read(path, overrides), describe_fn)
 
 
-def check(description: Description, describe_fn: DescribeFunction) -> CheckedGraph:
+def check(description: LaunchFile, describe_fn: InspectFunction) -> CheckedGraph:
     """Check a description against the node classes it names.
 
     Raises:
@@ -50,14 +50,14 @@ def check(description: Description, describe_fn: DescribeFunction) -> CheckedGra
     """
     problems = Problems(description.problems)
     requests = [
-        DescribeRequest(
+        NodeClassRequest(
             variant.run.value, {name: item.value for name, item in variant.params.items()}, name=entry.name
         )
         for entry in description.nodes.values()
         for variant in entry.variants
     ]
     if description.report is not None:
-        requests.append(DescribeRequest(description.report.value, kind="function"))
+        requests.append(NodeClassRequest(description.report.value, kind="function"))
     answers = iter(describe_fn(requests, description.workspace) if requests else [])
     candidates = {
         name: [_Candidate(entry, variant, next(answers)) for variant in entry.variants]
@@ -78,12 +78,12 @@ class _Candidate:
 
     entry: GraphNode
     variant: Variant
-    declared: NodeDescription
+    declared: NodeClass
 
     def __str__(self) -> str:
         return f"node '{self.entry.name}' ({self.declared.run.rpartition(':')[2]})"
 
-    def ports(self, *kinds: str) -> dict[str, PortDescription]:
+    def ports(self, *kinds: str) -> dict[str, NodePort]:
         return {name: port for name, port in self.declared.ports.items() if port.kind in kinds}
 
 
@@ -115,7 +115,7 @@ def _check_class(reader: _Candidate, candidates: _Candidates, problems: Problems
             problems.add(entry.mark, f"{message}; add {name}: {_source(port, candidates)} under inputs")
 
 
-def _source(port: PortDescription, candidates: _Candidates) -> str:
+def _source(port: NodePort, candidates: _Candidates) -> str:
     """Return a publisher or service that fits a port, or a placeholder."""
     wanted, kind = [t.type_hash for t in port.types], "pub" if port.kind == "sub" else "srv"
     fitting = [
@@ -129,7 +129,7 @@ def _source(port: PortDescription, candidates: _Candidates) -> str:
 
 
 def _check_wire(
-    reader: _Candidate, port: PortDescription, wire: InputEntry, candidates: _Candidates, problems: Problems
+    reader: _Candidate, port: NodePort, wire: InputEntry, candidates: _Candidates, problems: Problems
 ) -> None:
     if wire.external:
         if port.kind == "client":
@@ -166,9 +166,9 @@ def _check_wire(
 
 def _check_edge(
     reader: _Candidate,
-    port: PortDescription,
+    port: NodePort,
     source: _Candidate,
-    offer: PortDescription,
+    offer: NodePort,
     wire: InputEntry,
     problems: Problems,
 ) -> None:
@@ -213,7 +213,7 @@ def _fields(wanted: str, given: str) -> str:
     )
 
 
-def _build(description: Description, candidates: _Candidates) -> CheckedGraph:
+def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
     chosen = {
         name: next(c for c in options if c.variant is c.entry.present) for name, options in candidates.items()
     }
@@ -265,7 +265,7 @@ def _build(description: Description, candidates: _Candidates) -> CheckedGraph:
     )
 
 
-def _topic_info(node: str, port: PortDescription, index: int) -> TopicInfo:
+def _topic_info(node: str, port: NodePort, index: int) -> TopicInfo:
     kind = port.types[index]
     return TopicInfo(
         node=node, port=port.name, qos=port.qos, type=kind.name, type_hash=kind.type_hash,

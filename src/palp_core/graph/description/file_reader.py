@@ -17,7 +17,7 @@ from palp_core.graph.description.arguments import (
     unknown_keys,
 )
 from palp_core.graph.description.input_reader import NAME, read_number, read_word
-from palp_core.graph.description.launch_file import Description, GraphNode, Located, find_workspace
+from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree, read_tree
@@ -29,7 +29,7 @@ _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _REPORT = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
-def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | None = None) -> Description:
+def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | None = None) -> LaunchFile:
     """Read a launch file without looking at any node class.
 
     Args:
@@ -54,7 +54,7 @@ class _Reader:
         self.nodes: dict[str, GraphNode] = {}
         self.files: list[Path] = []
 
-    def root(self, path: Path, overrides: Sequence[str]) -> Description:
+    def root(self, path: Path, overrides: Sequence[str]) -> LaunchFile:
         fields, mark, known = self._open(path)
         for key, example in (("graph", "a name"), ("clock", "sim or wall")):
             if key not in fields and nearest(key, known - set(fields)) is None:
@@ -78,7 +78,7 @@ class _Reader:
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):
             self.problems.add(place, "the graph has no nodes; add at least one under nodes")
-        return Description(
+        return LaunchFile(
             path, self.workspace, place, graph, clock, seed, arguments, scope.values, self.nodes, report,
             self.problems.listed(), listen,
         )  # fmt: skip

@@ -63,7 +63,7 @@ _NUMBERS = {"depth": int, "deadline_ms": float, "lifespan_ms": float, "lease_ms"
 _ACTIONS = ("warn", "restart", "shutdown")
 
 
-def read_wire(entry: Entry, what: str, scope: Scope, problems: Problems) -> InputEntry | None:
+def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> InputEntry | None:
     """Return a wire, or None after reporting what is wrong with it."""
     source, stated, action = entry.value, {}, "warn"
     if isinstance(source, Mapping):

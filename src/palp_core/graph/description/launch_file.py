@@ -108,7 +108,7 @@ class GraphNode:
 
 
 @dataclass(frozen=True)
-class Description:
+class LaunchFile:
     """A launch file and what it includes.
 
     Attributes:
@@ -146,7 +146,7 @@ def find_workspace(path: Path) -> Path:
     return next((parent for parent in [folder, *folder.parents] if (parent / "nodes").is_dir()), folder)
 
 
-def arguments_text(description: Description) -> str:
+def arguments_text(description: LaunchFile) -> str:
     """Return what a launch file takes, in ROS 2's words."""
     lines = ["Arguments (pass arguments as '<name>:=<value>'):"]
     for argument in description.arguments.values():

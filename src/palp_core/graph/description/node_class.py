@@ -1,7 +1,7 @@
 """Look at node classes, in the process that may import them, and say what they declare as plain data.
 
-The launcher never imports a workspace's modules: a child runs :func:`describe` and sends back its answer.
-What is wrong with a module is part of that, with the line of its source, and never an exception.
+The launcher never imports a workspace's modules: a child runs :func:`inspect_classes` and sends back its
+answer. What is wrong with a module is part of that, with the line of its source, and never an exception.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from palp_core.graph.problems import hint, nearest
 _LIBRARY = Path(__file__).resolve().parents[2]
 
 
-class DescribeRequest(msgspec.Struct, frozen=True):
+class NodeClassRequest(msgspec.Struct, frozen=True):
     """Ask what a node class declares and whether parameters fit it.
 
     Attributes:
@@ -51,7 +51,7 @@ class DescribeRequest(msgspec.Struct, frozen=True):
     name: str = ""
 
 
-class TypeDescription(msgspec.Struct, frozen=True):
+class MessageType(msgspec.Struct, frozen=True):
     """A message type: its name, hash (16 hexadecimal digits), ROS text and JSON Schema."""
 
     name: str
@@ -60,7 +60,7 @@ class TypeDescription(msgspec.Struct, frozen=True):
     json_schema: dict[str, Any]
 
 
-class PortDescription(msgspec.Struct, frozen=True):
+class NodePort(msgspec.Struct, frozen=True):
     """A port.
 
     Attributes:
@@ -72,12 +72,12 @@ class PortDescription(msgspec.Struct, frozen=True):
 
     name: str
     kind: Literal["sub", "pub", "srv", "client"]
-    types: list[TypeDescription]
+    types: list[MessageType]
     qos: Qos
     optional: bool = False
 
 
-class NodeDescription(msgspec.Struct, frozen=True, kw_only=True):
+class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     """What a node class declares.
 
     Attributes:
@@ -90,7 +90,7 @@ class NodeDescription(msgspec.Struct, frozen=True, kw_only=True):
     run: str
     error: str | None = None
     doc: str = ""
-    ports: dict[str, PortDescription] = {}
+    ports: dict[str, NodePort] = {}
     params: dict[str, ParamDescription] = {}
     param_errors: dict[str, str] = {}
     moves: bool = False
@@ -98,35 +98,35 @@ class NodeDescription(msgspec.Struct, frozen=True, kw_only=True):
     records: bool = False
 
 
-def describe(requests: Sequence[DescribeRequest], workspace: Path) -> list[NodeDescription]:
+def inspect_classes(requests: Sequence[NodeClassRequest], workspace: Path) -> list[NodeClass]:
     """Describe node classes, with the workspace first on the module path.
 
     What modules print while they are imported goes to standard error.
     """
     enter_workspace(str(workspace))
     with contextlib.redirect_stdout(sys.stderr):
-        return [_describe(request, workspace) for request in requests]
+        return [_inspect(request, workspace) for request in requests]
 
 
 class _Refusal(Exception):
     """There is nothing to describe; its text says why."""
 
 
-def _describe(request: DescribeRequest, workspace: Path) -> NodeDescription:
+def _inspect(request: NodeClassRequest, workspace: Path) -> NodeClass:
     module_name, _, name = request.run.rpartition(":")
     try:
         module = _module(module_name, workspace)
         if request.kind == "function":
             _function(module, module_name, name)
-            return NodeDescription(run=request.run)
+            return NodeClass(run=request.run)
         return _node(_class(module, module_name, name).shaped(request.name, request.params), request)
     except (_Refusal, BagError) as refusal:
-        return NodeDescription(run=request.run, error=str(refusal))
+        return NodeClass(run=request.run, error=str(refusal))
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a workspace's module may raise anything
-        return NodeDescription(run=request.run, error=_located(error, workspace))
+        return NodeClass(run=request.run, error=_located(error, workspace))
 
 
-def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
+def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
     declared = declaration_of(cls)
     errors = param_errors(declared, request.params)
     if not errors:
@@ -137,7 +137,7 @@ def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
         *declared.services.values(),
         *declared.clients.values(),
     ]
-    return NodeDescription(
+    return NodeClass(
         run=request.run,
         doc=(cls.__doc__ or "").strip().partition("\n")[0],
         ports={port.name: _port(port) for port in ports},
@@ -149,23 +149,23 @@ def _node(cls: type[Node], request: DescribeRequest) -> NodeDescription:
     )
 
 
-def _port(port: Port) -> PortDescription:
+def _port(port: Port) -> NodePort:
     match port:
         case Sub():
-            return PortDescription(port.name, "sub", [_type(port.message)], port.qos, port.optional)
+            return NodePort(port.name, "sub", [_type(port.message)], port.qos, port.optional)
         case Pub():
-            return PortDescription(port.name, "pub", [_type(port.message)], port.qos)
+            return NodePort(port.name, "pub", [_type(port.message)], port.qos)
         case Srv():
-            return PortDescription(port.name, "srv", [_type(port.request), _type(port.reply)], Qos())
+            return NodePort(port.name, "srv", [_type(port.request), _type(port.reply)], Qos())
         case Client():
-            return PortDescription(port.name, "client", [_type(port.request), _type(port.reply)], Qos())
+            return NodePort(port.name, "client", [_type(port.request), _type(port.reply)], Qos())
     raise AssertionError(port)
 
 
-def _type(message: type[Message]) -> TypeDescription:
+def _type(message: type[Message]) -> MessageType:
     schema = schema_of(message)
     described = json_schema(schema)
-    return TypeDescription(schema.name, f"{schema.type_hash:016x}", ros_text(described), described)
+    return MessageType(schema.name, f"{schema.type_hash:016x}", ros_text(described), described)
 
 
 def _module(name: str, workspace: Path) -> ModuleType:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palp_core.graph.description.arguments import Argument, unknown_keys
-from palp_core.graph.description.input_reader import NAME, flat, read_flag, read_number, read_wire, read_word
+from palp_core.graph.description.input_reader import NAME, flat, read_flag, read_input, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located, Restart, Variant
 from palp_core.graph.description.selection import Selection, assignments, read_selection
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
@@ -154,7 +154,7 @@ class NodeReader:
         return {port: wire for port, wire in read.items() if wire is not None}
 
     def _input(self, what: str, entry: Entry) -> InputEntry | None:
-        wire = read_wire(entry, what, self._scope, self._problems)
+        wire = read_input(entry, what, self._scope, self._problems)
         self._hidden = self._hidden or (wire is None)
         return wire
 

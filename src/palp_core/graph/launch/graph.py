@@ -20,22 +20,22 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import CheckedGraph, load
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
-from palp_core.graph.lockstep.conductor import Conductor, Crew, Observer
+from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_facts
 from palp_core.graph.recording.recorders import Recordings
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
-from palp_core.graph.supervision.launcher_node import GraphBus
-from palp_core.graph.supervision.run_record import announcement
-from palp_core.graph.swap.swap import SwapCrew, Swapper, SwapRequest
+from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.run_record import run_record
+from palp_core.graph.swap.swap import SwapBackend, Swapper, SwapRequest
 
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
 if TYPE_CHECKING:
-    from palp_core.graph.lockstep.composition import Composition
+    pass
 
 __all__ = ["Graph", "RunSummary", "check_file"]
 
@@ -43,7 +43,7 @@ POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a f
 
 
 def _checked(path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory) -> CheckedGraph:
-    return load(path, overrides, lambda requests, where: server.describe(requests, where, folder.path))
+    return load(path, overrides, lambda requests, where: server.inspect_classes(requests, where, folder.path))
 
 
 def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
@@ -127,26 +127,30 @@ class Graph:
                 self.directory.remove()
                 raise
             stack.callback(self.recordings.close)
-            self.bus = GraphBus(str(self.directory.path), self._now_ns)
-            stack.callback(self.bus.close)
+            self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
+            stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
-                self.bus.joined = lambda: gateway.health.values()
-            self.bus.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
-            self.bus.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
-            self.bus.answer("launch", lambda _: launch_facts(self.checked))
+                self.launcher_node.joined = lambda: gateway.health.values()
+            self.launcher_node.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
+            self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
+            self.launcher_node.answer("launch", lambda _: launch_facts(self.checked))
             if self._compose:
                 from palp_core.graph.lockstep.composition import composed
 
                 server.close()
-                self._crew: Crew = stack.enter_context(composed(self.checked, self.directory))
+                self._nodes: LockstepNodes = stack.enter_context(composed(self.checked, self.directory))
             else:
-                self._crew = self._supervisor = self._supervised(stack, server)
-                self._supervisor.renewed, self._supervisor.between = self._announce, self._serve
-            crew = swap_crew(self._crew, self.directory.path, Path(self.checked.workspace), self._elapse)
-            self.swaps = Swapper(self.checked, crew, self._now_ns, self._swapped, self.bus.report)
-            self.bus.answer("swap", self.swaps.answer, deferred=True)
+                self._nodes = self._supervisor = self._supervised(stack, server)
+                self._supervisor.on_new_process, self._supervisor.on_turn = self._announce, self._serve
+            backend = _swap_backend(
+                self._nodes, self.directory.path, Path(self.checked.workspace), self._elapse
+            )
+            self.swaps = Swapper(
+                self.checked, backend, self._now_ns, self._swapped, self.launcher_node.report
+            )
+            self.launcher_node.answer("swap", self.swaps.answer, deferred=True)
             self._announce()
-            self.recordings.begin(self.directory.path, self.bus, self._supervisor)
+            self.recordings.begin(self.directory.path, self.launcher_node, self._supervisor)
             self._stack = stack.pop_all()
         return self
 
@@ -173,7 +177,7 @@ class Graph:
             server,
             self._interrupt,
             self._show,
-            self.bus,
+            self.launcher_node,
         )
         stack.callback(supervisor.close)
         if self.gateway is not None:
@@ -185,16 +189,18 @@ class Graph:
         if (address := self._listen or self.checked.listen) or self.checked.expected:
             from palp_core.graph.network.gateway_handle import open_gateway
 
-            report = lambda *event, **data: self.bus.report(*event, **data)  # noqa: E731
+            report = lambda *event, **data: self.launcher_node.report(*event, **data)  # noqa: E731
             self.gateway = open_gateway(address, self.checked, self.directory.path, report, self._announce)
             stack.callback(self.gateway.close, "the graph has failed", finished=False)
 
     def _announce(self) -> None:
         """Say where everything is, to those who look into the run directory and to those who ask."""
-        pids = {m.spec.name: m.pid for m in self._supervisor.members} if self._supervisor is not None else {}
-        record = announcement(self.checked, self.path, self.directory.path, pids, composed=self._compose)
-        self.bus.record = record if self.gateway is None else self.gateway.described(record)
-        self.directory.write(self.bus.record)
+        pids = (
+            {p.spec.name: p.pid for p in self._supervisor.processes} if self._supervisor is not None else {}
+        )
+        record = run_record(self.checked, self.path, self.directory.path, pids, composed=self._compose)
+        self.launcher_node.record = record if self.gateway is None else self.gateway.described(record)
+        self.directory.write(self.launcher_node.record)
 
     def run(self, until_s: float | None = None) -> RunSummary:
         """Activate, work until the run ends (or until a time on the graph's clock), and reach the safe state.
@@ -227,10 +233,10 @@ class Graph:
     def _run_lockstep(self, until_ns: int | None) -> tuple[int, float, int]:
         checked = self.checked
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
-        conductor = Conductor(self._crew, checked.readers, ends_run, self._show, self._look_up)
+        conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
         self._conductor = conductor
         try:
-            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
+            with self.launcher_node.announcing(self.checked.graph, len(self.checked.spawned)):
                 conductor.activate()
                 exit_code = conductor.run(until_ns)
         finally:
@@ -245,7 +251,7 @@ class Graph:
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None
         try:
-            with self.bus.telling(self.checked.graph, len(self.checked.spawned)):
+            with self.launcher_node.announcing(self.checked.graph, len(self.checked.spawned)):
                 start_ns = monotonic_ns()
                 if self.gateway is not None:
                     self.gateway.activate(start_ns)
@@ -263,7 +269,7 @@ class Graph:
         self._announce()
         if self._conductor is not None and done is not None:
             self._conductor.rewire(checked.readers)
-            self._conductor.take_in(index, done)
+            self._conductor.accept(index, done)
 
     def _elapse(self, duration_ns: int) -> None:
         assert self._conductor is not None
@@ -278,16 +284,16 @@ class Graph:
 
     def _serve(self) -> None:
         """Do what tools have asked for and what is planned."""
-        self.bus.perform()
-        self.swaps.turn()
+        self.launcher_node.run_deferred()
+        self.swaps.run_due()
 
-    def _look_up(self) -> None:
+    def _between_instants(self) -> None:
         """Between two instants: is the end wanted, does anybody ask?"""
         self._interrupt.check()
         self._serve()
         self._instant_count += 1
         if self._compose and self._instant_count % POLL_INSTANTS == 0:
-            self.bus.poll()  # the supervisor does it where there is one
+            self.launcher_node.poll()  # the supervisor does it where there is one
 
     def _end_order(self) -> list[int]:
         """Nodes that move something first, then graph order."""
@@ -299,25 +305,25 @@ def _scalar(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def swap_crew(
-    crew: Crew | Composition, folder: Path, workspace: Path, elapse: Callable[[int], None]
-) -> SwapCrew:
-    """Return who swaps the nodes of a crew.
+def _swap_backend(
+    nodes: LockstepNodes, folder: Path, workspace: Path, elapse: Callable[[int], None]
+) -> SwapBackend:
+    """Return what swaps the nodes: between processes, or within the one of a composed graph.
 
     Args:
-        crew: The nodes.
+        nodes: Those of the graph.
         folder: The run directory.
         workspace: Folder that holds ``nodes/``.
         elapse: Lets so much simulated time go by.
     """
     from palp_core.graph.supervision.supervisor import Supervisor
 
-    if isinstance(crew, Supervisor):
+    if isinstance(nodes, Supervisor):
         from palp_core.graph.swap.process_swap import ProcessSwaps
 
-        return ProcessSwaps(crew, folder, workspace, elapse)
+        return ProcessSwaps(nodes, folder, workspace, elapse)
     from palp_core.graph.lockstep.composition import Composition
     from palp_core.graph.swap.composed_swap import ComposedSwaps
 
-    assert isinstance(crew, Composition)
-    return ComposedSwaps(crew, workspace, elapse)
+    assert isinstance(nodes, Composition)
+    return ComposedSwaps(nodes, workspace, elapse)

@@ -24,7 +24,7 @@ POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few
 
 
 class Composition:
-    """A crew in memory.
+    """The nodes of a lockstep graph in this process.
 
     Attributes:
         shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
@@ -89,10 +89,10 @@ class Composition:
             follow_round(self._executors[index], self._clock, message)
             replies[index] = self._done(self._executors[index])
             if self.shadow is not None and self.shadow[0] == index:
-                self._work_unheard(message, replies[index])
+                self._work_shadow(message, replies[index])
         return replies
 
-    def knocks(self) -> set[int]:
+    def pending_commands(self) -> set[int]:
         """Return the nodes for which a command from outside waits."""
         waiting = self._broadcast.waiting if self._broadcast is not None else ()
         return {self.names.index(name) for name in waiting}
@@ -105,8 +105,8 @@ class Composition:
 
     # Swap
 
-    def _work_unheard(self, message: Round, done: Done) -> None:
-        """Let a node's understudy do the same as the node, and compare."""
+    def _work_shadow(self, message: Round, done: Done) -> None:
+        """Let a node's standby do the same as the node, and compare."""
         assert self.shadow is not None
         _, executor, sent, comparison = self.shadow
         follow_round(executor, self._clock, message)
@@ -120,7 +120,7 @@ class Composition:
         """Return a node."""
         return self._executors[index]
 
-    def understudy(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:
+    def start_standby(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:
         """Configure a node beside the one that has its part; return it and where its frames go meanwhile."""
         held: list[bytes] = []
         node_class = load_class(spec.run, self._workspace, fresh=True)
@@ -128,14 +128,14 @@ class Composition:
         executor.transition(Transition.CONFIGURE)
         return executor, held
 
-    def hand_in(self, index: int) -> tuple[list[bytes], HandOver]:
+    def hand_over(self, index: int) -> tuple[list[bytes], HandOver]:
         """Pause a node; return what it has published on the occasion, and its hand-over."""
         self._executors[index].succession.pause()
         hand_over = self._executors[index].succession.hand_over()
         return self._done(self._executors[index]).frames, hand_over
 
     def promote(self, index: int, executor: Executor, frames: list[bytes]) -> Done:
-        """Give an understudy the node's part, and publish what it and the other have to say."""
+        """Give a standby the node's part, and publish what it and the other have to say."""
         self._executors[index] = executor
         self._offer(executor)
         for out in executor.ends.publishers.values():

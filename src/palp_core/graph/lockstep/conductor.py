@@ -23,7 +23,7 @@ Observer = Callable[[int, bytes], None]
 """Is shown every published frame in its deterministic order, with the time of its round."""
 
 
-class Crew(Protocol):
+class LockstepNodes(Protocol):
     """The nodes of a lockstep graph, numbered in graph order."""
 
     @property
@@ -36,7 +36,7 @@ class Crew(Protocol):
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let several nodes do their part of a round, in parallel where they can."""
 
-    def knocks(self) -> set[int]:
+    def pending_commands(self) -> set[int]:
         """Return the nodes for which a command from outside waits, since last asked."""
 
     def shutdown(self, index: int, now_ns: int) -> Done:
@@ -44,10 +44,10 @@ class Crew(Protocol):
 
 
 class Conductor:
-    """Drives a crew through simulated time.
+    """Drives nodes through simulated time.
 
     Args:
-        crew: The nodes.
+        nodes: Numbered in graph order.
         readers: Per topic, the numbers of the nodes that read it.
         ends_run: Numbers of the nodes whose end is the end of the run.
         observe: Is shown every frame.
@@ -56,7 +56,7 @@ class Conductor:
 
     def __init__(
         self,
-        crew: Crew,
+        nodes: LockstepNodes,
         readers: Mapping[str, Sequence[int]],
         ends_run: Sequence[int],
         observe: Observer,
@@ -65,7 +65,7 @@ class Conductor:
         self.now_ns = 0
         self.exit_code: int | None = None
         self.activation_count = 0
-        self._crew = crew
+        self._nodes = nodes
         self.rewire(readers)
         self._ends_run = set(ends_run)
         self._observe = observe
@@ -76,17 +76,17 @@ class Conductor:
     def activate(self) -> None:
         """Activate every node in graph order at time 0 and run the rounds that this causes."""
         published: list[bytes] = []
-        for index in range(len(self._crew.names)):
-            published += self._take(index, self._crew.activate(index))
+        for index in range(len(self._nodes.names)):
+            published += self._account(index, self._nodes.activate(index))
         self._run_rounds(published)
 
     def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
         """Deliver by other wires from now on."""
         self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
 
-    def take_in(self, index: int, done: Done) -> None:
+    def accept(self, index: int, done: Done) -> None:
         """Take what a node has published between two instants, and run the rounds that this causes."""
-        self._run_rounds(self._take(index, done))
+        self._run_rounds(self._account(index, done))
 
     def run(self, until_ns: int | None = None) -> int:
         """Go on until a node whose end is the run's end has finished, or until a time; return the exit code.
@@ -122,7 +122,7 @@ class Conductor:
         failures = []
         for index in order:
             try:
-                self._take(index, self._crew.shutdown(index, self.now_ns))
+                self._account(index, self._nodes.shutdown(index, self.now_ns))
             except PalpError as error:
                 failures.append(error)
         if failures:
@@ -140,7 +140,7 @@ class Conductor:
                         inbox.setdefault(index, []).append((topic, sequence_of(frame, len(topic)), frame))
             active = {i for i, due_ns in self._due.items() if due_ns <= now_ns}.union(inbox)
             if count == 0:
-                active |= self._crew.knocks()
+                active |= self._nodes.pending_commands()
             if not active:
                 return
             if count == MAX_ROUNDS:
@@ -149,12 +149,12 @@ class Conductor:
                 index: Round(now_ns, [frame for _, _, frame in sorted(inbox.get(index, ()))])
                 for index in sorted(active)
             }
-            replies = self._crew.work(rounds)
+            replies = self._nodes.work(rounds)
             self.activation_count += len(rounds)
             published = []
             for index in rounds:
-                published += self._take(index, replies[index])
-        names = ", ".join(sorted({self._crew.names[index] for index in active}))
+                published += self._account(index, replies[index])
+        names = ", ".join(sorted({self._nodes.names[index] for index in active}))
         read = {topic_of(frame) for frame in published} & self._readers.keys()
         topics = ", ".join(sorted(str(topic, "utf-8") for topic in read)) or "alarms"
         raise GraphError(
@@ -162,7 +162,7 @@ class Conductor:
             f"{names} keep answering each other over {topics}; break the cycle with a timer"
         )
 
-    def _take(self, index: int, done: Done) -> list[bytes]:
+    def _account(self, index: int, done: Done) -> list[bytes]:
         if done.next_due_ns >= 0:
             self._due[index] = done.next_due_ns
         else:

@@ -34,7 +34,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import Plan, plan
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.supervision.sidecar import Companion
+from palp_core.graph.supervision.sidecar import Sidecar
 
 if TYPE_CHECKING:
     from palp_core.graph.supervision.supervisor import Supervisor
@@ -132,35 +132,35 @@ class GatewayHandle:
         self._say: Callable[[str], None] = lambda _: None
         self._supervisor: Supervisor | None = None
         self._closed = False
-        self._companion, self.endpoint = self._start_process(planned)
+        self._sidecar, self.endpoint = self._start_process(planned)
 
-    def _start_process(self, planned: Plan) -> tuple[Companion[FromGateway], str]:
+    def _start_process(self, planned: Plan) -> tuple[Sidecar[FromGateway], str]:
         log = self._folder / "log" / "gateway.log"
-        companion = Companion("palp_core.graph.network.gateway", launcher_decoder(), log)
+        sidecar = Sidecar("palp_core.graph.network.gateway", launcher_decoder(), log)
         try:
-            companion.send(Begin(str(self._folder), planned.endpoint, planned.secured, self._epochs))
-            if not select.select((companion.descriptor,), (), (), START_TIMEOUT_S)[0]:
+            sidecar.send(Begin(str(self._folder), planned.endpoint, planned.secured, self._epochs))
+            if not select.select((sidecar.descriptor,), (), (), START_TIMEOUT_S)[0]:
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
-            (said,) = companion.news()
+            (said,) = sidecar.receive()
         except (ChannelClosed, GraphError) as error:
-            companion.close()
+            sidecar.close()
             if isinstance(error, GraphError):
                 raise
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
         if isinstance(said, CannotListen):
-            companion.close()
+            sidecar.close()
             raise GraphError(said.text)
         assert isinstance(said, Listening)
-        return companion, said.endpoint
+        return sidecar, said.endpoint
 
     def follow(self, supervisor: Supervisor) -> None:
         """Let the supervisor's loop tell when the gateway has said something."""
         self._supervisor = supervisor
-        supervisor.watch(self._companion.descriptor, self._receive)
+        supervisor.watch(self._sidecar.descriptor, self._receive)
 
     def _forget(self) -> None:
         if self._supervisor is not None:
-            self._supervisor.forget(self._companion.descriptor)
+            self._supervisor.forget(self._sidecar.descriptor)
 
     def announce_to(self, say: Callable[[str], None]) -> None:
         """Show a person where the gateway listens, what to know of it, and from now on what happens."""
@@ -209,18 +209,18 @@ class GatewayHandle:
 
     def _send(self, line: Opened | Activated | Ending) -> None:
         try:
-            self._companion.send(line)
+            self._sidecar.send(line)
         except ChannelClosed:
             _LOG.debug("the gateway is gone; the supervisor's loop will find out")
 
     def _receive(self) -> None:
         """Take in what the gateway has said; start another if it has died."""
         try:
-            for said in self._companion.news():
+            for said in self._sidecar.receive():
                 self._on_message(said)
         except ChannelClosed:
             self._forget()
-            self._report_death(self._companion.close())
+            self._report_death(self._sidecar.close())
             if self._restart_count < MOST_RESTARTS and not self._closed:
                 self._restart()
 
@@ -260,12 +260,12 @@ class GatewayHandle:
         self._restart_count += 1
         again = self._plan._replace(endpoint=self.endpoint)
         try:
-            self._companion, self.endpoint = self._start_process(again)
+            self._sidecar, self.endpoint = self._start_process(again)
         except GraphError as error:
             self._report("failed", "gateway", f"the gateway cannot be started again: {error}")
             return
         if self._supervisor is not None:
-            self._supervisor.watch(self._companion.descriptor, self._receive)
+            self._supervisor.watch(self._sidecar.descriptor, self._receive)
         if self._view is not None:
             self._send(Opened(self._view))
         if self._start_ns is not None:
@@ -279,4 +279,4 @@ class GatewayHandle:
         self._closed = True
         self._forget()
         self._send(Ending(text, finished))
-        self._companion.close()
+        self._sidecar.close()

@@ -11,14 +11,14 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import TopicInfo
-from palp_core.graph.description.node_class import NodeDescription, PortDescription
+from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import hint
 
 
-def outputs_of(name: str, described: NodeDescription, external: Collection[str] = ()) -> dict[str, TopicInfo]:
+def outputs_of(name: str, described: NodeClass, external: Collection[str] = ()) -> dict[str, TopicInfo]:
     """Return what a node publishes, by topic.
 
     Args:
@@ -41,7 +41,7 @@ def outputs_of(name: str, described: NodeDescription, external: Collection[str] 
     }
 
 
-def alone(name: str, run: str, params: Mapping[str, Any], described: NodeDescription) -> NodeSpec:
+def alone(name: str, run: str, params: Mapping[str, Any], described: NodeClass) -> NodeSpec:
     """Return a node that is a graph of its own: every input takes messages from outside."""
     external = [port.name for port in _ports(described, "sub")]
     return NodeSpec(
@@ -61,7 +61,7 @@ def wired(
     run: str,
     params: Mapping[str, Any],
     wires: Mapping[str, str],
-    described: NodeDescription,
+    described: NodeClass,
     view: GraphView,
 ) -> tuple[NodeSpec, dict[str, str]]:
     """Wire a node into a running graph.
@@ -116,14 +116,14 @@ def wired(
     return spec, feeds
 
 
-def _advice(port: PortDescription, view: GraphView) -> str:
+def _advice(port: NodePort, view: GraphView) -> str:
     fitting = [name for name, info in view.topics.items() if info.type_hash == port.types[0].type_hash]
     if port.kind == "client":
         return "the node to the launch file with joined: true, where a client can be wired"
     return " or ".join(f"-r {port.name}:={name}" for name in fitting) or f"-r {port.name}:=/node/port"
 
 
-def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeDescription) -> JoinRequest:
+def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> JoinRequest:
     """Return what a node says of itself."""
     subs = {port.name: port for port in _ports(described, "sub")}
     return JoinRequest(
@@ -147,9 +147,9 @@ def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeDescripti
     )
 
 
-def _ports(described: NodeDescription, *kinds: str) -> list[PortDescription]:
+def _ports(described: NodeClass, *kinds: str) -> list[NodePort]:
     return [port for port in described.ports.values() if port.kind in kinds]
 
 
-def _params(described: NodeDescription, given: Mapping[str, Any]) -> dict[str, Any]:
+def _params(described: NodeClass, given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: p.default for name, p in described.params.items() if not p.required} | dict(given)

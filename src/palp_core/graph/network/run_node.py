@@ -15,7 +15,7 @@ from palp_core.errors import GraphError, NodeError, SecurityError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.description.launch_file import find_workspace
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.network.bridge_messages import (
     Admitted,
@@ -36,9 +36,9 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
-from palp_core.graph.supervision.launcher_node import GraphBus
-from palp_core.graph.supervision.run_record import announcement_of_one
-from palp_core.graph.supervision.sidecar import Companion
+from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.run_record import run_record_of_node
+from palp_core.graph.supervision.sidecar import Sidecar
 from palp_core.graph.supervision.supervisor import Supervisor
 
 Say = Callable[[str], None]
@@ -85,7 +85,7 @@ class _Remote:
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
         self._interrupt = interrupt
-        self._bridge: Companion[FromBridge] = Companion(
+        self._bridge: Sidecar[FromBridge] = Sidecar(
             "palp_core.graph.network.bridge", joiner_decoder(), folder / "log" / "bridge.log"
         )
         self._said: list[FromBridge] = []
@@ -110,7 +110,7 @@ class _Remote:
     def listen(self) -> None:
         """Take in what it has said."""
         try:
-            self._said += self._bridge.news()
+            self._said += self._bridge.receive()
         except ChannelClosed:
             self._said.append(Lost("the bridge to the graph has died", finished=False))
         for said in self._said:
@@ -139,7 +139,7 @@ class _Remote:
         if self.lost is not None:
             raise GraphError(self.lost.text)
 
-    def apply(self, spec: NodeSpec, feeds: dict[str, str], described: NodeDescription) -> int:
+    def apply(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
         """Ask to be let in; return the epoch from which the node counts."""
         self._say(Apply(join_request(spec, feeds, described)))
         admitted: Admitted = self.await_word(Admitted)
@@ -199,19 +199,21 @@ def run_node(
             stack.close()
             folder.remove()
             raise
-        bus = stack.enter_context(contextlib.closing(GraphBus(str(folder.path), lambda: _now_ns(supervisor))))
+        launcher_node = stack.enter_context(
+            contextlib.closing(LauncherNode(str(folder.path), lambda: _now_ns(supervisor)))
+        )
         supervisor = Supervisor(
-            [spec], "wall", str(workspace), folder.path, server, interrupt, lambda *_: None, bus
+            [spec], "wall", str(workspace), folder.path, server, interrupt, lambda *_: None, launcher_node
         )
 
         def announce() -> None:
             """Let this host's tools find the node."""
             topics = outputs_of(spec.name, described, spec.external)
-            bus.record = announcement_of_one(spec, topics, folder.path, supervisor.members[0].pid)
-            folder.write(bus.record)
+            launcher_node.record = run_record_of_node(spec, topics, folder.path, supervisor.processes[0].pid)
+            folder.write(launcher_node.record)
 
         announce()
-        supervisor.renewed = announce
+        supervisor.on_new_process = announce
         stack.callback(supervisor.close)
         stack.callback(supervisor.shutdown, 0, 0)
         try:
@@ -237,8 +239,8 @@ def _now_ns(supervisor: Supervisor) -> int:
 
 def _describe(
     server: ForkServer, name: str, run: str, params: Mapping[str, Any], workspace: Path, folder: Path
-) -> NodeDescription:
-    (described,) = server.describe([DescribeRequest(run, dict(params), name=name)], workspace, folder)
+) -> NodeClass:
+    (described,) = server.inspect_classes([NodeClassRequest(run, dict(params), name=name)], workspace, folder)
     problems = [described.error] if described.error else list(described.param_errors.values())
     if problems:
         raise GraphError(f"{run}: " + "; ".join(problems))
@@ -250,7 +252,7 @@ def _placed(
     run: str,
     params: Mapping[str, Any],
     wires: Mapping[str, str],
-    described: NodeDescription,
+    described: NodeClass,
     remote: _Remote | None,
     say: Say,
 ) -> NodeSpec:
@@ -278,7 +280,7 @@ def _placed(
 def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
     if remote is None:
         supervisor.start()
-        supervisor.renewed()
+        supervisor.on_new_process()
         return supervisor.run_wall()
 
     def listen() -> None:
@@ -287,10 +289,10 @@ def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
             supervisor.forget(remote.descriptor)
             supervisor.exit_code = 0 if remote.lost.finished else 1
 
-    supervisor.pulsed = remote.pulse
+    supervisor.on_health = remote.pulse
     supervisor.watch(remote.descriptor, listen)
     supervisor.start()
-    supervisor.follow(lambda: remote.start_ns is not None or remote.lost is not None)
+    supervisor.wait_until(lambda: remote.start_ns is not None or remote.lost is not None)
     if remote.lost is not None:
         return 0 if remote.lost.finished else 1
     return supervisor.run_wall(start_ns=remote.start_ns)

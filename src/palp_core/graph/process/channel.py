@@ -42,7 +42,7 @@ class MessageChannel(Generic[Received]):
         """Send one message, whole.
 
         Raises:
-            LinkClosed: The other end is gone.
+            ChannelClosed: The other end is gone.
         """
         payload = self._encoder.encode(message)
         try:
@@ -54,7 +54,7 @@ class MessageChannel(Generic[Received]):
         """Send without waiting for a reader that is slow; return False if :meth:`flush` has a rest to send.
 
         Raises:
-            LinkClosed: The other end is gone.
+            ChannelClosed: The other end is gone.
         """
         payload = self._encoder.encode(message)
         self._unsent += _LENGTH.pack(len(payload))
@@ -65,7 +65,7 @@ class MessageChannel(Generic[Received]):
         """Send what :meth:`post` could not, as far as it goes without waiting; return True if all is sent.
 
         Raises:
-            LinkClosed: The other end is gone.
+            ChannelClosed: The other end is gone.
         """
         try:
             while self._unsent:
@@ -84,7 +84,7 @@ class MessageChannel(Generic[Received]):
         """Read once from the socket, with the flags of :meth:`socket.socket.recv`.
 
         Raises:
-            LinkClosed: The other end is gone; with ``MSG_DONTWAIT`` also: there is nothing to read.
+            ChannelClosed: The other end is gone; with ``MSG_DONTWAIT`` also: there is nothing to read.
         """
         try:
             data = self.socket.recv(_CHUNK, flags)
@@ -98,7 +98,7 @@ class MessageChannel(Generic[Received]):
         """Wait for one message.
 
         Raises:
-            LinkClosed: The other end is gone.
+            ChannelClosed: The other end is gone.
         """
         while not self.buffered():
             self.fill()

@@ -25,8 +25,8 @@ from palp_core.graph.recording.recorder_messages import (
     from_recorder,
 )
 from palp_core.graph.recording.recorder_node import RecorderParams
-from palp_core.graph.supervision.launcher_node import GraphBus
-from palp_core.graph.supervision.sidecar import Companion
+from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.sidecar import Sidecar
 
 if TYPE_CHECKING:
     from palp_core.graph.recording.lockstep_recorder import RunRecorder
@@ -45,7 +45,7 @@ class Loop(Protocol):
     def forget(self, descriptor: int) -> None:
         """Wait for it no longer."""
 
-    def follow(self, until: Callable[[], bool]) -> object:
+    def wait_until(self, condition: Callable[[], bool]) -> object:
         """Handle what happens until something is so."""
 
 
@@ -87,23 +87,25 @@ class Recordings:
         for writer in self._writers:
             writer(now_ns, frame)
 
-    def begin(self, folder: Path, bus: GraphBus, loop: Loop | None) -> None:
+    def begin(self, folder: Path, launcher_node: LauncherNode, loop: Loop | None) -> None:
         """Wall clock: start the recorders; return when each hears every topic.
 
         Args:
             folder: The run directory.
-            bus: Knows where everything is, and is told when one ends.
+            launcher_node: Knows where everything is, and is told when one ends.
             loop: Waits for what they say; None where all nodes are in this process.
 
         Raises:
             BagError: One cannot record.
         """
-        if self._writers or not self._wanted or loop is None or bus.record is None:
+        if self._writers or not self._wanted or loop is None or launcher_node.record is None:
             return
         for name, options, required in self._wanted:
-            self._processes.append(_Process(name, bus.record, options, folder, bus, loop, required=required))
+            self._processes.append(
+                _Process(name, launcher_node.record, options, folder, launcher_node, loop, required=required)
+            )
         for process in self._processes:
-            loop.follow(lambda process=process: process.ready)  # type: ignore[misc]
+            loop.wait_until(lambda process=process: process.ready)  # type: ignore[misc]
             if process.refused:
                 raise BagError(f"recorder '{process.name}': {process.refused}")
 
@@ -138,7 +140,7 @@ class _Process:
         record: RunRecord,
         options: RecordOptions,
         folder: Path,
-        bus: GraphBus,
+        launcher_node: LauncherNode,
         loop: Loop,
         *,
         required: bool,
@@ -146,15 +148,20 @@ class _Process:
         self.name = name
         self.ready = False
         self.refused = ""
-        self._options, self._bus, self._loop, self._required = options, bus, loop, required
+        self._options, self._launcher_node, self._loop, self._required = (
+            options,
+            launcher_node,
+            loop,
+            required,
+        )
         self._result: tuple[bool, str] | None = None
-        self._companion: Companion[FromRecorder] = Companion(
+        self._sidecar: Sidecar[FromRecorder] = Sidecar(
             "palp_core.graph.recording.recorder_process", from_recorder(), folder / "log" / f"{name}.log"
         )
         self._began = self._gone = False
-        loop.watch(self._companion.descriptor, self._hear)
+        loop.watch(self._sidecar.descriptor, self._hear)
         with contextlib.suppress(ChannelClosed):
-            self._companion.send(Record(record, options))
+            self._sidecar.send(Record(record, options))
 
     def _hear(self) -> None:
         """Take what it says.
@@ -163,7 +170,7 @@ class _Process:
             NodeError: It is gone, and the launch file wants the graph to end with it.
         """
         try:
-            for word in self._companion.news():
+            for word in self._sidecar.receive():
                 self._take(word)
         except ChannelClosed:
             self._lose()
@@ -181,7 +188,7 @@ class _Process:
             self.ready, self.refused = True, word.text
 
     def _lose(self) -> None:
-        self._loop.forget(self._companion.descriptor)
+        self._loop.forget(self._sidecar.descriptor)
         self._gone = self.ready = True
         if self._result is None and not self.refused:
             out = self._options.out
@@ -194,7 +201,7 @@ class _Process:
             NodeError: The launch file wants the graph to end with its recorder.
         """
         self._result = (False, f"{self._options.out}: {text}")
-        self._bus.report("recorder", self.name, text)
+        self._launcher_node.report("recorder", self.name, text)
         _LOG.warning("%s: %s", self.name, text)
         if not self._began:
             self.refused = "its process has ended"
@@ -205,14 +212,14 @@ class _Process:
         """Ask for the bag's end and wait for it; return whether nothing is missing, and what to say."""
         self._required = False  # the graph has ended
         if not self._gone:
-            self._loop.forget(self._companion.descriptor)
+            self._loop.forget(self._sidecar.descriptor)
             end_ns = monotonic_ns() + FINISH_NS
-            self._companion.finish()
+            self._sidecar.close_sending()
             with contextlib.suppress(ChannelClosed):
-                while self._result is None and self._companion.wait((end_ns - monotonic_ns()) / 1e9):
-                    for word in self._companion.news():
+                while self._result is None and self._sidecar.wait((end_ns - monotonic_ns()) / 1e9):
+                    for word in self._sidecar.receive():
                         self._take(word)
-        self._companion.close()
+        self._sidecar.close()
         return self._result or (False, f"{self._options.out}: the recorder did not finish its bag")
 
 

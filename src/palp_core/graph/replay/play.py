@@ -23,7 +23,7 @@ from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.replay.player import Replayed, replayed_class
-from palp_core.graph.supervision.launcher_node import NAME, GraphBus
+from palp_core.graph.supervision.launcher_node import NAME, LauncherNode
 from palp_core.graph.transport.publisher_socket import PublisherSocket
 
 GRAPH = "play"
@@ -75,7 +75,7 @@ class PlayRun:
             where = str(self._directory.path)
             self._broadcast = PublisherSocket(*endpoints(where, PROCESS))
             stack.callback(self._broadcast.close)
-            self._bus = GraphBus(where, self._clock.now_ns)
+            self._bus = LauncherNode(where, self._clock.now_ns)
             stack.callback(self._bus.close)
             self._bus.answer("stop", lambda _: self._stop())
             self._executors = {
@@ -117,7 +117,7 @@ class PlayRun:
                     name, kind.name, f"{kind.type_hash:016x}", name.split("/")[1], at[0], topic.json_schema
                 )
             )
-        entries += GraphBus.topics(where)
+        entries += LauncherNode.topics(where)
         self._bus.record = record_for(GRAPH, str(source), "wall", endpoints(where, NAME)[1], nodes, entries)
         self._directory.write(self._bus.record)
 

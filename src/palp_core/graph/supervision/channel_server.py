@@ -17,7 +17,7 @@ from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.process.control_messages import FromNode, Hello, ToNode, supervisor_end
 
 
-class Switchboard:
+class ChannelServer:
     """Lines to named nodes, numbered by their place in the list.
 
     Args:
@@ -29,7 +29,7 @@ class Switchboard:
     def __init__(self, path: Path, names: Sequence[str], others: Iterable[int]) -> None:
         self._names = list(names)
         self._links: dict[int, MessageChannel[FromNode]] = {}
-        self._strangers: dict[int, MessageChannel[FromNode]] = {}
+        self._unnamed: dict[int, MessageChannel[FromNode]] = {}
         self._index_of: dict[int, int] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
@@ -53,7 +53,7 @@ class Switchboard:
         """Return whose turn it is, of those that are watched."""
         return [handle for descriptor, handle in self._handlers.items() if descriptor in others]
 
-    def expect(self, name: str) -> int:
+    def admit(self, name: str) -> int:
         """Let one more process connect; return its number."""
         self._names.append(name)
         return len(self._names) - 1
@@ -75,7 +75,7 @@ class Switchboard:
         """Say something to a node; what its line cannot take at once leaves during :meth:`wait`.
 
         Raises:
-            LinkClosed: Its line is not open.
+            ChannelClosed: Its line is not open.
         """
         if index not in self._links:
             raise ChannelClosed("no line")
@@ -96,10 +96,10 @@ class Switchboard:
                     heard += [(index, message) for message in self._receive(index)]
             elif descriptor == self._listener.fileno():
                 connection, _ = self._listener.accept()
-                self._strangers[connection.fileno()] = supervisor_end(connection)
+                self._unnamed[connection.fileno()] = supervisor_end(connection)
                 self._poll.register(connection.fileno(), select.POLLIN)
-            elif descriptor in self._strangers:
-                heard += self._welcome(descriptor)
+            elif descriptor in self._unnamed:
+                heard += self._identify(descriptor)
             else:
                 others.add(descriptor)
         return heard, others
@@ -114,43 +114,43 @@ class Switchboard:
         self._poll.modify(link.socket.fileno(), select.POLLIN)
 
     def _receive(self, index: int) -> Iterator[FromNode]:
-        """Yield what a node has said; hang up at the end of its line."""
+        """Yield what a node has said; disconnect at the end of its line."""
         link = self._links[index]
         try:
             link.fill(socket.MSG_DONTWAIT)
         except ChannelClosed:
-            self.hang_up(index)  # the fork server will say how it ended
+            self.disconnect(index)  # the fork server will say how it ended
         while link.buffered():
             yield link.receive()
 
-    def last_words(self, index: int) -> Iterator[FromNode]:
+    def drain(self, index: int) -> Iterator[FromNode]:
         """Yield what is still in the line of a node that has ended, even if a child of it holds the line."""
         while index in self._links:
             yield from self._receive(index)
 
-    def _welcome(self, descriptor: int) -> list[tuple[int, FromNode]]:
-        """Take a line whose first words are a node's name into the list; hang up on anybody else."""
-        link = self._strangers[descriptor]
+    def _identify(self, descriptor: int) -> list[tuple[int, FromNode]]:
+        """Take a line whose first words are a node's name into the list; disconnect anybody else."""
+        link = self._unnamed[descriptor]
         hello: FromNode | None = None
         with contextlib.suppress(ChannelClosed, msgspec.MsgspecError):
             link.fill(socket.MSG_DONTWAIT)
             if not link.buffered():
                 return []
             hello = link.receive()
-        del self._strangers[descriptor]
+        del self._unnamed[descriptor]
         if not isinstance(hello, Hello) or hello.name not in self._names:
             self._poll.unregister(descriptor)
             link.close()
             return []
         index = self._names.index(hello.name)
-        self.hang_up(index)
+        self.disconnect(index)
         self._links[index], self._index_of[descriptor] = link, index
         heard: list[tuple[int, FromNode]] = []
         while link.buffered():
             heard.append((index, link.receive()))
         return heard
 
-    def hang_up(self, index: int) -> None:
+    def disconnect(self, index: int) -> None:
         """Close a node's line."""
         link = self._links.pop(index, None)
         if link is not None:
@@ -161,7 +161,7 @@ class Switchboard:
     def close(self) -> None:
         """Close every line."""
         for index in list(self._links):
-            self.hang_up(index)
-        for link in self._strangers.values():
+            self.disconnect(index)
+        for link in self._unnamed.values():
             link.close()
         self._listener.close()

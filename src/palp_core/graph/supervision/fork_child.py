@@ -1,4 +1,4 @@
-"""What a process does between the fork and being a node: leave the server, take its place on the host."""
+"""What a process does between the fork and being a node: release the server, take its place on the host."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.parent_death import die_with_parent
 
 
-def become(work: Callable[[], int], server: int, output: int, leave: Callable[[], None]) -> NoReturn:
+def run_child(work: Callable[[], int], server: int, output: int, release: Callable[[], None]) -> NoReturn:
     """Turn a freshly forked process into what ``work`` does, and end with the status it returns.
 
     Args:
         work: The process's main function.
         server: Process id of the fork server; with its death comes this one's.
         output: Descriptor that takes the place of standard output and error.
-        leave: Lets go of what is the server's.
+        release: Lets go of what is the server's.
     """
     status = 1
     try:
@@ -34,7 +34,7 @@ def become(work: Callable[[], int], server: int, output: int, leave: Callable[[]
         for number in (signal.SIGCHLD, signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         _redirect(output)
-        leave()
+        release()
         gc.enable()
         faulthandler.enable()  # a crash in C names its Python lines
         status = work()
@@ -58,7 +58,7 @@ def _redirect(output: int) -> None:
         stream.reconfigure(write_through=True)  # type: ignore[union-attr]
 
 
-def take_place(spec: NodeSpec) -> None:
+def apply_scheduling(spec: NodeSpec) -> None:
     """Move the process to the cores and the scheduler that its launch entry asks for.
 
     Before the node begins, so that its threads inherit both. What the host refuses is said, with the limit

@@ -11,11 +11,19 @@ from pathlib import Path
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
-from palp_core.graph.supervision.fork_server import Describe, Exited, News, Request, Signal, Spawn, Started
+from palp_core.graph.supervision.fork_server import (
+    ChildEvent,
+    Exited,
+    InspectClasses,
+    Request,
+    Signal,
+    Spawn,
+    Started,
+)
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 
@@ -33,7 +41,7 @@ class ForkServer:
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
         self._process, line = started or start_fork_server()
-        self._line = MessageChannel(line, msgspec.msgpack.Decoder(News))
+        self._line = MessageChannel(line, msgspec.msgpack.Decoder(ChildEvent))
 
     @property
     def descriptor(self) -> int:
@@ -56,15 +64,15 @@ class ForkServer:
         except ChannelClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
 
-    def spawn(self, birth: NodeProcess, log: str) -> None:
+    def spawn(self, process: NodeProcess, log: str) -> None:
         """Start a node's process; news of it follow."""
-        self.send(Spawn(birth, log))
+        self.send(Spawn(process, log))
 
     def signal(self, pid: int, number: signal.Signals) -> None:
         """Send a signal to a child."""
         self.send(Signal(pid, int(number)))
 
-    def news(self) -> list[News]:
+    def read_events(self) -> list[ChildEvent]:
         """Wait for news and return what there is.
 
         Raises:
@@ -81,9 +89,9 @@ class ForkServer:
             found.append(self._line.receive())
         return found
 
-    def describe(
-        self, requests: Sequence[DescribeRequest], workspace: Path, folder: Path
-    ) -> list[NodeDescription]:
+    def inspect_classes(
+        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path
+    ) -> list[NodeClass]:
         """Let a forked child import node classes and say what they are.
 
         Raises:
@@ -91,12 +99,12 @@ class ForkServer:
             Interrupted: The user asked for the end.
         """
         answer = folder / "descriptions"
-        self.send(Describe(list(requests), str(workspace), str(answer)))
+        self.send(InspectClasses(list(requests), str(workspace), str(answer)))
         while True:
             if self._interrupt is not None:
                 select.select((self.descriptor, self._interrupt.descriptor), (), ())
                 self._interrupt.check()
-            for item in self.news():
+            for item in self.read_events():
                 if isinstance(item, Started):
                     continue
                 assert isinstance(item, Exited)
@@ -105,9 +113,9 @@ class ForkServer:
                     raise GraphError(
                         f"looking at the node classes ended with status {item.status}: " + " | ".join(said)
                     )
-                described = decode_any(list[NodeDescription], answer.read_bytes())
+                inspected = decode_any(list[NodeClass], answer.read_bytes())
                 answer.unlink()
-                return described
+                return inspected
 
     def wake(self) -> None:
         """Let it go on, should it have been stopped: the end needs it."""

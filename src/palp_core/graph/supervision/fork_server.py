@@ -24,32 +24,32 @@ from pathlib import Path
 import msgspec
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import DescribeRequest, describe
+from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import adopt_orphans
-from palp_core.graph.supervision.fork_child import become, take_place
-from palp_core.graph.supervision.logs import LogKeeper
-from palp_core.graph.supervision.preload import Announcer, import_announced, preload
+from palp_core.graph.supervision.fork_child import apply_scheduling, run_child
+from palp_core.graph.supervision.logs import LogWriter
+from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
 from palp_core.whole_file import write_whole
 
 GRACE_NS = 600_000_000
-LOOKING = ""
-"""Name of a describing child."""
+INSPECTING = ""
+"""Name of a inspecting child."""
 
 
 class Spawn(ChannelMessage, frozen=True):
     """Fork a node; its output goes to ``log``."""
 
-    birth: NodeProcess
+    process: NodeProcess
     log: str
 
 
-class Describe(ChannelMessage, frozen=True):
-    """Fork a child that describes node classes and writes the answer to a file."""
+class InspectClasses(ChannelMessage, frozen=True):
+    """Fork a child that inspects node classes and writes the answer to a file."""
 
-    requests: list[DescribeRequest]
+    requests: list[NodeClassRequest]
     workspace: str
     answer: str
 
@@ -62,7 +62,7 @@ class Signal(ChannelMessage, frozen=True):
 
 
 class Started(ChannelMessage, frozen=True):
-    """A child lives; ``name`` is empty for a describing child."""
+    """A child lives; ``name`` is empty for a inspecting child."""
 
     name: str
     pid: int
@@ -76,8 +76,8 @@ class Exited(ChannelMessage, frozen=True):
     status: int
 
 
-Request = Spawn | Describe | Signal
-News = Started | Exited
+Request = Spawn | InspectClasses | Signal
+ChildEvent = Started | Exited
 
 
 class _Server:
@@ -89,7 +89,7 @@ class _Server:
         self._announced, self._announce = _quiet_pipe()
         self._children: dict[int, str] = {}
         self._prints: dict[int, int] = {}
-        self._keeper = LogKeeper()
+        self._logs = LogWriter()
         self._pid = os.getpid()
         adopt_orphans()
         signal.signal(signal.SIGCHLD, lambda *_: None)
@@ -109,59 +109,61 @@ class _Server:
                 for descriptor in ready - {line, self._wake}:
                     if descriptor == self._announced:
                         import_announced(descriptor)
-                    elif not self._keeper.take(descriptor):
+                    elif not self._logs.read(descriptor):
                         self._poll.unregister(descriptor)  # closed by a node that lives on: nothing will come
                 if self._wake in ready:
-                    import_announced(self._announced)  # before a describing child's end is told
+                    import_announced(self._announced)  # before a inspecting child's end is told
                     self._reap()
                 if line in ready:
                     self._line.fill()
                     while self._line.buffered():
-                        self._obey(self._line.receive())
+                        self._execute(self._line.receive())
         self._end_all()
 
-    def _obey(self, request: Request) -> None:
+    def _execute(self, request: Request) -> None:
         if isinstance(request, Signal):
             if request.pid in self._children:
                 os.kill(request.pid, request.number)
         elif isinstance(request, Spawn):
-            name = request.birth.spec.name
-            read_end, write_end = self._keeper.open(name, Path(request.log))
-            self._prints[self._fork(request.birth.place, write_end, lambda: _run(request.birth))] = read_end
+            name = request.process.spec.name
+            read_end, write_end = self._logs.open(name, Path(request.log))
+            self._prints[self._fork(request.process.place, write_end, lambda: _run(request.process))] = (
+                read_end
+            )
             os.close(write_end)
             self._poll.register(read_end, select.POLLIN)
         else:
             said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-            self._fork(LOOKING, said, lambda: self._look(request))
+            self._fork(INSPECTING, said, lambda: self._inspect(request))
             os.close(said)
 
     def _fork(self, name: str, output: int, work: Callable[[], int]) -> int:
         gc.freeze()  # a child's collector leaves what is shared alone: neither time nor copied pages
         pid = os.fork()
         if pid == 0:
-            become(work, self._pid, output, self._leave)
+            run_child(work, self._pid, output, self._release)
         self._children[pid] = name
-        self._tell(Started(name, pid))
+        self._send_event(Started(name, pid))
         return pid
 
-    def _leave(self) -> None:
+    def _release(self) -> None:
         """In a child: let go of what is the server's."""
         self._line.close()
         for descriptor in (self._wake, self._wake_write, self._announced):
             os.close(descriptor)
-        self._keeper.leave()
+        self._logs.release()
 
-    def _look(self, request: Describe) -> int:
-        Announcer(self._announce).begin()
-        answer = describe(request.requests, Path(request.workspace))
+    def _inspect(self, request: InspectClasses) -> int:
+        ImportAnnouncer(self._announce).install()
+        answer = inspect_classes(request.requests, Path(request.workspace))
         write_whole(Path(request.answer), encode_any(answer))
         return 0
 
-    def _tell(self, news: News) -> None:
+    def _send_event(self, event: ChildEvent) -> None:
         with contextlib.suppress(
             ChannelClosed
         ):  # the launcher is gone: the loop sees the end of the line next
-            self._line.send(news)
+            self._line.send(event)
 
     def _reap(self) -> None:
         """Account for who has ended; the rest of its process group ends with it, and its log is complete."""
@@ -173,9 +175,9 @@ class _Server:
             if read_end is not None:
                 with contextlib.suppress(KeyError):
                     self._poll.unregister(read_end)
-                self._keeper.end(read_end)
+                self._logs.close(read_end)
             if pid in self._children:
-                self._tell(Exited(self._children.pop(pid), pid, status))
+                self._send_event(Exited(self._children.pop(pid), pid, status))
 
     def _end_all(self) -> None:
         deadline_ns = monotonic_ns() + GRACE_NS
@@ -200,11 +202,11 @@ class _Server:
                 os.waitpid(pid, 0)
 
 
-def _run(birth: NodeProcess) -> int:
-    take_place(birth.spec)
+def _run(process: NodeProcess) -> int:
+    apply_scheduling(process.spec)
     from palp_core.graph.process.main import run_node
 
-    return run_node(birth)
+    return run_node(process)
 
 
 def _quiet_pipe() -> tuple[int, int]:

@@ -101,7 +101,7 @@ HURRY_NS = 500_000_000
 """The same for a user who has asked twice: enough for a safe state, if the node is able to reach it."""
 
 
-class Patience:
+class GracePeriod:
     """The time that one step of the end may take.
 
     Args:
@@ -114,19 +114,19 @@ class Patience:
     def __init__(self, interrupt: Interrupt) -> None:
         self.ending = False
         self._interrupt = interrupt
-        self._begun_ns = 0
+        self._start_ns = 0
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Begin the end, unless it has begun."""
         if not self.ending:
-            self.step()
+            self.renew()
 
-    def step(self) -> None:
+    def renew(self) -> None:
         """Begin its next step."""
         self.ending = True
-        self._begun_ns = monotonic_ns()
+        self._start_ns = monotonic_ns()
 
     @property
-    def over(self) -> bool:
+    def expired(self) -> bool:
         """True when the step has had its time."""
-        return monotonic_ns() - self._begun_ns >= (HURRY_NS if self._interrupt.insisted else KILL_NS)
+        return monotonic_ns() - self._start_ns >= (HURRY_NS if self._interrupt.insisted else KILL_NS)

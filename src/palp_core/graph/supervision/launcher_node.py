@@ -33,7 +33,7 @@ _QOS = {
 _TYPES: dict[str, type[Message]] = {EVENTS: GraphEvent, HEALTH: GraphHealth}
 
 
-class GraphBus:
+class LauncherNode:
     """The launcher's place in the graph, as that of a node called ``graph``.
 
     Args:
@@ -62,7 +62,7 @@ class GraphBus:
         self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
         self._broadcast.offer(self._outlets.values())
         self._operations: dict[str, Operation] = {
-            "graph": lambda _: self._told(),
+            "graph": lambda _: self._record(),
             "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
             "history": self._history,
             "info": lambda _: self._info(),
@@ -87,7 +87,7 @@ class GraphBus:
         if deferred:
             self._deferred.add(operation)
 
-    def perform(self) -> None:
+    def run_deferred(self) -> None:
         """Do what was asked for and had to wait.
 
         Raises:
@@ -106,7 +106,7 @@ class GraphBus:
         self.record_event(self._events.remembered()[-1])
 
     @contextlib.contextmanager
-    def telling(self, graph: str, count: int) -> Iterator[None]:
+    def announcing(self, graph: str, count: int) -> Iterator[None]:
         """Publish that a graph of so many nodes starts, and that and why it ends."""
         self.report("started", "", f"{graph}: {count} nodes are ready")
         why = "came to its end"
@@ -137,7 +137,7 @@ class GraphBus:
         self._closed = True
         self._broadcast.close()
 
-    def _told(self) -> dict[str, Any]:
+    def _record(self) -> dict[str, Any]:
         if self.record is None:
             raise GraphError("the graph is not up yet; ask again")
         told: dict[str, Any] = msgspec.to_builtins(self.record)

@@ -16,7 +16,7 @@ GIVE_UP_NS = 10_000_000_000
 _BLIND_NS = 1_000_000_000
 
 
-class Watch:
+class Liveness:
     """Remembers when each node was last heard, and how it was.
 
     Only time in which the supervisor itself was at work counts as silence: after it was stopped or the host
@@ -30,19 +30,19 @@ class Watch:
         self.silent: set[int] = set()
         self._heard_ns: dict[int, int] = {}
         self._health: dict[int, NodeHealth] = {}
-        self._looked_ns = 0
+        self._checked_ns = 0
 
-    def begin(self, index: int, now_ns: int) -> None:
+    def expect(self, index: int, now_ns: int) -> None:
         """Expect a node to be heard from now on; its loop's first turn, before it is active, has been."""
         self._heard_ns[index] = now_ns
 
-    def end(self, index: int) -> None:
+    def forget(self, index: int) -> None:
         """Expect nothing more: the process is gone, or about to go."""
         self._heard_ns.pop(index, None)
         self._health.pop(index, None)
         self.silent.discard(index)
 
-    def hear(self, index: int, health: NodeHealth, now_ns: int) -> bool:
+    def heard(self, index: int, health: NodeHealth, now_ns: int) -> bool:
         """Take a pulse; return True if the node was unresponsive until now."""
         self._health[index] = health
         if index in self._heard_ns:
@@ -51,12 +51,12 @@ class Watch:
         self.silent.discard(index)
         return was_silent
 
-    def look(self, now_ns: int) -> Iterator[tuple[int, int]]:
+    def unresponsive(self, now_ns: int) -> Iterator[tuple[int, int]]:
         """Yield the number and the silence, in ns, of every node that is unresponsive."""
-        if now_ns - self._looked_ns > _BLIND_NS:
-            blind_ns = now_ns - self._looked_ns
+        if now_ns - self._checked_ns > _BLIND_NS:
+            blind_ns = now_ns - self._checked_ns
             self._heard_ns = {i: min(heard + blind_ns, now_ns) for i, heard in self._heard_ns.items()}
-        self._looked_ns = now_ns
+        self._checked_ns = now_ns
         for index, heard_ns in list(self._heard_ns.items()):
             if now_ns - heard_ns >= HANG_NS and index in self._health:
                 yield index, now_ns - heard_ns

@@ -70,7 +70,7 @@ class _Stream:
         return [rest] if rest else []
 
 
-class LogKeeper:
+class LogWriter:
     """Reads what processes print and writes it down: as it is into their logs, by line into the merged."""
 
     def __init__(self) -> None:
@@ -88,11 +88,11 @@ class LogKeeper:
         self._streams[read_end] = _Stream(name, path, read_end)
         return read_end, write_end
 
-    def take(self, read_end: int) -> bool:
-        """Take a chunk of what is there; return False if its process has closed its output."""
-        return self._take(read_end) != b""
+    def read(self, read_end: int) -> bool:
+        """Read a chunk of what is there; return False if its process has closed its output."""
+        return self._read(read_end) != b""
 
-    def _take(self, read_end: int) -> bytes | None:
+    def _read(self, read_end: int) -> bytes | None:
         stream = self._streams[read_end]
         try:
             data = os.read(read_end, _CHUNK)
@@ -103,10 +103,10 @@ class LogKeeper:
             self._merge(stream, stream.lines(data))
         return data
 
-    def end(self, read_end: int) -> None:
+    def close(self, read_end: int) -> None:
         """Take the last words of a process that has ended, and close its log."""
         for _ in range(2 * PIPE_BYTES // _CHUNK):  # no more than the pipe held: a stray child may print on
-            if not self._take(read_end):
+            if not self._read(read_end):
                 break
         stream = self._streams.pop(read_end)
         unfinished = stream.last_line()
@@ -116,7 +116,7 @@ class LogKeeper:
         stream.file.close()
         os.close(read_end)
 
-    def leave(self) -> None:
+    def release(self) -> None:
         """In a forked child: let go of the logs and of what others print."""
         for read_end, stream in self._streams.items():
             os.close(read_end)

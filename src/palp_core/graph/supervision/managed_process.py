@@ -7,15 +7,17 @@ from pathlib import Path
 
 import msgspec
 
+from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.logs import note, tail
 
 LOG_LINES = 20
-FORGIVE_NS = 30_000_000_000
+STABLE_NS = 30_000_000_000
 """Work without failure after which earlier restarts count no more (assumed: no crash loop takes so long)."""
 
 
-class Member:
+class ManagedProcess:
     """One node as the supervisor sees it.
 
     Attributes:
@@ -24,7 +26,7 @@ class Member:
         reason: Why its process is being ended, where the supervisor itself does it.
         place: Under which name its process reports and has its endpoints.
         missing: Readers of its last process that do not listen to this one, which has waited for them.
-        handed_in: It has handed in everything to a successor, which can go on without it.
+        handed_over: It has handed over everything to a successor, which can go on without it.
         begun_ns: When its process was asked for, and when it was activated.
     """
 
@@ -33,13 +35,13 @@ class Member:
         self.place = place or spec.name
         self.log = log
         self.restart_count = 0
-        self.begin(0)
+        self.reset(0)
 
-    def begin(self, now_ns: int) -> None:
+    def reset(self, now_ns: int) -> None:
         """Forget the process, before a start or a restart."""
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
-        self.handed_in = False
+        self.handed_over = False
         self.missing: list[str] = []
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
@@ -61,7 +63,7 @@ class Member:
         Returns:
             What is planned, in words; "" if the node was never active or its rule allows no other start.
         """
-        if self.active and now_ns - self.active_ns >= FORGIVE_NS:
+        if self.active and now_ns - self.active_ns >= STABLE_NS:
             self.restart_count = 0
         if not self.may_restart():
             return ""
@@ -74,12 +76,39 @@ class Member:
         note(self.log, "WARNING", f"{spec.name} {text}")
         return text
 
-    def last_words(self) -> str:
+    def log_tail(self) -> str:
         """Return where the log is and its last lines."""
         return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))
 
 
-def how_it_ended(status: int) -> str:
+class ProcessLauncher:
+    """Starts and signals the processes of one run.
+
+    Args:
+        server: Parent of the processes.
+        clock: ``sim`` or ``wall``.
+        folder: The run directory.
+        workspace: Folder that holds ``nodes/``.
+    """
+
+    def __init__(self, server: ForkServer, clock: str, folder: Path, workspace: str) -> None:
+        self._server = server
+        self._run = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
+
+    def spawn(self, process: ManagedProcess, *, successor: bool = False, fresh: bool = False) -> None:
+        """Start a node's process."""
+        order = NodeProcess(
+            spec=process.spec, place=process.place, successor=successor, fresh=fresh, **self._run
+        )
+        self._server.spawn(order, str(process.log))
+
+    def signal(self, process: ManagedProcess, *numbers: signal.Signals) -> None:
+        """Send signals to a node's process."""
+        for number in numbers:
+            self._server.signal(process.pid, number)
+
+
+def exit_in_words(status: int) -> str:
     """Say in words how a process ended."""
     if status < 0:
         named = -status in {int(number) for number in signal.Signals}

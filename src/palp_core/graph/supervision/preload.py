@@ -24,7 +24,7 @@ HEAVY = frozenset(
 _CHUNK = 4096
 
 
-class Announcer:
+class ImportAnnouncer:
     """A finder that finds nothing, but writes down each heavy module that is about to be imported.
 
     Args:
@@ -40,7 +40,7 @@ class Announcer:
             with contextlib.suppress(OSError):
                 os.write(self._descriptor, f"{name}\n".encode())
 
-    def begin(self) -> None:
+    def install(self) -> None:
         """Hear of every import from now on."""
         sys.meta_path.insert(0, self)
 

@@ -9,10 +9,10 @@ from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.supervision.launcher_node import NAME, GraphBus
+from palp_core.graph.supervision.launcher_node import NAME, LauncherNode
 
 
-def announcement(
+def run_record(
     checked: CheckedGraph,
     file: Path,
     folder: Path,
@@ -40,14 +40,12 @@ def announcement(
         TopicEntry(name, t.type, t.type_hash, t.node, at(t.node)[0], t.json_schema)
         for name, t in checked.topics.items()
     ]
-    topics += GraphBus.topics(str(folder))
+    topics += LauncherNode.topics(str(folder))
     serve = endpoints(str(folder), NAME)[1]
     return record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
 
 
-def announcement_of_one(
-    spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder: Path, pid: int
-) -> RunRecord:
+def run_record_of_node(spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder: Path, pid: int) -> RunRecord:
     """Return the record of a node that this host runs alone, or as part of a graph elsewhere.
 
     Args:
@@ -61,7 +59,7 @@ def announcement_of_one(
         TopicEntry(topic, info.type, info.type_hash, spec.name, ends[0], info.json_schema)
         for topic, info in outputs.items()
     ]
-    topics += GraphBus.topics(str(folder))
+    topics += LauncherNode.topics(str(folder))
     serve = endpoints(str(folder), NAME)[1]
     nodes = [NodeEntry(spec.name, spec.run, pid, *ends)]
     return record_for(spec.name, spec.run, "wall", serve, nodes, topics)

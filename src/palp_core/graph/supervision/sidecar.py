@@ -19,7 +19,7 @@ CLOSE_TIMEOUT_S = 2.0
 Received = TypeVar("Received")
 
 
-class Companion(Generic[Received]):
+class Sidecar(Generic[Received]):
     """One process and the line to it.
 
     It must end when the line closes; if this process is killed, the kernel kills it.
@@ -58,15 +58,15 @@ class Companion(Generic[Received]):
         """Say something to it.
 
         Raises:
-            LinkClosed: It is gone.
+            ChannelClosed: It is gone.
         """
         self._line.send(message)
 
-    def news(self) -> list[Received]:
+    def receive(self) -> list[Received]:
         """Return what it has said; wait if it has said nothing.
 
         Raises:
-            LinkClosed: It is gone, and everything it has said was returned before.
+            ChannelClosed: It is gone, and everything it has said was returned before.
         """
         if not self._line.buffered():
             self._line.fill()
@@ -75,7 +75,7 @@ class Companion(Generic[Received]):
             found.append(self._line.receive())
         return found
 
-    def finish(self) -> None:
+    def close_sending(self) -> None:
         """Say nothing more: it sees the end of the line, and can still be heard."""
         with contextlib.suppress(OSError):
             self._line.socket.shutdown(socket.SHUT_WR)

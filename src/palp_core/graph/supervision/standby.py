@@ -7,154 +7,154 @@ import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
-from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched
-from palp_core.graph.supervision.channel_server import Switchboard
+from palp_core.graph.process.channel import ChannelClosed
+from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched, ToNode
+from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_client import ForkServer
-from palp_core.graph.supervision.fork_server import LOOKING, Describe, News, Started
-from palp_core.graph.supervision.managed_process import Member, how_it_ended
+from palp_core.graph.supervision.fork_server import INSPECTING, ChildEvent, InspectClasses, Started
+from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
 
 
-class Understudy:
+class Standby:
     """One such process.
 
     Attributes:
         number: Of its line.
-        member: The process.
-        said: What it has said and nobody has taken yet.
+        process: The process.
+        replies: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
         on_end: Called when its process has ended.
     """
 
-    def __init__(self, number: int, member: Member) -> None:
-        self.number, self.member = number, member
-        self.said: list[FromNode] = []
+    def __init__(self, number: int, process: ManagedProcess) -> None:
+        self.number, self.process = number, process
+        self.replies: list[FromNode] = []
         self.failure = ""
         self.on_end: Callable[[], None] = lambda: None
 
-    def hear(self, message: FromNode) -> None:
+    def receive(self, message: FromNode) -> None:
         """Take what it says."""
         if isinstance(message, Configured):
-            self.member.configured = True
+            self.process.configured = True
         elif isinstance(message, Matched):
-            self.member.matched = True
+            self.process.matched = True
         elif isinstance(message, Failed):
-            self.failure = message.text.removeprefix(f"{self.member.spec.name}: ")
+            self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
         else:
-            self.said.append(message)
+            self.replies.append(message)
 
 
-class Understudies:
+class Standbys:
     """All of them.
 
     Args:
         folder: The run directory.
         server: Parent of the processes.
-        lines: To all processes.
-        spawn: Starts a member's process.
+        channels: To all processes.
+        launcher: Starts a process.
 
     Attributes:
-        described: What :meth:`look` has found; None while it looks.
+        inspected: What :meth:`inspect` has found; None while it looks.
     """
 
     def __init__(
         self,
         folder: Path,
         server: ForkServer,
-        lines: Switchboard,
-        spawn: Callable[..., None],
+        channels: ChannelServer,
+        launcher: ProcessLauncher,
     ) -> None:
-        self._folder, self._server, self._lines, self._spawn = folder, server, lines, spawn
+        self._folder, self._server, self._channels, self._launcher = folder, server, channels, launcher
         self._count = 0
-        self._all: dict[int, Understudy] = {}
+        self._all: dict[int, Standby] = {}
         self._answer = folder
-        self._looks = self._looker = 0
-        self.described: list[NodeDescription] | None = None
+        self._inspection_count = self._inspector_pid = 0
+        self.inspected: list[NodeClass] | None = None
 
-    def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Understudy:
+    def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
         """Start a process beside the one that has the node's part."""
         self._count += 1
-        member = Member(spec, log, f"+{self._count}")
-        understudy = Understudy(self._lines.expect(member.place), member)
-        self._all[understudy.number] = understudy
-        self._spawn(member, successor=True, fresh=fresh)
-        return understudy
+        process = ManagedProcess(spec, log, f"+{self._count}")
+        standby = Standby(self._channels.admit(process.place), process)
+        self._all[standby.number] = standby
+        self._launcher.spawn(process, successor=True, fresh=fresh)
+        return standby
 
-    def look(self, requests: Sequence[DescribeRequest], workspace: Path) -> None:
-        """Let a child describe node classes; :attr:`described` is set when it has ended."""
-        self._looks += 1
-        self.described, self._looker = None, 0
-        self._answer = self._folder / f"description{self._looks}"
-        self._server.send(Describe(list(requests), str(workspace), str(self._answer)))
+    def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path) -> None:
+        """Let a child inspect node classes; :attr:`inspected` is set when it has ended."""
+        self._inspection_count += 1
+        self.inspected, self._inspector_pid = None, 0
+        self._answer = self._folder / f"classes{self._inspection_count}"
+        self._server.send(InspectClasses(list(requests), str(workspace), str(self._answer)))
 
-    def look_away(self) -> None:
+    def kill_inspector(self) -> None:
         """Wait for the child no longer, and end it."""
-        if self._looker:
-            self._server.signal(self._looker, signal.SIGKILL)
-        self._looker = 0
+        if self._inspector_pid:
+            self._server.signal(self._inspector_pid, signal.SIGKILL)
+        self._inspector_pid = 0
 
-    def _looked(self, status: int) -> None:
+    def _on_inspected(self, status: int) -> None:
         log = Path(f"{self._answer}.log")
         if self._answer.exists():
-            self.described = decode_any(list[NodeDescription], self._answer.read_bytes())
+            self.inspected = decode_any(list[NodeClass], self._answer.read_bytes())
         else:
             said = log.read_text(errors="replace").strip().splitlines()[-3:]
             text = f"looking at the class ended with status {status}: " + " | ".join(said)
-            self.described = [NodeDescription(run="", error=text)]
+            self.inspected = [NodeClass(run="", error=text)]
         for file in (self._answer, log):
             file.unlink(missing_ok=True)
 
-    def exchange(self, index: int, member: Member, understudy: Understudy) -> Member:
-        """Give an understudy a node's part, and the one who had it the understudy's; return the new one."""
-        self._lines.exchange(index, understudy.number)
-        new, understudy.member = understudy.member, member
+    def exchange(self, index: int, process: ManagedProcess, standby: Standby) -> ManagedProcess:
+        """Give a standby a node's part, and the one who had it the standby's; return the new one."""
+        self._channels.exchange(index, standby.number)
+        new, standby.process = standby.process, process
         return new
 
-    def send(self, understudy: Understudy, line: ChannelMessage) -> None:
+    def send(self, standby: Standby, message: ToNode) -> None:
         """Say something to one; of one that is gone the fork server tells."""
         with contextlib.suppress(ChannelClosed):
-            self._lines.send(understudy.number, line)  # type: ignore[arg-type]
+            self._channels.send(standby.number, message)
 
-    def hear(self, number: int, message: FromNode) -> bool:
+    def receive(self, number: int, message: FromNode) -> bool:
         """Take what a process says; return False if it is none of these."""
-        understudy = self._all.get(number)
-        if understudy is not None:
-            understudy.hear(message)
-        return understudy is not None
+        standby = self._all.get(number)
+        if standby is not None:
+            standby.receive(message)
+        return standby is not None
 
-    def take(self, news: News) -> bool:
+    def on_child_event(self, event: ChildEvent) -> bool:
         """Take news of a process; return False if it is none of these."""
-        if news.name == LOOKING:
-            if isinstance(news, Started):
-                self._looker = news.pid
-            elif news.pid == self._looker:
-                self._looked(news.status)
+        if event.name == INSPECTING:
+            if isinstance(event, Started):
+                self._inspector_pid = event.pid
+            elif event.pid == self._inspector_pid:
+                self._on_inspected(event.status)
             return True
-        for number, understudy in self._all.items():
-            member = understudy.member
-            if isinstance(news, Started):
-                if news.name == member.place and not member.pid:
-                    member.pid = news.pid
+        for number, standby in self._all.items():
+            process = standby.process
+            if isinstance(event, Started):
+                if event.name == process.place and not process.pid:
+                    process.pid = event.pid
                     return True
-            elif news.pid == member.pid:
-                member.ended = True
-                for message in self._lines.last_words(number):
-                    understudy.hear(message)
-                understudy.failure = understudy.failure or f"its process {how_it_ended(news.status)}"
+            elif event.pid == process.pid:
+                process.ended = True
+                for message in self._channels.drain(number):
+                    standby.receive(message)
+                standby.failure = standby.failure or f"its process {exit_in_words(event.status)}"
                 del self._all[number]
-                understudy.on_end()
+                standby.on_end()
                 return True
         return False
 
-    def kill(self, understudy: Understudy) -> None:
+    def kill(self, standby: Standby) -> None:
         """End one at once: it has nothing to lose."""
-        if understudy.member.pid and not understudy.member.ended:
-            self._server.signal(understudy.member.pid, signal.SIGKILL)
+        if standby.process.pid and not standby.process.ended:
+            self._server.signal(standby.process.pid, signal.SIGKILL)
 
     @property
-    def members(self) -> list[Member]:
+    def processes(self) -> list[ManagedProcess]:
         """Those whose processes live."""
-        return [understudy.member for understudy in self._all.values()]
+        return [standby.process for standby in self._all.values()]

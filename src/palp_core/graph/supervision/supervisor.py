@@ -11,9 +11,8 @@ from pathlib import Path
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
+from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import (
     Activate,
     Configured,
@@ -30,21 +29,22 @@ from palp_core.graph.process.control_messages import (
 )
 from palp_core.graph.process.shadow import Comparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
-from palp_core.graph.supervision.channel_server import Switchboard
+from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_client import ForkServer
-from palp_core.graph.supervision.fork_server import News, Started
-from palp_core.graph.supervision.interrupt import Interrupt, Patience
-from palp_core.graph.supervision.launcher_node import GraphBus
-from palp_core.graph.supervision.managed_process import Member, how_it_ended
-from palp_core.graph.supervision.restarts import READY_NS, Keeper
-from palp_core.graph.supervision.standby import Understudies, Understudy
+from palp_core.graph.supervision.fork_server import ChildEvent, Started
+from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
+from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
+from palp_core.graph.supervision.restarts import READY_NS, Restarts
+from palp_core.graph.supervision.standby import Standby, Standbys
 
-LADDER = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
+STILL_WAITING_S = 10.0
+ENDING_SIGNALS = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
 _LOG = logging.getLogger("palp.supervisor")
 
 
-class ProcessCrew:
-    """A crew of processes.
+class Supervisor:
+    """The processes of a graph's nodes, from their start to the end of the run.
 
     Args:
         specs: The nodes in graph order.
@@ -54,16 +54,19 @@ class ProcessCrew:
         server: Parent of the processes.
         interrupt: Raises when the user wants the end.
         observe: Wall clock: is shown every message for the launch view.
-        bus: Where the graph's events and health are published.
+        launcher_node: Where the graph's events and health are published.
 
     Attributes:
         start_ns: The graph's start on the wall clock; 0 before.
-        between: Called in every turn of :meth:`run_wall`.
-        answers: What nodes have last said in a swap.
+        exit_code: Of the node whose end is the run's; None before.
+        on_turn: Called in every turn of :meth:`run_wall`.
+        on_new_process: Called when a node has a new process.
+        on_health: Takes each encoded :class:`NodeHealth`.
+        swap_replies: What nodes have last said in a swap.
         listening: Which nodes listen to which topic at which second place.
-        renewed: Called when a node has a new process.
-        pulsed: Takes each encoded :class:`NodeHealth`.
-        watch, forget: As of the switchboard.
+        standbys: Processes beside those that have the nodes' parts.
+        shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
+        watch, forget: As of the channel server.
     """
 
     def __init__(
@@ -75,210 +78,33 @@ class ProcessCrew:
         server: ForkServer,
         interrupt: Interrupt,
         observe: Callable[[int, bytes], None],
-        bus: GraphBus,
+        launcher_node: LauncherNode,
     ) -> None:
         self.names = [spec.name for spec in specs]
-        self.members = [Member(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
-        self.exit_code: int | None = None
-        self.renewed: Callable[[], None] = lambda: None
-        self.pulsed: Callable[[bytes], None] = lambda _: None
-        self.between: Callable[[], None] = lambda: None
-        self._place = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
-        self._server = server
-        self._interrupt = interrupt
-        self._observe = observe
-        self._patience = Patience(interrupt)
+        self.processes = [ManagedProcess(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
         self.start_ns = 0
-        self._replies: dict[int, Done] = {}
-        self.answers: dict[int, FromSwapped] = {}
+        self.exit_code: int | None = None
+        self.on_turn: Callable[[], None] = lambda: None
+        self.on_new_process: Callable[[], None] = lambda: None
+        self.on_health: Callable[[bytes], None] = lambda _: None
+        self.swap_replies: dict[int, FromSwapped] = {}
         self.listening: set[tuple[int, str, str]] = set()
-        self._knocks: set[int] = set()
-        self._keeper = Keeper(self.members, self, bus, restarts=clock == "wall")
-        self._lines = Switchboard(
+        self.shadow: tuple[int, Standby, Comparison] | None = None
+        self._server, self._interrupt, self._observe = server, interrupt, observe
+        self._grace = GracePeriod(interrupt)
+        self._replies: dict[int, Done] = {}
+        self._commanded: set[int] = set()
+        self._launcher = ProcessLauncher(server, clock, folder, workspace)
+        self._restarts = Restarts(
+            self.processes, self._launcher, self._activate_on_wall, launcher_node, restarts=clock == "wall"
+        )
+        self._channels = ChannelServer(
             folder / "supervisor.sock", self.names, (server.descriptor, interrupt.descriptor)
         )
-        self.understudies = Understudies(folder, server, self._lines, self.spawn)
-        self.watch, self.forget = self._lines.watch, self._lines.forget
-        for descriptor in bus.file_descriptors:
-            self.watch(descriptor, bus.poll)
-
-    # Hands of the keeper
-
-    def spawn(self, member: Member, *, successor: bool = False, fresh: bool = False) -> None:
-        """Start a node's process."""
-        birth = NodeProcess(
-            spec=member.spec, place=member.place, successor=successor, fresh=fresh, **self._place
-        )
-        self._server.spawn(birth, str(member.log))
-
-    def activate_on_wall(self, index: int) -> None:
-        """Tell a node to work on the wall clock."""
-        self._send(index, Activate(self.start_ns))
-
-    def signal(self, member: Member, *numbers: signal.Signals) -> None:
-        """Send signals to a node's process."""
-        for number in numbers:
-            self._server.signal(member.pid, number)
-
-    def _send(self, index: int, message: ToNode) -> None:
-        try:
-            self._lines.send(index, message)
-        except ChannelClosed:
-            while not self.members[index].ended:  # the news of how it ended raises
-                self._pump(1.0)
-
-    # Events
-
-    def _pump(self, timeout_s: float) -> None:
-        """Handle what has happened; wait for something if nothing has.
-
-        Raises:
-            NodeError: A node failed; the first, when everything that has happened is accounted for.
-        """
-        heard, others = self._lines.wait(timeout_s)
-        failures: list[NodeError] = []
-        events: list[Callable[[], None]] = [partial(self._on_message, *said) for said in heard]
-        events += self._lines.handlers(others)
-        if self._server.descriptor in others:
-            events += [partial(self._on_news, news) for news in self._server.news()]
-        for handle in events:
-            try:
-                handle()
-            except NodeError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-        if self._interrupt.descriptor in others:
-            if not self._patience.ending:
-                self._interrupt.check()
-            self._interrupt.drain()
-
-    def _on_message(self, index: int, message: FromNode) -> None:
-        if self.understudies.hear(index, message):
-            return
-        member = self.members[index]
-        if isinstance(message, Done):
-            self._replies[index] = message
-            member.done = self._patience.ending
-        elif isinstance(message, Pulse):
-            self._keeper.pulse(index, message.health)
-            self.pulsed(message.health)
-        elif isinstance(message, Relay):
-            if message.frame:
-                self._observe(monotonic_ns() - self.start_ns, message.frame)
-            if message.exit_code is not None and member.spec.shutdown_on_exit:
-                self.exit_code = message.exit_code
-        elif isinstance(message, Listening):
-            self.listening.add((index, message.topic, message.publish))
-        elif isinstance(message, FromSwapped):
-            self.answers[index] = message
-        elif isinstance(message, Configured):
-            member.configured = True
-        elif isinstance(message, Matched):
-            member.matched, member.missing = True, message.missing
-        elif isinstance(message, Knock):
-            self._knocks.add(index)
-        elif isinstance(message, Raised) and not self._patience.ending:
-            self._keeper.raised(index, message)
-        elif isinstance(message, Failed) and not self._patience.ending:
-            text = message.text.removeprefix(f"{member.spec.name}: ")
-            if not self._keeper.restart(index, text):
-                raise NodeError(member.spec.name, f"{text} (log: {member.log})")
-
-    def _on_news(self, news: News) -> None:
-        if self.understudies.take(news):
-            return
-        index = next(i for i, member in enumerate(self.members) if member.place == news.name)
-        member = self.members[index]
-        if isinstance(news, Started):
-            member.pid = news.pid
-            if member.spec.epoch:
-                self.renewed()
-            return
-        if news.pid != member.pid:
-            return
-        member.ended = True
-        self._keeper.ended(index)
-        for message in self._lines.last_words(index):
-            self._on_message(index, message)
-        if self._patience.ending or member.handed_in or member.respawn_at_ns is not None:
-            return
-        cause = f"its process {how_it_ended(news.status)}"
-        if not self._keeper.restart(index, cause):
-            raise NodeError(member.spec.name, f"{cause}{member.last_words()}")
-
-    # Swap
-
-    def say(self, index: int, line: ChannelMessage) -> None:
-        """Say something to a node; of one that is gone the fork server tells."""
-        with contextlib.suppress(ChannelClosed):
-            self._lines.send(index, line)  # type: ignore[arg-type]
-
-    def lose(self, index: int, cause: str) -> None:
-        """Restart a node whose process has ended by its rule.
-
-        Raises:
-            NodeError: Its rule allows none.
-        """
-        self._keeper.recover(index, cause)
-
-    def promote(self, index: int, understudy: Understudy) -> None:
-        """Let an understudy have a node's part, and the other way round."""
-        new = self.understudies.exchange(index, self.members[index], understudy)
-        self.members[index] = new
-        new.activate(monotonic_ns())
-        self._keeper.begin(index)
-
-    # End
-
-    def close(self) -> None:
-        """End every process that is left; return when all are gone.
-
-        One that has reached its safe state ends by itself, others with SIGTERM (and SIGCONT, for one that was
-        stopped), 5 s later with SIGKILL; sooner if the user insists.
-        """
-        self._server.wake()
-        for numbers in LADDER:
-            known = [*self.members, *self.understudies.members]
-            left = [m for m in known if m.pid and not m.ended and (numbers or m.done)]
-            with contextlib.suppress(GraphError):
-                for member in left:
-                    self.signal(member, *numbers)
-                self._patience.step()
-                while any(not m.ended for m in left) and not self._patience.over:
-                    self._pump(0.2)
-        self._lines.close()
-
-
-PATIENCE_S = 10.0
-_LOG = logging.getLogger("palp.supervisor")
-
-
-class Supervisor(ProcessCrew):
-    """A crew of processes, from their start to the end of the run.
-
-    Attributes:
-        shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
-    """
-
-    shadow: tuple[int, Understudy, Comparison] | None = None
-
-    def follow(self, until: Callable[[], bool], deadline_ns: int | None = None) -> bool:
-        """Handle what happens until something is so; return whether it is, when the time is over.
-
-        Raises:
-            NodeError: A node failed.
-        """
-        while not until():
-            now_ns = monotonic_ns()
-            left_s = 1.0 if deadline_ns is None else (deadline_ns - now_ns) / 1e9
-            if left_s <= 0.0:
-                return False
-            if self.start_ns:
-                self._keeper.turn(now_ns)
-                left_s = min(left_s, self._keeper.patience_s(now_ns))
-            self._pump(min(left_s, 1.0))
-        return True
+        self.standbys = Standbys(folder, server, self._channels, self._launcher)
+        self.watch, self.forget = self._channels.watch, self._channels.forget
+        for descriptor in launcher_node.file_descriptors:
+            self.watch(descriptor, launcher_node.poll)
 
     # Start
 
@@ -288,73 +114,21 @@ class Supervisor(ProcessCrew):
         Raises:
             NodeError: A node failed or did not get ready in time.
         """
-        for member in self.members:
-            self.spawn(member)
-        self._await(lambda m: m.configured, "configured")
-        self._await(lambda m: m.matched, "matched with its publishers")
+        for process in self.processes:
+            self._launcher.spawn(process)
+        self._await(lambda p: p.configured, "configured")
+        self._await(lambda p: p.matched, "matched with its publishers")
 
-    def _await(self, ready: Callable[[Member], bool], what: str) -> None:
+    def _await(self, ready: Callable[[ManagedProcess], bool], what: str) -> None:
         deadline_ns = monotonic_ns() + READY_NS
-        while late := next((member for member in self.members if not ready(member)), None):
+        while late := next((process for process in self.processes if not ready(process)), None):
             if monotonic_ns() > deadline_ns:
-                text = f"was not {what} within {READY_NS // 10**9} s{late.last_words()}"
+                text = f"was not {what} within {READY_NS // 10**9} s{late.log_tail()}"
                 raise NodeError(late.spec.name, text)
             self._pump(1.0)
 
-    # Lockstep crew
-
-    def activate(self, index: int) -> Done:
-        """Activate one node."""
-        return self.work({index: Activate(self.start_ns)})[index]
-
-    def knocks(self) -> set[int]:
-        """Return the numbers of the nodes for which commands have come since this was last asked."""
-        knocks, self._knocks = self._knocks, set()
-        return knocks
-
-    def work(self, rounds: Mapping[int, ToNode]) -> Mapping[int, Done]:
-        """Let several nodes do their part of a round, in parallel; return what each has done."""
-        for index, message in rounds.items():
-            self._send(index, message)
-        if self.shadow is not None and self.shadow[0] in rounds:
-            self._work_unheard(rounds[self.shadow[0]])
-        asked_ns = monotonic_ns()
-        while len(self._replies) < len(rounds):
-            self._pump(PATIENCE_S)
-            if monotonic_ns() - asked_ns > PATIENCE_S * 1e9:
-                late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
-                _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
-                asked_ns = monotonic_ns()
-        replies, self._replies = self._replies, {}
-        if self.shadow is not None and self.shadow[0] in replies:
-            for frame in replies[self.shadow[0]].frames:
-                self.shadow[2].old(frame)
-        return replies
-
-    def _work_unheard(self, message: ToNode) -> None:
-        """Let the understudy of a node do the same as the node, and compare."""
-        assert self.shadow is not None
-        _, understudy, comparison = self.shadow
-        understudy.said.clear()
-        self.understudies.send(understudy, message)
-        self.follow(lambda: bool(understudy.said) or bool(understudy.failure))
-        for done in understudy.said:
-            if isinstance(done, Done):
-                for frame in done.frames:
-                    comparison.new(frame)
-
-    def shutdown(self, index: int, now_ns: int) -> Done:
-        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
-        member = self.members[index]
-        self._patience.begin()
-        if not self._lines.connected(index) or member.ended:
-            return Done([], -1, None)
-        self._replies.clear()
-        with contextlib.suppress(NodeError, GraphError, ChannelClosed):
-            self._lines.send(index, Shutdown(now_ns))
-            while not (member.done or member.ended) and not self._patience.over:
-                self._pump(0.2)
-        return self._replies.pop(index, Done([], -1, None))
+    def _activate_on_wall(self, index: int) -> None:
+        self._send(index, Activate(self.start_ns))
 
     # Wall clock
 
@@ -374,7 +148,206 @@ class Supervisor(ProcessCrew):
             left_s = 1.0 if until_ns is None else (until_ns + self.start_ns - now_ns) / 1e9
             if left_s <= 0.0:
                 return 0
-            self._keeper.turn(now_ns)
-            self._pump(min(left_s, self._keeper.patience_s(now_ns)))
-            self.between()
+            self._restarts.run_due(now_ns)
+            self._pump(min(left_s, self._restarts.idle_s(now_ns)))
+            self.on_turn()
         return self.exit_code
+
+    def wait_until(self, condition: Callable[[], bool], deadline_ns: int | None = None) -> bool:
+        """Handle what happens until something is so; return whether it is, when the time is over.
+
+        Raises:
+            NodeError: A node failed.
+        """
+        while not condition():
+            now_ns = monotonic_ns()
+            left_s = 1.0 if deadline_ns is None else (deadline_ns - now_ns) / 1e9
+            if left_s <= 0.0:
+                return False
+            if self.start_ns:
+                self._restarts.run_due(now_ns)
+                left_s = min(left_s, self._restarts.idle_s(now_ns))
+            self._pump(min(left_s, 1.0))
+        return True
+
+    # Lockstep
+
+    def activate(self, index: int) -> Done:
+        """Activate one node."""
+        return self.work({index: Activate(self.start_ns)})[index]
+
+    def pending_commands(self) -> set[int]:
+        """Return the numbers of the nodes for which commands have come since this was last asked."""
+        commanded, self._commanded = self._commanded, set()
+        return commanded
+
+    def work(self, rounds: Mapping[int, ToNode]) -> Mapping[int, Done]:
+        """Let several nodes do their part of a round, in parallel; return what each has done."""
+        for index, message in rounds.items():
+            self._send(index, message)
+        if self.shadow is not None and self.shadow[0] in rounds:
+            self._work_shadow(rounds[self.shadow[0]])
+        asked_ns = monotonic_ns()
+        while len(self._replies) < len(rounds):
+            self._pump(STILL_WAITING_S)
+            if monotonic_ns() - asked_ns > STILL_WAITING_S * 1e9:
+                late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
+                _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
+                asked_ns = monotonic_ns()
+        replies, self._replies = self._replies, {}
+        if self.shadow is not None and self.shadow[0] in replies:
+            for frame in replies[self.shadow[0]].frames:
+                self.shadow[2].old(frame)
+        return replies
+
+    def _work_shadow(self, message: ToNode) -> None:
+        """Let the standby of a node do the same as the node, and compare."""
+        assert self.shadow is not None
+        _, standby, comparison = self.shadow
+        standby.replies.clear()
+        self.standbys.send(standby, message)
+        self.wait_until(lambda: bool(standby.replies) or bool(standby.failure))
+        for done in standby.replies:
+            if isinstance(done, Done):
+                for frame in done.frames:
+                    comparison.new(frame)
+
+    # What processes say, and how they end
+
+    def _send(self, index: int, message: ToNode) -> None:
+        try:
+            self._channels.send(index, message)
+        except ChannelClosed:
+            while not self.processes[index].ended:  # the event that tells how it ended raises
+                self._pump(1.0)
+
+    def _pump(self, timeout_s: float) -> None:
+        """Handle what has happened; wait for something if nothing has.
+
+        Raises:
+            NodeError: A node failed; the first, when everything that has happened is accounted for.
+        """
+        heard, others = self._channels.wait(timeout_s)
+        failures: list[NodeError] = []
+        handlers: list[Callable[[], None]] = [partial(self._on_message, *message) for message in heard]
+        handlers += self._channels.handlers(others)
+        if self._server.descriptor in others:
+            handlers += [partial(self._on_child_event, event) for event in self._server.read_events()]
+        for handle in handlers:
+            try:
+                handle()
+            except NodeError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+        if self._interrupt.descriptor in others:
+            if not self._grace.ending:
+                self._interrupt.check()
+            self._interrupt.drain()
+
+    def _on_message(self, index: int, message: FromNode) -> None:
+        if self.standbys.receive(index, message):
+            return
+        process = self.processes[index]
+        if isinstance(message, Done):
+            self._replies[index] = message
+            process.done = self._grace.ending
+        elif isinstance(message, Pulse):
+            self._restarts.on_health(index, message.health)
+            self.on_health(message.health)
+        elif isinstance(message, Relay):
+            if message.frame:
+                self._observe(monotonic_ns() - self.start_ns, message.frame)
+            if message.exit_code is not None and process.spec.shutdown_on_exit:
+                self.exit_code = message.exit_code
+        elif isinstance(message, Listening):
+            self.listening.add((index, message.topic, message.publish))
+        elif isinstance(message, FromSwapped):
+            self.swap_replies[index] = message
+        elif isinstance(message, Configured):
+            process.configured = True
+        elif isinstance(message, Matched):
+            process.matched, process.missing = True, message.missing
+        elif isinstance(message, Knock):
+            self._commanded.add(index)
+        elif isinstance(message, Raised) and not self._grace.ending:
+            self._restarts.on_qos_event(index, message)
+        elif isinstance(message, Failed) and not self._grace.ending:
+            text = message.text.removeprefix(f"{process.spec.name}: ")
+            if not self._restarts.restart(index, text):
+                raise NodeError(process.spec.name, f"{text} (log: {process.log})")
+
+    def _on_child_event(self, event: ChildEvent) -> None:
+        if self.standbys.on_child_event(event):
+            return
+        index = next(i for i, process in enumerate(self.processes) if process.place == event.name)
+        process = self.processes[index]
+        if isinstance(event, Started):
+            process.pid = event.pid
+            if process.spec.epoch:
+                self.on_new_process()
+            return
+        if event.pid != process.pid:
+            return
+        process.ended = True
+        self._restarts.forget(index)
+        for message in self._channels.drain(index):
+            self._on_message(index, message)
+        if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
+            return
+        self.recover(index, f"its process {exit_in_words(event.status)}")
+
+    # Swap
+
+    def send_if_connected(self, index: int, message: ToNode) -> None:
+        """Send a node a message; of one that is gone the fork server tells."""
+        with contextlib.suppress(ChannelClosed):
+            self._channels.send(index, message)
+
+    def recover(self, index: int, cause: str) -> None:
+        """Restart a node whose process has ended, by its rule.
+
+        Raises:
+            NodeError: Its rule allows none.
+        """
+        self._restarts.recover(index, cause)
+
+    def promote(self, index: int, standby: Standby) -> None:
+        """Let a standby have a node's part, and the other way round."""
+        new = self.standbys.exchange(index, self.processes[index], standby)
+        self.processes[index] = new
+        new.activate(monotonic_ns())
+        self._restarts.expect_health(index)
+
+    # End
+
+    def shutdown(self, index: int, now_ns: int) -> Done:
+        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
+        process = self.processes[index]
+        self._grace.start()
+        if not self._channels.connected(index) or process.ended:
+            return Done([], -1, None)
+        self._replies.clear()
+        with contextlib.suppress(NodeError, GraphError, ChannelClosed):
+            self._channels.send(index, Shutdown(now_ns))
+            while not (process.done or process.ended) and not self._grace.expired:
+                self._pump(0.2)
+        return self._replies.pop(index, Done([], -1, None))
+
+    def close(self) -> None:
+        """End every process that is left; return when all are gone.
+
+        One that has reached its safe state ends by itself, others with SIGTERM (and SIGCONT, for one that was
+        stopped), 5 s later with SIGKILL; sooner if the user insists.
+        """
+        self._server.wake()
+        for numbers in ENDING_SIGNALS:
+            known = [*self.processes, *self.standbys.processes]
+            left = [p for p in known if p.pid and not p.ended and (numbers or p.done)]
+            with contextlib.suppress(GraphError):
+                for process in left:
+                    self._launcher.signal(process, *numbers)
+                self._grace.renew()
+                while any(not p.ended for p in left) and not self._grace.expired:
+                    self._pump(0.2)
+        self._channels.close()

@@ -8,13 +8,13 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph, Reading, TopicInfo
-from palp_core.graph.description.node_class import NodeDescription, PortDescription
+from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import incompatibility, on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import hint
 
 
-def objections(checked: CheckedGraph, spec: NodeSpec, described: NodeDescription) -> list[str]:
+def objections(checked: CheckedGraph, spec: NodeSpec, described: NodeClass) -> list[str]:
     """Return every reason why a class cannot take a node's place: wires that it would tear; none if it can.
 
     Args:
@@ -49,7 +49,7 @@ def _published(checked: CheckedGraph, node: str) -> list[TopicInfo]:
     ]
 
 
-def _output(checked: CheckedGraph, info: TopicInfo, described: NodeDescription) -> list[str]:
+def _output(checked: CheckedGraph, info: TopicInfo, described: NodeClass) -> list[str]:
     name = topic(info.node, info.port)
     readers = checked.edges.get(name, [])
     port = described.ports.get(info.port)
@@ -70,7 +70,7 @@ def _output(checked: CheckedGraph, info: TopicInfo, described: NodeDescription) 
 
 
 def _input(
-    checked: CheckedGraph, own: str, port_name: str, reading: Reading, described: NodeDescription
+    checked: CheckedGraph, own: str, port_name: str, reading: Reading, described: NodeClass
 ) -> list[str]:
     port = described.ports.get(port_name)
     if port is None:
@@ -99,7 +99,7 @@ def _input(
     return []
 
 
-def _service(checked: CheckedGraph, node: str, name: str, described: NodeDescription) -> list[str]:
+def _service(checked: CheckedGraph, node: str, name: str, described: NodeClass) -> list[str]:
     port = described.ports.get(name)
     if port is None or port.kind != "srv":
         return [f"it has no service '{name}', which others call"]
@@ -113,18 +113,18 @@ def _service(checked: CheckedGraph, node: str, name: str, described: NodeDescrip
     return []
 
 
-def _other(port: PortDescription, info: TopicInfo) -> str:
+def _other(port: NodePort, info: TopicInfo) -> str:
     if port.types[0].name == info.type:
         return f"another {info.type} than the graph's: its fields differ"
     return f"{port.types[0].name}, not {info.type}"
 
 
-def _requested(port: PortDescription, reading: Reading) -> Any:
+def _requested(port: NodePort, reading: Reading) -> Any:
     return msgspec.convert(msgspec.to_builtins(port.qos) | dict(reading.stated), type(port.qos))
 
 
 def replaced(
-    checked: CheckedGraph, spec: NodeSpec, described: NodeDescription, params: Mapping[str, Any]
+    checked: CheckedGraph, spec: NodeSpec, described: NodeClass, params: Mapping[str, Any]
 ) -> CheckedGraph:
     """Return the graph with another class in a node's place.
 

@@ -14,15 +14,15 @@ import msgspec
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.swap_messages import (
     Announced,
     EndShadow,
+    FromSwapped,
     Go,
     HandedIn,
     HandIn,
@@ -38,102 +38,18 @@ from palp_core.graph.process.swap_messages import (
     Stay,
     TakeOver,
     TookOver,
+    ToSwapped,
     Working,
 )
-from palp_core.graph.supervision.standby import Understudy
+from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.swap import Replacement, SwapFailed, SwapReport, unfit
+from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
-Answer = TypeVar("Answer", bound=ChannelMessage)
+Answer = TypeVar("Answer", bound=FromSwapped)
 
 
-class SwapTalk:
-    """One swap's words with the process that has the node's part and the one that is to get it.
-
-    Args:
-        supervisor: Has the processes.
-        folder: The run directory.
-        replacement: What is replaced by what.
-        now_ns: Time on the graph's clock.
-        elapse: Lets so much simulated time go by.
-    """
-
-    def __init__(
-        self,
-        supervisor: Supervisor,
-        folder: Path,
-        replacement: Replacement,
-        now_ns: int,
-        elapse: Callable[[int], None],
-    ) -> None:
-        self._elapse = elapse
-        self._supervisor, self._folder, self._replacement = supervisor, folder, replacement
-        self._index, self._now_ns = replacement.index, now_ns
-        self._old = supervisor.members[replacement.index]
-        self._begun_ns = monotonic_ns()
-        self._deadline_ns = self._begun_ns + round(replacement.request.timeout_s * 1e9)
-        self._step = "start"
-        self._new: Understudy | None = None
-        self._announced = self._paused = False
-        self._found: dict[str, Any] = {}
-
-    def _fail(self, text: str) -> NoReturn:
-        raise SwapFailed(self._replacement.request.node, self._step, text)
-
-    def _hand_in(self, after: dict[str, tuple[int, int]], *, pause: bool) -> HandedIn:
-        self._say_old(HandIn(after, pause))
-        return self._from_old(HandedIn)
-
-    def _say_old(self, line: ChannelMessage) -> None:
-        self._supervisor.answers.pop(self._index, None)
-        self._supervisor.say(self._index, line)
-
-    def _say_new(self, line: ChannelMessage) -> None:
-        assert self._new is not None
-        self._new.said.clear()
-        self._supervisor.understudies.send(self._new, line)
-
-    def _from_old(self, kind: type[Answer]) -> Answer:
-        answers, index = self._supervisor.answers, self._index
-        self._until(lambda: index in answers, f"the old node did not answer ({kind.__name__})")
-        answer = answers.pop(index)
-        assert isinstance(answer, kind)
-        return answer
-
-    def _from_new(self, kind: type[Answer]) -> Answer:
-        new = self._new
-        assert new is not None
-
-        def fitting() -> list[Answer]:
-            return [said for said in new.said if isinstance(said, kind)]
-
-        self._until(lambda: bool(fitting()), f"the new node did not answer ({kind.__name__})")
-        return fitting()[0]
-
-    def _until(self, so: Callable[[], bool], otherwise: str) -> None:
-        """Wait for something.
-
-        Raises:
-            SwapFailed: One of the processes has ended, or the time is over.
-        """
-        old, new = self._old, self._new
-
-        def over() -> bool:
-            gone = (old.ended and not old.handed_in) or old.respawn_at_ns is not None
-            return so() or gone or (new is not None and bool(new.failure))
-
-        in_time = self._supervisor.follow(over, self._deadline_ns)
-        if so():
-            return
-        if not in_time:
-            self._fail(f"{otherwise} within {self._replacement.request.timeout_s:g} s")
-        if new is not None and new.failure:
-            self._fail(new.failure)
-        self._fail("the old node has ended")
-
-
-SEE_OFF_NS = 1_000_000_000
+FAREWELL_NS = 1_000_000_000
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
 
@@ -154,111 +70,138 @@ class ProcessSwaps:
         self._supervisor, self._folder, self._workspace = supervisor, folder, workspace
         self._elapse = elapse
 
-    def describe_class(self, request: DescribeRequest, timeout_s: float) -> NodeDescription:
+    def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Let a forked child import a class and say what it declares."""
-        understudies = self._supervisor.understudies
-        understudies.look([request], self._workspace)
+        standbys = self._supervisor.standbys
+        standbys.inspect([request], self._workspace)
         deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
-        if not self._supervisor.follow(lambda: understudies.described is not None, deadline_ns):
-            understudies.look_away()
+        if not self._supervisor.wait_until(lambda: standbys.inspected is not None, deadline_ns):
+            standbys.kill_inspector()
             error = f"it could not be imported within {timeout_s:g} s"
-            return NodeDescription(run=request.run, error=error)
-        assert understudies.described is not None
-        return understudies.described[0]
+            return NodeClass(run=request.run, error=error)
+        assert standbys.inspected is not None
+        return standbys.inspected[0]
 
-    def swap(self, replacement: Replacement, now_ns: int) -> tuple[SwapReport, Done | None]:
+    def swap(self, swap: CheckedSwap, now_ns: int) -> tuple[SwapReport, Done | None]:
         """Let a new process take the place of a node's.
 
         Raises:
             SwapFailed: A step failed; the old node goes on.
         """
-        return _Swap(self._supervisor, self._folder, replacement, now_ns, self._elapse).run()
+        return _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._elapse).run()
 
 
-class _Swap(SwapTalk):
-    """One swap, step by step."""
+class _ProcessSwap:
+    """One swap, step by step.
+
+    Args:
+        supervisor: Has the processes.
+        folder: The run directory.
+        swap: What is replaced by what.
+        now_ns: Time on the graph's clock.
+        elapse: Lets so much simulated time go by.
+    """
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        folder: Path,
+        swap: CheckedSwap,
+        now_ns: int,
+        elapse: Callable[[int], None],
+    ) -> None:
+        self._elapse = elapse
+        self._supervisor, self._folder, self._swap = supervisor, folder, swap
+        self._index, self._now_ns = swap.index, now_ns
+        self._old = supervisor.processes[swap.index]
+        self._begun_ns = monotonic_ns()
+        self._deadline_ns = self._begun_ns + round(swap.request.timeout_s * 1e9)
+        self._step = "start"
+        self._new: Standby | None = None
+        self._announced = self._paused = False
+        self._comparison: dict[str, Any] = {}
 
     def run(self) -> tuple[SwapReport, Done | None]:
         if not self._old.matched or self._old.ended or self._old.respawn_at_ns is not None:
             self._fail("the node is not up just now; ask again when it is")
         try:
             after = self._prepare()
-            if self._replacement.request.shadow_s:
+            if self._swap.request.shadow_s:
                 after = self._shadow(after)
-            if self._replacement.request.dry_run:
-                self._take_back()
+            if self._swap.request.dry_run:
+                self._roll_back()
                 return self._report(None, 0), None
             return self._change(after)
         except BaseException:
-            self._take_back()
+            self._roll_back()
             raise
 
     # Steps
 
     def _prepare(self) -> ReceivedOffsets:
         """Bring a new process as far as it comes while the old one works."""
-        running = decode_any(HandOver, self._hand_in({}, pause=False).hand_over)
-        if why := unfit(running, self._replacement):
+        running = decode_any(HandOver, self._request_hand_over({}, pause=False).hand_over)
+        if why := unfit(running, self._swap):
             self._fail(why)
         self._step = "configure"
-        supervisor, new_spec = self._supervisor, self._replacement.new
-        self._new = supervisor.understudies.start(new_spec, self._old.log, fresh=True)
-        new = self._new.member
-        self._until(lambda: new.configured, "it was not configured")
-        self._until(lambda: new.matched, "it did not hear all of its publishers")
+        supervisor, new_spec = self._supervisor, self._swap.new
+        self._new = supervisor.standbys.start(new_spec, self._old.log, fresh=True)
+        new = self._new.process
+        self._wait_for(lambda: new.configured, "it was not configured")
+        self._wait_for(lambda: new.matched, "it did not hear all of its publishers")
         self._step = "connect"
         self._announced = True
         publish, serve = endpoints(str(self._folder), new.place)
         supervisor.listening.clear()
-        self._say_old(Place(publish, serve))
-        readers = self._from_old(Announced).readers
+        self._send_old(Place(publish, serve))
+        readers = self._reply_of_old(Announced).readers
         if supervisor.start_ns:
-            self._await_readers(publish)
-        self._say_new(Meet(readers))
-        self._from_new(Met)  # who did not come is no node of this graph, and can ask for what it missed
+            self._wait_for_readers(publish)
+        self._send_new(Meet(readers))
+        self._reply_of_new(Met)  # who did not come is no node of this graph, and can ask for what it missed
         self._step = "state"
-        handed = self._hand_in({}, pause=False)
-        self._say_new(Rehearse(handed.hand_over, self._replacement.request.params))
-        rehearsed = self._from_new(Rehearsed)
+        handed = self._request_hand_over({}, pause=False)
+        self._send_new(Rehearse(handed.hand_over, self._swap.request.params))
+        rehearsed = self._reply_of_new(Rehearsed)
         if rehearsed.error:
             self._fail(rehearsed.error)
         return rehearsed.after
 
-    def _await_readers(self, publish: str) -> None:
+    def _wait_for_readers(self, publish: str) -> None:
         """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
-        supervisor, checked = self._supervisor, self._replacement.checked
+        supervisor, checked = self._supervisor, self._swap.checked
         wanted = {
             (supervisor.names.index(reader), name, publish)
             for name, ends in checked.edges.items()
-            if name.split("/")[1] == self._replacement.request.node
+            if name.split("/")[1] == self._swap.request.node
             for reader, _ in ends
-            if reader in supervisor.names and supervisor.members[supervisor.names.index(reader)].active
+            if reader in supervisor.names and supervisor.processes[supervisor.names.index(reader)].active
         }
         deaf = {f"/{supervisor.names[index]}" for index, _, _ in wanted}
         text = (
             f"not every reader listened at the new place; one is stopped or busy: {', '.join(sorted(deaf))}"
         )
-        self._until(lambda: wanted <= supervisor.listening, text)
+        self._wait_for(lambda: wanted <= supervisor.listening, text)
 
     def _shadow(self, after: ReceivedOffsets) -> ReceivedOffsets:
         """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
         self._step = "shadow"
-        request, supervisor, new = self._replacement.request, self._supervisor, self._new
+        request, supervisor, new = self._swap.request, self._supervisor, self._new
         assert new is not None
-        handed = self._hand_in(after, pause=False)
+        handed = self._request_hand_over(after, pause=False)
         start_ns = supervisor.start_ns
         publish = endpoints(str(self._folder), self._old.place)[0] if start_ns else ""
-        self._say_new(Shadow(handed.hand_over, request.params, start_ns, publish))
-        taken = self._from_new(TookOver)
+        self._send_new(Shadow(handed.hand_over, request.params, start_ns, publish))
+        taken = self._reply_of_new(TookOver)
         if taken.error:
             self._fail(taken.error)
         duration_ns = round(request.shadow_s * 1e9)
         self._deadline_ns += duration_ns
         if start_ns:
             end_ns = monotonic_ns() + duration_ns
-            supervisor.follow(lambda: bool(new.failure) or self._old.ended, end_ns)
+            supervisor.wait_until(lambda: bool(new.failure) or self._old.ended, end_ns)
         else:
-            comparison = self._replacement.comparison(decode_any(HandOver, handed.hand_over).published)
+            comparison = self._swap.comparison(decode_any(HandOver, handed.hand_over).published)
             begun_ns = monotonic_ns()
             supervisor.shadow = (self._index, new, comparison)
             try:
@@ -267,35 +210,35 @@ class _Swap(SwapTalk):
                 supervisor.shadow = None
             self._deadline_ns += monotonic_ns() - begun_ns
             self._now_ns += duration_ns
-            self._found = comparison.report()
-        self._say_new(EndShadow())
-        shadowed = self._from_new(Shadowed)
+            self._comparison = comparison.report()
+        self._send_new(EndShadow())
+        shadowed = self._reply_of_new(Shadowed)
         if shadowed.report:
-            self._found = msgspec.json.decode(shadowed.report)
+            self._comparison = msgspec.json.decode(shadowed.report)
         return shadowed.after
 
     def _change(self, after: ReceivedOffsets) -> tuple[SwapReport, Done | None]:
-        request = self._replacement.request
+        request = self._swap.request
         self._step = "hand over"
         self._paused = True
-        handed = self._hand_in(after, pause=True)
-        self._old.handed_in = True
+        handed = self._request_hand_over(after, pause=True)
+        self._old.handed_over = True
         self._step = "take over"
         start_ns = self._supervisor.start_ns
-        self._say_new(TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
-        taken = self._from_new(TookOver)
+        self._send_new(TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
+        taken = self._reply_of_new(TookOver)
         if taken.error:
             self._fail(taken.error)
         assert self._new is not None
         if start_ns:
             self._now_ns = handed.at_ns - start_ns
-        runs = {"before": self._replacement.old.run, "after": self._replacement.new.run}
+        runs = {"before": self._swap.old.run, "after": self._swap.new.run}
         record = {"at_s": self._now_ns / 1e9, **runs}
         new, self._new = self._new, None  # from here on there is no way back
-        self._supervisor.understudies.send(new, Go(record, handed.at_ns if start_ns else 0))
+        self._supervisor.standbys.send(new, Go(record, handed.at_ns if start_ns else 0))
         self._supervisor.promote(self._index, new)
         working = self._working()
-        self._see_off(new)
+        self._end_former(new)
         done = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
         held = taken.held if working is None else int(str(working.record["held"]))
         return self._report(working, held), done
@@ -303,41 +246,41 @@ class _Swap(SwapTalk):
     def _report(self, working: Working | None, held: int) -> SwapReport:
         lockstep = not self._supervisor.start_ns
         gap_s = 0.0 if working is None else float(str(working.record["gap_s"]))
-        return self._replacement.report(
+        return self._swap.report(
             at_ns=self._now_ns,
             gap_s=gap_s,
             held=held,
             duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
-            shadow=self._found,
+            shadow=self._comparison,
         )
 
     def _working(self) -> Working | None:
         """Wait until the new node is at work; if it fails now, that is a failure of the node as any other."""
         supervisor, index = self._supervisor, self._index
-        member = supervisor.members[index]
-        answered = lambda: isinstance(supervisor.answers.get(index), Working) or member.ended  # noqa: E731
-        supervisor.follow(answered, monotonic_ns() + SEE_OFF_NS)
-        answer = supervisor.answers.pop(index, None)
+        process = supervisor.processes[index]
+        answered = lambda: isinstance(supervisor.swap_replies.get(index), Working) or process.ended  # noqa: E731
+        supervisor.wait_until(answered, monotonic_ns() + FAREWELL_NS)
+        answer = supervisor.swap_replies.pop(index, None)
         return answer if isinstance(answer, Working) else None
 
-    def _see_off(self, former: Understudy) -> None:
+    def _end_former(self, former: Standby) -> None:
         """Let the old process end; whoever looks for the node by its name is led to the new one.
 
         It stays as long as a reader has not had all that it published, but nobody waits for that.
         """
         supervisor = self._supervisor
-        supervisor.understudies.send(former, Leave(LINGER_NS))
-        former.on_end = self._lead(former.member.place, supervisor.members[self._index].place)
-        supervisor.follow(lambda: former.member.ended, monotonic_ns() + SEE_OFF_NS)
+        supervisor.standbys.send(former, Leave(LINGER_NS))
+        former.on_end = self._redirecting(former.process.place, supervisor.processes[self._index].place)
+        supervisor.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS)
         former.on_end()
 
-    def _lead(self, before: str, place: str) -> Callable[[], None]:
-        node, folder, members, index = (
-            self._replacement.request.node, self._folder, self._supervisor.members, self._index
+    def _redirecting(self, before: str, place: str) -> Callable[[], None]:
+        node, folder, processes, index = (
+            self._swap.request.node, self._folder, self._supervisor.processes, self._index
         )  # fmt: skip
 
-        def lead() -> None:
-            if members[index].place != place:
+        def redirect() -> None:
+            if processes[index].place != place:
                 return  # it has changed hands again
             for end in ("pub", "srv"):
                 link = folder / f"+{node}.{end}.link"
@@ -347,24 +290,80 @@ class _Swap(SwapTalk):
                 if before != node:
                     (folder / f"{before}.{end}").unlink(missing_ok=True)
 
-        return lead
+        return redirect
 
-    def _take_back(self) -> None:
-        """Leave all as it was; a new process has said nothing to anybody yet."""
+    def _roll_back(self) -> None:
+        """Leave all as it was; a new process has reply nothing to anybody yet."""
         supervisor = self._supervisor
         if self._new is not None:
-            supervisor.understudies.kill(self._new)
+            supervisor.standbys.kill(self._new)
         if self._paused:
-            self._say_old(Resume())
+            self._send_old(Resume())
         if self._announced:
-            self._say_old(Stay())
+            self._send_old(Stay())
         new = self._new
         if new is not None:
             with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
-                supervisor.follow(lambda: new.member.ended, monotonic_ns() + SEE_OFF_NS)
+                supervisor.wait_until(lambda: new.process.ended, monotonic_ns() + FAREWELL_NS)
             for end in ("pub", "srv"):
-                (self._folder / f"{new.member.place}.{end}").unlink(missing_ok=True)
-        if self._old.handed_in:
-            self._old.handed_in = False
+                (self._folder / f"{new.process.place}.{end}").unlink(missing_ok=True)
+        if self._old.handed_over:
+            self._old.handed_over = False
             if self._old.ended:
-                supervisor.lose(self._index, "its process ended while its successor failed")
+                supervisor.recover(self._index, "its process ended while its successor failed")
+
+    # What is said to both processes, and how they answer
+
+    def _fail(self, text: str) -> NoReturn:
+        raise SwapFailed(self._swap.request.node, self._step, text)
+
+    def _request_hand_over(self, after: dict[str, tuple[int, int]], *, pause: bool) -> HandedIn:
+        self._send_old(HandIn(after, pause))
+        return self._reply_of_old(HandedIn)
+
+    def _send_old(self, message: ToSwapped) -> None:
+        self._supervisor.swap_replies.pop(self._index, None)
+        self._supervisor.send_if_connected(self._index, message)
+
+    def _send_new(self, message: ToSwapped) -> None:
+        assert self._new is not None
+        self._new.replies.clear()
+        self._supervisor.standbys.send(self._new, message)
+
+    def _reply_of_old(self, kind: type[Answer]) -> Answer:
+        replies, index = self._supervisor.swap_replies, self._index
+        self._wait_for(lambda: index in replies, f"the old node did not answer ({kind.__name__})")
+        answer = replies.pop(index)
+        assert isinstance(answer, kind)
+        return answer
+
+    def _reply_of_new(self, kind: type[Answer]) -> Answer:
+        new = self._new
+        assert new is not None
+
+        def fitting() -> list[Answer]:
+            return [reply for reply in new.replies if isinstance(reply, kind)]
+
+        self._wait_for(lambda: bool(fitting()), f"the new node did not answer ({kind.__name__})")
+        return fitting()[0]
+
+    def _wait_for(self, condition: Callable[[], bool], failure: str) -> None:
+        """Wait for something.
+
+        Raises:
+            SwapFailed: One of the processes has ended, or the time is over.
+        """
+        old, new = self._old, self._new
+
+        def over() -> bool:
+            gone = (old.ended and not old.handed_over) or old.respawn_at_ns is not None
+            return condition() or gone or (new is not None and bool(new.failure))
+
+        in_time = self._supervisor.wait_until(over, self._deadline_ns)
+        if condition():
+            return
+        if not in_time:
+            self._fail(f"{failure} within {self._swap.request.timeout_s:g} s")
+        if new is not None and new.failure:
+            self._fail(new.failure)
+        self._fail("the old node has ended")

@@ -13,7 +13,7 @@ import msgspec
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.description.node_class import DescribeRequest, NodeDescription
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.messages.builtin import Swap
 from palp_core.graph.messages.frame import Kind, parse, topic_of
 from palp_core.graph.messages.message import decode
@@ -86,7 +86,7 @@ class SwapFailed(NodeError):
         super().__init__(node, f"its swap failed at step '{step}': {text}; the old node goes on")
 
 
-class Replacement(msgspec.Struct, frozen=True, kw_only=True):
+class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
     """One node in place of another: the place, who had it, who gets it."""
 
     request: SwapRequest
@@ -112,25 +112,25 @@ class Replacement(msgspec.Struct, frozen=True, kw_only=True):
         return Comparison(published, arrays)
 
 
-def unfit(found: HandOver, replacement: Replacement) -> str:
+def unfit(found: HandOver, swap: CheckedSwap) -> str:
     """Return why a node as it is now cannot be replaced, or ""."""
     if found.finished:
         return "it has finished its work"
-    if found.active and (replacement.old.moves or replacement.new.moves):
+    if found.active and (swap.old.moves or swap.new.moves):
         return (
             "it moves something and is at work; bring it to its safe state first: "
-            f"palp lifecycle set /{replacement.request.node} deactivate"
+            f"palp lifecycle set /{swap.request.node} deactivate"
         )
     return ""
 
 
-class SwapCrew(Protocol):
+class SwapBackend(Protocol):
     """The nodes, as a swap needs them."""
 
-    def describe_class(self, request: DescribeRequest, timeout_s: float) -> NodeDescription:
+    def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Import a class where that does no harm, and say what it declares."""
 
-    def swap(self, replacement: Replacement, now_ns: int) -> tuple[SwapReport, Done | None]:
+    def swap(self, swap: CheckedSwap, now_ns: int) -> tuple[SwapReport, Done | None]:
         """Do it; return what came of it and, in lockstep, what the two nodes have published.
 
         Raises:
@@ -143,7 +143,7 @@ class Swapper:
 
     Args:
         checked: The graph as it is.
-        crew: Its nodes.
+        backend: Its nodes.
         now_ns: The graph's clock.
         changed: Takes the graph as it is now, the node's index and what the two nodes have published.
         report: Publishes what has happened: kind, node, text, data.
@@ -152,12 +152,12 @@ class Swapper:
     def __init__(
         self,
         checked: CheckedGraph,
-        crew: SwapCrew,
+        backend: SwapBackend,
         now_ns: Callable[[], int],
         changed: Callable[[CheckedGraph, int, Done | None], None],
         report: Callable[..., None],
     ) -> None:
-        self._checked, self._crew, self._now_ns = checked, crew, now_ns
+        self._checked, self._backend, self._now_ns = checked, backend, now_ns
         self._changed, self._report = changed, report
         self._busy = ""
         self._planned: list[tuple[int, SwapRequest]] = []
@@ -179,7 +179,7 @@ class Swapper:
                 raise NodeError(parsed.topic.split("/")[1], text) from error
             self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
 
-    def turn(self) -> None:
+    def run_due(self) -> None:
         """Do what is planned and due.
 
         Raises:
@@ -236,7 +236,7 @@ class Swapper:
             self._report("swapped", report.node, text, **msgspec.to_builtins(report))
         return report
 
-    def _swap(self, request: SwapRequest) -> tuple[SwapReport, Done | None, Replacement]:
+    def _swap(self, request: SwapRequest) -> tuple[SwapReport, Done | None, CheckedSwap]:
         checked = self._checked
         specs = {spec.name: spec for spec in checked.spawned}
         name = request.node.removeprefix("/")
@@ -247,19 +247,19 @@ class Swapper:
         old = specs[name]
         run = request.run or old.run
         before = old.params if run == old.run else {}
-        looked = DescribeRequest(run, {**before, **request.params}, name=name)
-        described = self._crew.describe_class(looked, request.timeout_s)
-        described = msgspec.structs.replace(described, run=run)
-        wrong = objections(checked, old, described)
+        wanted = NodeClassRequest(run, {**before, **request.params}, name=name)
+        new_class = self._backend.inspect_class(wanted, request.timeout_s)
+        new_class = msgspec.structs.replace(new_class, run=run)
+        wrong = objections(checked, old, new_class)
         if wrong:
             raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
-        now = replaced(checked, old, described, request.params)
+        now = replaced(checked, old, new_class, request.params)
         new = next(spec for spec in now.spawned if spec.name == name)
-        replacement = Replacement(
+        swap = CheckedSwap(
             request=msgspec.structs.replace(request, node=name),
             index=list(specs).index(name),
             old=old,
             new=new,
             checked=now,
         )
-        return *self._crew.swap(replacement, self._now_ns()), replacement
+        return *self._backend.swap(swap, self._now_ns()), swap
