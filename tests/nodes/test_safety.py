@@ -15,7 +15,7 @@ from nodes.safety_limits import SafetyParams
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.param_description import describe_params
+from palp_core.graph.node.params import describe_params
 from palp_core.palpation.devices.stage.aerotech_stop import AxisReport, StopTimes
 from palp_core.palpation.devices.wire.aerotech import Fault
 

@@ -25,7 +25,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.node_services import NodeServices
-from palp_core.graph.transport.receiver import Receiver
+from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.request_server import RequestServer
 from palp_core.units import Float64Array, Metres
 
@@ -67,7 +67,7 @@ class Target:
         self.clock = SimClock()
         self.executor = Executor(Reader, spec, self.clock, lambda _: None)
         publishers = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
-        self.intake = Receiver(self.executor, publishers, self.context, None)
+        self.intake = TopicReceiver(self.executor, publishers, self.context, None)
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
         self.intake.begin(0)

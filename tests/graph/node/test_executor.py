@@ -17,11 +17,11 @@ from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.node import Node, Params, State
 from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.node_services import set_parameters
 from palp_core.units import Float64Array, Hertz, Metres
 
 

@@ -20,13 +20,13 @@ from palp_core.graph.messages.message import Message, decode, decode_any, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.bench import Bench
 from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.handover import HandOver, Predecessor, adopt_state
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, Params, State
 from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
 from palp_core.graph.node.rng import rng_from_text, rng_to_text
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.node_services import set_parameters
 from palp_core.units import Float64Array, Hertz, RatioArray, Seconds
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -13,18 +12,24 @@ from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
 
 class Owner:
+    publishing = True
+    send_pieces = None
+
     def __init__(self, rate_hz: float) -> None:
-        self.node = SimpleNamespace(params=SimpleNamespace(rate_hz=rate_hz))
+        self.rate_hz = rate_hz
         self.now = 0
 
     def now_ns(self) -> int:
         return self.now
 
+    def resend(self, frame: bytes) -> None:
+        raise AssertionError("a timer sends nothing")
+
     def timer(self, *, running: bool = True) -> TimerEnd:
-        return TimerEnd("tick", "rate_hz", running, self, lambda: None)
+        return TimerEnd("tick", lambda: self.rate_hz, running, self, lambda: None)
 
     def set_rate(self, rate_hz: float) -> None:
-        self.node.params = SimpleNamespace(rate_hz=rate_hz)
+        self.rate_hz = rate_hz
 
 
 @pytest.mark.parametrize("rate_hz", [3.0, 1500.0, 0.7])

@@ -27,8 +27,7 @@ from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
-from palp_core.graph.node.param_description import ParamDescription, describe_params
-from palp_core.graph.node.params import load_params
+from palp_core.graph.node.params import ParamDescription, describe_params, load_params
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
 

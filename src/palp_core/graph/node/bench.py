@@ -19,13 +19,13 @@ from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.node.service_client import ClientEnd, Pending
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.process.node_services import set_parameters
 
 MAX_ROUNDS = 1000
 

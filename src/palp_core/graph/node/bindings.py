@@ -6,13 +6,12 @@ import copy
 import functools
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.event_publisher import EventPublisher
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
 from palp_core.graph.node.ports import Alarm, Timer
@@ -24,27 +23,12 @@ from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import ReplySubscription, RequestSubscription, Subscription
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
+if TYPE_CHECKING:
+    from palp_core.graph.node.executor import Executor
+
 Guard = Callable[[str, Callable[..., Any]], Callable[..., Any]]
 TimedEnd = TimerEnd | AlarmEnd | EventEnd | ClientEnd
 SERVICE = Qos(depth=100)
-
-
-class Owner(Protocol):
-    """The executor, as its ends see it."""
-
-    node: Node
-    publishing: bool
-    events: EventPublisher
-
-    @property
-    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
-        """Takes the topic and the pieces of a large message; None: it is sent whole."""
-
-    def now_ns(self) -> int:
-        """Time of the present handler."""
-
-    def resend(self, frame: bytes) -> None:
-        """Send a frame again that was published before."""
 
 
 class Bindings:
@@ -53,13 +37,18 @@ class Bindings:
     Args:
         declared: What the class declares.
         spec: The node's place in the graph.
-        owner: Its executor.
+        owner: The node's executor.
         guard: Wraps a handler so that its failure is the node's.
         send: Takes each published frame.
     """
 
     def __init__(
-        self, declared: Declaration, spec: NodeSpec, owner: Owner, guard: Guard, send: Callable[[bytes], None]
+        self,
+        declared: Declaration,
+        spec: NodeSpec,
+        owner: Executor,
+        guard: Guard,
+        send: Callable[[bytes], None],
     ) -> None:
         self.publishers: dict[str, PublisherEnd[Any]] = {}
         self.subscriptions: dict[str, list[Subscription]] = {}
@@ -162,11 +151,14 @@ class Bindings:
         for name in declared.handlers:
             if name in declared.timers:
                 timer = declared.timers[name]
-                self.timers[name] = TimerEnd(name, timer.hz, timer.running, owner, handlers[name])
+                self.timers[name] = TimerEnd(name, self._rate_of(timer), timer.running, owner, handlers[name])
             elif name in declared.alarms:
                 self.timers[name] = AlarmEnd(name, owner, handlers[name])
             if isinstance(getattr(type(owner.node), name, None), Timer | Alarm):
                 owner.node.__dict__[name] = self.timers[name]
+
+    def _rate_of(self, timer: Timer) -> Callable[[], float]:
+        return lambda: float(getattr(self._owner.node.params, timer.hz))
 
     def sources(self) -> list[str]:
         """Return the name of everything that the node can consume."""

@@ -5,20 +5,17 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.builtin import NodeEvent
+from palp_core.graph.node.owner import Owner
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import QosEvent, is_worth_saying
 
 EVENTS_PORT = "_events"
-
-
-class _Owner(Protocol):
-    def now_ns(self) -> int: ...
 
 
 class EventPublisher:
@@ -34,7 +31,7 @@ class EventPublisher:
         report: Is told of each quality-of-service event worth saying.
     """
 
-    def __init__(self, publisher: PublisherEnd[NodeEvent], log: logging.Logger, owner: _Owner) -> None:
+    def __init__(self, publisher: PublisherEnd[NodeEvent], log: logging.Logger, owner: Owner) -> None:
         self.rejected_count = 0
         self.report: Callable[[QosEvent], None] = lambda _: None
         self._publisher = publisher

@@ -25,7 +25,7 @@ from palp_core.graph.node.bindings import Bindings
 from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
 from palp_core.graph.node.handover import VERSION, HandOver, adopt_state, first_state
 from palp_core.graph.node.journal import ORDER_PORT, Journal
-from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
+from palp_core.graph.node.lifecycle import Lifecycle, LifecycleHooks, Transition, successor
 from palp_core.graph.node.node import Node, Params, State, class_name, declaration_of
 from palp_core.graph.node.params import load_params
 from palp_core.graph.node.qos_events import EventEnd
@@ -266,12 +266,12 @@ class Failing:
         Raises:
             NodeError: It failed.
         """
-        executor = self._executor
+        hooks: LifecycleHooks = self._executor.node
         try:
-            getattr(executor.node, name)()
+            getattr(hooks, name)()
         except (Exception, SystemExit) as error:
             self.fail(error)
-            raise NodeError(executor.name, f"{name} failed: {in_words(error)}") from error
+            raise NodeError(self._executor.name, f"{name} failed: {in_words(error)}") from error
 
     def failed(self, port: str, handler: str, error: BaseException) -> NodeError:
         """Fail, because a handler did; return what to raise."""

@@ -48,3 +48,25 @@ def successor(state: Lifecycle, transition: Transition) -> Lifecycle:
         allowed = ", ".join(t.value for (s, t) in _TABLE if s is state) or "none"
         raise LifecycleError(f"cannot {transition.value} a node that is {state.value}; allowed: {allowed}")
     return target
+
+
+class LifecycleHooks:
+    """What a node does on a transition; a class overrides what it needs; one that raises fails the node."""
+
+    def on_configure(self) -> None:
+        """Prepare what does not move: load files, build tables."""
+
+    def on_activate(self) -> None:
+        """Begin work: open the device, publish the first value."""
+
+    def on_resume(self) -> None:
+        """Continue a predecessor's work instead of beginning: open the device as ``self.state`` left it."""
+
+    def on_deactivate(self) -> None:
+        """Stop work and reach the safe state; also run when a graph ends or its supervisor dies."""
+
+    def on_cleanup(self) -> None:
+        """Undo ``on_configure``."""
+
+    def on_shutdown(self) -> None:
+        """Last words; the process ends afterwards."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_t
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.node.lifecycle import LifecycleHooks
 from palp_core.graph.node.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, Port, Pub, Srv, Sub, Timer
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class Context(typing.Protocol):
         """End the node's work."""
 
 
-class Node:
+class Node(LifecycleHooks):
     """Base of all nodes. Subclasses declare ports, parameters, state and handlers; see the README's example.
 
     Attributes:
@@ -131,24 +132,6 @@ class Node:
     def finish(self, exit_code: int = 0) -> None:
         """End this node's work; with ``on_exit: shutdown`` in the launch file this ends the run."""
         self._context.finish(exit_code)
-
-    def on_configure(self) -> None:
-        """Prepare what does not move: load files, build tables."""
-
-    def on_activate(self) -> None:
-        """Begin work: open the device, publish the first value."""
-
-    def on_resume(self) -> None:
-        """Continue a predecessor's work instead of beginning: open the device as ``self.state`` left it."""
-
-    def on_deactivate(self) -> None:
-        """Stop work and reach the safe state; also run when a graph ends or its supervisor dies."""
-
-    def on_cleanup(self) -> None:
-        """Undo ``on_configure``."""
-
-    def on_shutdown(self) -> None:
-        """Last words; the process ends afterwards."""
 
     def on_parameters(self, params: Params) -> None:
         """Look at changed parameters before they take effect; raise ValueError to refuse them all."""
@@ -226,7 +209,7 @@ def _declare(cls: type[Node]) -> Declaration:
             raise GraphError(f"{where}: port '{port.name}' has two handlers")
         handlers[port.name] = value
     for name, port in ports.items():
-        if name.startswith("_") or name in {**vars(Node), **Node.__annotations__}:
+        if name.startswith("_") or name in {*dir(Node), *Node.__annotations__}:
             raise GraphError(
                 f"{where}: a port cannot be called '{name}': the name is the runtime's; choose another"
             )

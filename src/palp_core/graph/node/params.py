@@ -1,4 +1,4 @@
-"""From plain values to a node's parameters: validated as a whole."""
+"""A node's parameters: what its class declares, and plain values made into them, validated as a whole."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Declaration, Params
-from palp_core.graph.node.param_description import describe_params
 
 SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
@@ -48,3 +47,80 @@ def changed_params(declared: Declaration, present: Params, changes: Mapping[str,
                 "state it in the launch file"
             )
     return load_params(declared, {**before, **changes}, where)
+
+
+class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
+    """One parameter.
+
+    Attributes:
+        type: As in Python: ``float``, ``list[str]``, ``Literal['sim', 'xeryon']``.
+        unit: SI unit; "" when none is stated.
+        required: It has no default.
+        default: Default as a plain value; None when required.
+        minimum: Smallest value; None when not bounded.
+        maximum: Largest value; None when not bounded.
+        choices: The values allowed; empty when any is. Those of a Literal, or what a function says that a
+            parameter names: ``Annotated[str, Meta(extra={"choices": function})]``.
+        read_only: It cannot be changed while the node lives.
+    """
+
+    name: str
+    type: str
+    unit: str = ""
+    required: bool = False
+    default: Any = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: list[Any] = []
+    read_only: bool = False
+
+
+def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
+    """Return what a parameter class declares, by name."""
+    info = msgspec.inspect.type_info(cls)
+    assert isinstance(info, msgspec.inspect.StructType)
+    return {field.encode_name: _describe(field) for field in info.fields}
+
+
+def _describe(field: msgspec.inspect.Field) -> ParamDescription:
+    kind, unit, extra = field.type, "", dict[str, Any]()
+    if isinstance(kind, msgspec.inspect.Metadata):
+        unit = (kind.extra_json_schema or {}).get("x-unit", "")
+        extra = kind.extra or {}
+        kind = kind.type
+    choices = list(kind.values) if isinstance(kind, msgspec.inspect.LiteralType) else []
+    if "choices" in extra:
+        choices = list(extra["choices"]())
+    default = None
+    if field.default is not msgspec.NODEFAULT:
+        default = msgspec.to_builtins(field.default)
+    elif field.default_factory is not msgspec.NODEFAULT:
+        default = msgspec.to_builtins(field.default_factory())
+    return ParamDescription(
+        name=field.encode_name,
+        type=_type_text(kind),
+        unit=unit,
+        required=field.required,
+        default=default,
+        minimum=getattr(kind, "ge", None),
+        maximum=getattr(kind, "le", None),
+        choices=choices,
+        read_only=bool(extra.get("read_only")),
+    )
+
+
+def _type_text(kind: msgspec.inspect.Type) -> str:
+    match kind:
+        case msgspec.inspect.Metadata():
+            return _type_text(kind.type)
+        case msgspec.inspect.LiteralType():
+            return f"Literal[{', '.join(map(repr, kind.values))}]"
+        case msgspec.inspect.ListType():
+            return f"list[{_type_text(kind.item_type)}]"
+        case msgspec.inspect.VarTupleType():
+            return f"tuple[{_type_text(kind.item_type)}, ...]"
+        case msgspec.inspect.DictType():
+            return f"dict[{_type_text(kind.key_type)}, {_type_text(kind.value_type)}]"
+        case msgspec.inspect.StructType() | msgspec.inspect.EnumType() | msgspec.inspect.CustomType():
+            return kind.cls.__name__
+    return type(kind).__name__.removesuffix("Type").lower()

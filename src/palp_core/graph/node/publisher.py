@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
 from palp_core.graph.messages.fragments import cut
@@ -12,20 +12,9 @@ from palp_core.graph.messages.frame import IN_PIECES, PLAIN_DATA, Kind, pack, pa
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.owner import Owner
 
 M = TypeVar("M", bound=Message)
-
-
-class _Owner(Protocol):
-    publishing: bool
-
-    @property
-    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
-        """Takes the topic and the pieces of a large message; None: it is sent whole."""
-
-    def now_ns(self) -> int: ...
-
-    def resend(self, frame: bytes) -> None: ...
 
 
 class PublisherEnd(Generic[M]):
@@ -45,7 +34,7 @@ class PublisherEnd(Generic[M]):
         message: type[M],
         qos: Qos,
         epoch: int,
-        owner: _Owner,
+        owner: Owner,
         send: Callable[[bytes], None],
     ) -> None:
         self.topic = topic

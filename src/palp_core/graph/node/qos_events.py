@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Literal
 
 import msgspec
+
+from palp_core.graph.node.owner import Owner
 
 EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "call_timeout"]
 
@@ -54,10 +56,6 @@ def is_worth_saying(event: QosEvent) -> bool:
     return event.kind == "liveliness" or now <= FIRST_FEW or now.bit_length() > before.bit_length()
 
 
-class _Owner(Protocol):
-    def now_ns(self) -> int: ...
-
-
 class EventEnd:
     """Rings like an alarm when an edge does not keep what it promised, so that a replay can ring it again.
 
@@ -70,7 +68,7 @@ class EventEnd:
     """
 
     def __init__(
-        self, kind: EventKind, port: str, topic: str, owner: _Owner, handle: Callable[[QosEvent], None]
+        self, kind: EventKind, port: str, topic: str, owner: Owner, handle: Callable[[QosEvent], None]
     ) -> None:
         self.kind = kind
         self.name = f"{kind}:{port}"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
 from palp_core.graph.messages.message import Message
+from palp_core.graph.node.owner import Owner
 from palp_core.graph.node.publisher import PublisherEnd
 
 
@@ -25,12 +26,6 @@ class Pending(msgspec.Struct):
     due_ns: int
     tries_left: int
     frame: bytes
-
-
-class _Owner(Protocol):
-    def now_ns(self) -> int: ...
-
-    def resend(self, frame: bytes) -> None: ...
 
 
 class ClientEnd:
@@ -51,7 +46,7 @@ class ClientEnd:
         publisher: PublisherEnd[Any],
         timeout_ns: int,
         retries: int,
-        owner: _Owner,
+        owner: Owner,
         give_up: Callable[[int], None],
     ) -> None:
         self.name = name

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from typing import Any, Protocol
 
-
-class _Owner(Protocol):
-    node: Any
-
-    def now_ns(self) -> int: ...
+from palp_core.graph.node.owner import Owner
 
 
 class TimerEnd:
     """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
+
+    Args:
+        name: Of its port.
+        rate_hz: Returns the rate as it is now.
+        running: It starts when the node is activated.
+        owner: Whose time it is.
+        handle: Is called at each tick.
 
     Attributes:
         k: Number of the next tick.
@@ -24,20 +26,24 @@ class TimerEnd:
         overrun_count: Those that started after the next one was due.
     """
 
-    def __init__(self, name: str, hz: str, running: bool, owner: _Owner, handle: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        name: str,
+        rate_hz: Callable[[], float],
+        running: bool,
+        owner: Owner,
+        handle: Callable[[], None],
+    ) -> None:
         self.name = name
         self.handle = handle
         self.k = 0
         self.due_ns: int | None = None
         self.tick_count = 0
         self.overrun_count = 0
-        self._hz = hz
+        self._wanted_hz = rate_hz
         self._rate_hz = math.nan
         self._running = running
         self._owner = owner
-
-    def _wanted_hz(self) -> float:
-        return float(getattr(self._owner.node.params, self._hz))
 
     def _grid_ns(self, k: int) -> int:
         return round(k * 1e9 / self._rate_hz)
@@ -92,7 +98,7 @@ class TimerEnd:
 class AlarmEnd:
     """A one-shot timer."""
 
-    def __init__(self, name: str, owner: _Owner, handle: Callable[[], None]) -> None:
+    def __init__(self, name: str, owner: Owner, handle: Callable[[], None]) -> None:
         self.name = name
         self.handle = handle
         self.due_ns: int | None = None

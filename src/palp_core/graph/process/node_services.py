@@ -7,7 +7,6 @@ node's ROUTER. Each operation gets the request's map and returns the reply's; wh
 
 from __future__ import annotations
 
-import base64
 import os
 from collections.abc import Callable
 from typing import Any
@@ -19,11 +18,10 @@ from palp_core.graph.messages.message import Message, decode, encode, encode_any
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.journal import OUTSIDE, PARAMETERS
+from palp_core.graph.node.external_calls import serve_outside, set_parameters
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
-from palp_core.graph.node.param_description import describe_params
-from palp_core.graph.node.params import changed_params
+from palp_core.graph.node.params import describe_params
 from palp_core.graph.node.timers import TimerEnd
 from palp_core.graph.transport.request_server import Operation
 
@@ -194,44 +192,6 @@ class NodeServices:
             raise GraphError(f"{self._executor.name} is {self._executor.lifecycle.value}; activate it first")
 
 
-def set_parameters(executor: Executor, changes: dict[str, Any]) -> None:
-    """Replace a node's parameters as a whole, and publish what has changed.
-
-    Raises:
-        GraphError: A change does not fit, is of a read-only parameter, or the node refuses it; nothing is
-            changed.
-    """
-    executor.begin_command()
-    node = executor.node
-    params = changed_params(executor.declaration, node.params, changes, executor.name)
-    try:
-        node.on_parameters(params)
-    except ValueError as error:
-        raise GraphError(f"{executor.name} refuses the parameters: {error}") from error
-    before, after = msgspec.to_builtins(node.params), msgspec.to_builtins(params)
-    node.params = params
-    for end in executor.ends.timers.values():
-        end.retime(executor.now_ns())
-    executor.journal.note_change(PARAMETERS, changes, executor.now_ns())
-    changed = {name: [before[name], value] for name, value in after.items() if before[name] != value}
-    if changed:
-        text = ", ".join(f"{name} = {new}" for name, (_, new) in changed.items())
-        executor.events.say("parameters", text, changed)
-
-
-def serve_outside(executor: Executor, service: str, request: Message) -> Message:
-    """Answer a call from outside the graph; whoever asks sees to it that it is made once.
-
-    Raises:
-        NodeError: The handler failed, and the node with it.
-    """
-    executor.begin_command()
-    written = base64.b64encode(encode(request)).decode()
-    executor.journal.note_change(f"{OUTSIDE}{service}", {"request": written}, executor.now_ns())
-    reply: Message = executor.ends.services[service](request)
-    return reply
-
-
 def _type(message: type[Message]) -> dict[str, Any]:
     schema = schema_of(message)
     described = json_schema(schema)
@@ -241,9 +201,3 @@ def _type(message: type[Message]) -> dict[str, Any]:
         "ros_text": ros_text(described),
         "json_schema": described,
     }
-
-
-def read_request(executor: Executor, service: str, written: str) -> Message:
-    """Return the request of a recorded call from outside."""
-    request: Message = decode(executor.declaration.services[service].request, base64.b64decode(written))
-    return request

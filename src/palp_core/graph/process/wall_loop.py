@@ -30,7 +30,7 @@ from palp_core.graph.process.swap_messages import Listening
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.publisher_socket import PublisherSocket
-from palp_core.graph.transport.receiver import Receiver
+from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 HEARTBEAT_NS = 100_000_000
@@ -57,7 +57,7 @@ class WallLoop:
         self._matched_readers = MatchedReaders(
             lambda: self.broadcast.present, kept and kept.with_name(f"{process.place}.readers")
         )
-        self.receiver = Receiver(
+        self.receiver = TopicReceiver(
             self.executor,
             publishers,
             self.broadcast.context,

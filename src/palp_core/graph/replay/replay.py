@@ -26,13 +26,13 @@ from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import decode, decode_any
 from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.external_calls import read_request, serve_outside, set_parameters
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.process.node_services import read_request, serve_outside, set_parameters
 from palp_core.graph.replay.streams import InOrder, Inputs, key_of
 
 RECENT = 5

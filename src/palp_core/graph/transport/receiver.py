@@ -35,7 +35,7 @@ MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 256 << 20
 
 
-class Receiver:
+class TopicReceiver:
     """The receiving side of a node.
 
     Args:
