@@ -11,9 +11,9 @@ import zmq
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network.curve_caller import Caller
-from palp_core.graph.network.curve_listener import Listener, Received, Sent, _peer_of
-from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.curve_caller import CurveCaller
+from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
+from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
 
 PATIENCE_NS = 60_000_000_000
@@ -24,63 +24,63 @@ class Ends:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.reactors: list[Reactor] = []
+        self.reactors: list[EventLoop] = []
         self.messages: list[Received] = []
         self.refused: list[tuple[str, str, str]] = []
         self.failures: list[str] = []
         self.replies: list[list[bytes]] = []
         self.greetings = 0
-        self.hung_up = 0
+        self.disconnected = 0
         self.allowed: set[str] = set()
         self.endpoint = ""
 
     def keys(self, name: str) -> OwnKeys:
         return KeyFolder(self.folder / name).generate(name)
 
-    def listen(self, own: OwnKeys | None, endpoint: str = "tcp://127.0.0.1:0") -> Listener:
-        listener = Listener(
-            self._reactor(),
+    def listen(self, own: OwnKeys | None, endpoint: str = "tcp://127.0.0.1:0") -> CurveListener:
+        listener = CurveListener(
+            self._event_loop(),
             endpoint,
             own,
             admits=lambda key: key in self.allowed,
             receive=self.messages.append,
             refused=lambda *who: self.refused.append(who),
-            hung_up=self._count_end,
+            disconnected=self._count_end,
         )
         self.endpoint = listener.endpoint
         return listener
 
-    def call(self, own: OwnKeys | None, server_key: str = "") -> Caller:
-        return Caller(
-            self._reactor(),
+    def call(self, own: OwnKeys | None, server_key: str = "") -> CurveCaller:
+        return CurveCaller(
+            self._event_loop(),
             self.endpoint,
             own,
             server_key,
             receive=self.replies.append,
-            greeted=self._count_greeting,
+            connected=self._count_greeting,
             failed=self.failures.append,
         )
 
-    def _reactor(self) -> Reactor:
-        self.reactors.append(Reactor())
+    def _event_loop(self) -> EventLoop:
+        self.reactors.append(EventLoop())
         return self.reactors[-1]
 
     def _count_greeting(self) -> None:
         self.greetings += 1
 
     def _count_end(self) -> None:
-        self.hung_up += 1
+        self.disconnected += 1
 
     def until(self, so: Callable[[], object]) -> None:
         end_ns = monotonic_ns() + PATIENCE_NS
         while not so():
             assert monotonic_ns() < end_ns, (self.refused, self.failures)
-            for reactor in self.reactors:
-                reactor.turn(0.005)
+            for event_loop in self.reactors:
+                event_loop.turn(0.005)
 
     def close(self) -> None:
-        for reactor in self.reactors:
-            reactor.close()
+        for event_loop in self.reactors:
+            event_loop.close()
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
     caller.send([b"a"])
     ends.until(lambda: ends.messages)
     ends.reactors.pop().close()
-    ends.until(lambda: ends.hung_up)
+    ends.until(lambda: ends.disconnected)
     assert listener.send(ends.messages[0].connection, [b"c"]) is Sent.GONE
     ends.call(mine, server.public)
     ends.until(lambda: ends.greetings == 2)
@@ -222,18 +222,18 @@ def test_an_address_that_is_taken_or_nonsense_is_an_error(ends: Ends) -> None:
 
 
 def test_sockets_that_were_closed_leave_the_loop(ends: Ends) -> None:
-    reactor = Reactor()
-    ends.reactors.append(reactor)
-    pair = reactor.socket(zmq.PAIR)
+    event_loop = EventLoop()
+    ends.reactors.append(event_loop)
+    pair = event_loop.socket(zmq.PAIR)
     pair.bind("inproc://x")
-    other = reactor.socket(zmq.PAIR)
+    other = event_loop.socket(zmq.PAIR)
     other.connect("inproc://x")
     seen: list[bytes] = []
-    reactor.watch(pair, lambda: seen.append(pair.recv()))
+    event_loop.watch(pair, lambda: seen.append(pair.recv()))
     other.send(b"a")
-    reactor.turn(10.0)
-    reactor.forget(pair)
-    reactor.turn(0.0)
+    event_loop.turn(10.0)
+    event_loop.forget(pair)
+    event_loop.turn(0.0)
     assert seen == [b"a"]
 
 

@@ -93,7 +93,7 @@ def _last(client: Client, graph: Path, count: int) -> tuple[list[int], list[floa
     """Read some messages of the sensor; return their sequences and the last torque."""
     done = client("read_topic", graph, "/sensor/torque", count)
     assert done.returncode == 0, done.stderr
-    lines = [line.split(" ", 1) for line in done.stdout.splitlines()]
+    lines = [channel.split(" ", 1) for channel in done.stdout.splitlines()]
     return [int(sequence) for sequence, _ in lines], json.loads(lines[-1][1])["torque_n_m"]
 
 
@@ -131,9 +131,9 @@ def test_clients_are_told_what_is_wrong(graph: Path) -> None:
 @pytest.mark.parametrize("name", CLIENTS)
 def test_a_python_client_is_a_few_lines_of_pyzmq_and_msgpack(name: str) -> None:
     lines = (EXAMPLE / "python" / f"{name}.py").read_text(encoding="utf-8").splitlines()
-    code = [line for line in lines if line and not line.startswith(('"""', "#"))]
-    imports = [line for line in code if line.startswith(("import ", "from "))]
-    foreign = {line.split()[1].split(".")[0] for line in imports} - set(sys.stdlib_module_names)
+    code = [channel for channel in lines if channel and not channel.startswith(('"""', "#"))]
+    imports = [channel for channel in code if channel.startswith(("import ", "from "))]
+    foreign = {channel.split()[1].split(".")[0] for channel in imports} - set(sys.stdlib_module_names)
     assert foreign == {"msgpack", "zmq"}
     assert len(code) - len(imports) <= FEW_LINES
 

@@ -232,7 +232,7 @@ def test_a_graph_in_simulated_time_cannot_be_joined(home: Host) -> None:
 
 def test_a_node_runs_alone_and_takes_messages_from_outside(home: Host) -> None:
     book = home.book()
-    alone = home.start("run", "nodes.toys:Keeper", "-p", f"notes:={book.path}")
+    standalone_spec = home.start("run", "nodes.toys:Keeper", "-p", f"notes:={book.path}")
     book.until("active")
     graph = Launched.__new__(Launched)
     graph.host = home
@@ -241,8 +241,8 @@ def test_a_node_runs_alone_and_takes_messages_from_outside(home: Host) -> None:
     (entry,) = graph.record()["nodes"]
     assert psutil.pid_exists(entry["pid"])
     assert "/keeper/tick" in home.run("topic", "list").stdout
-    alone.send_signal(signal.SIGINT)
-    assert finished(alone)[0] == 130
+    standalone_spec.send_signal(signal.SIGINT)
+    assert finished(standalone_spec)[0] == 130
     book.until("safe")
     assert home.all_gone()
 

@@ -17,24 +17,24 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.network.admission import objections
 from palp_core.graph.network.clock_offset import OffsetEstimate
 from palp_core.graph.network.curve_listener import Received, Sent
-from palp_core.graph.network.event_loop import Reactor
-from palp_core.graph.network.gateway_messages import Begin, GuestDoes, GuestIn
+from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeReported
 from palp_core.graph.network.join_protocol import (
     WINDOW_BYTES,
     Beat,
     GraphView,
-    Health,
+    HealthReport,
     Input,
     Join,
     JoinRequest,
     NodeView,
-    decode_word,
-    encode_word,
+    decode_message,
+    encode_message,
 )
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.listen_address import host_and_port, plan
+from palp_core.graph.network.listen_address import host_and_port, plan_listening
 from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.remote_nodes import Guests
+from palp_core.graph.network.remote_nodes import RemoteNodes
 
 NS = st.integers(0, 10**9)
 
@@ -118,7 +118,7 @@ def test_a_name_that_is_taken_reserved_or_no_name_is_refused(name: str) -> None:
 @given(st.lists(st.binary(max_size=200), min_size=1, max_size=3))
 def test_no_bytes_do_harm_to_who_reads_a_word(parts: list[bytes]) -> None:
     try:
-        decode_word(parts)
+        decode_message(parts)
     except SchemaMismatch:
         return
     assert isinstance(msgspec.msgpack.decode(parts[0]), dict)
@@ -126,12 +126,12 @@ def test_no_bytes_do_harm_to_who_reads_a_word(parts: list[bytes]) -> None:
 
 def test_deep_nesting_is_refused() -> None:
     with pytest.raises(SchemaMismatch):
-        decode_word([b"\x81\xa1x" * 100_000])
+        decode_message([b"\x81\xa1x" * 100_000])
 
 
 def test_a_word_survives_the_way() -> None:
     word = Beat(received_bytes=7)
-    assert decode_word(encode_word(word)) == word
+    assert decode_message(encode_message(word)) == word
 
 
 def test_no_more_than_a_window_is_under_way_to_a_slow_host() -> None:
@@ -168,31 +168,31 @@ def health(node: str) -> bytes:
 
 def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
     told: list[object] = []
-    reactor = Reactor()
-    guests = Guests(
-        reactor,
-        Begin(str(tmp_path), "tcp://127.0.0.1:0", False, {}),
+    event_loop = EventLoop()
+    guests = RemoteNodes(
+        event_loop,
+        ListenOn(str(tmp_path), "tcp://127.0.0.1:0", False, {}),
         KeyFolder(tmp_path / "keys"),
         told.append,
         lambda *_: None,
     )
-    guests.open(VIEW)
+    guests.show(VIEW)
     words = [
-        Health(health=health("torque")),  # of nobody who has joined
+        HealthReport(health=health("torque")),  # of nobody who has joined
         Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
-        Health(health=b"no health"),
-        Health(health=bytes(1 << 20)),
-        *[Health(health=health("torque")) for _ in range(1000)],
+        HealthReport(health=b"no health"),
+        HealthReport(health=bytes(1 << 20)),
+        *[HealthReport(health=health("torque")) for _ in range(1000)],
     ]
     for word in words:
-        guests._on_message(Received(b"connection", "", "127.0.0.1", encode_word(word)))
-    assert isinstance(told.pop(0), GuestIn)
+        guests._on_received(Received(b"connection", "", "127.0.0.1", encode_message(word)))
+    assert isinstance(told.pop(0), NodeJoined)
     said = told[0]
-    assert isinstance(said, GuestDoes)
+    assert isinstance(said, NodeReported)
     does = decode(NodeHealth, said.health)
     assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
     assert len(told) < 1000
-    reactor.close()
+    event_loop.close()
 
 
 @pytest.mark.parametrize(
@@ -207,14 +207,14 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 def test_beyond_loopback_there_must_be_keys(tmp_path: Path, address: str) -> None:
     keys = KeyFolder(tmp_path / "keys")
     with pytest.raises(SecurityError, match="refusing to listen"):
-        plan(address, keys)
+        plan_listening(address, keys)
     keys.generate("rig")
-    planned = plan(address, keys)
+    planned = plan_listening(address, keys)
     assert planned.secured
     assert "nobody is allowed" in planned.warnings[0]
 
 
 def test_loopback_goes_without_keys_but_not_unsaid(tmp_path: Path) -> None:
-    planned = plan("tcp://localhost:5", KeyFolder(tmp_path / "keys"))
+    planned = plan_listening("tcp://localhost:5", KeyFolder(tmp_path / "keys"))
     assert not planned.secured
     assert "without keys" in planned.warnings[0]

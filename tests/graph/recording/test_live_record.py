@@ -147,7 +147,7 @@ def test_the_last_seconds_are_written_when_somebody_asks(
     assert str(bag) in done.stdout
     recorder.send_signal(signal.SIGUSR1)
     assert recorder.stderr is not None
-    assert any(line.startswith(f"{bag}-1: ") for line in recorder.stderr)
+    assert any(channel.startswith(f"{bag}-1: ") for channel in recorder.stderr)
     ended(recorder)
     found = info(shared_palp, bag)
     assert found["complete"]

@@ -68,13 +68,13 @@ def launch(
 
 
 @contextlib.contextmanager
-def _recordings_said(graph: Graph) -> Iterator[None]:
+def _recorders_said(graph: Graph) -> Iterator[None]:
     """Say what became of a graph's recordings, however it ends."""
     try:
         yield
     finally:
-        if graph.recordings.text:
-            print_text(graph.recordings.text)
+        if graph.recorders.text:
+            print_text(graph.recorders.text)
 
 
 def _run(
@@ -118,7 +118,7 @@ def _run(
         record=record,
     )
     try:
-        with _recordings_said(graph), graph:
+        with _recorders_said(graph), graph:
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             view.start(graph.checked)
@@ -148,6 +148,6 @@ def _run(
     )
     if summary.report:
         print_text(summary.report)
-    if not graph.recordings.complete:
+    if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1

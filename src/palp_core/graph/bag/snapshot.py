@@ -10,7 +10,7 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.messages.frame import Kind, parse
 
 
-class Snapshot:
+class FrameHistory:
     """An observer that remembers frames for a while; latched values it remembers for good.
 
     Args:

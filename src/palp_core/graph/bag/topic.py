@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.graph.bag.mcap.records import Channel, Schema
+from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.schema import json_schema, schema_of
 
@@ -79,14 +79,14 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             self.encoding,
         )
 
-    def schema(self, id_: int) -> Schema:
+    def schema(self, id_: int) -> SchemaRecord:
         """Return the schema's record."""
         data = self.foreign_schema
         if self.schema_encoding == SCHEMA_ENCODING:
             data = json.dumps(self.topic.json_schema, separators=(",", ":")).encode()
-        return Schema(id_, self.topic.type, self.schema_encoding, data)
+        return SchemaRecord(id_, self.topic.type, self.schema_encoding, data)
 
-    def channel(self, id_: int, schema_id: int) -> Channel:
+    def channel(self, id_: int, schema_id: int) -> ChannelRecord:
         """Return the channel's record."""
         metadata = {"epoch": str(self.epoch)}
         if self.topic.type_hash:
@@ -97,10 +97,10 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             metadata["sequence_high"] = str(self.sequence_high)
         if self.repeated:
             metadata["repeated"] = "true"
-        return Channel(id_, schema_id, self.topic.name, self.encoding, metadata)
+        return ChannelRecord(id_, schema_id, self.topic.name, self.encoding, metadata)
 
     @classmethod
-    def of(cls, channel: Channel, schema: Schema | None) -> Stream:
+    def of(cls, channel: ChannelRecord, schema: SchemaRecord | None) -> Stream:
         """Return the stream that a channel's records stand for; they may be another tool's.
 
         Raises:

@@ -22,8 +22,8 @@ from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.recording.provenance import launch_facts
-from palp_core.graph.recording.recorders import Recordings
+from palp_core.graph.recording.provenance import launch_provenance
+from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
@@ -94,7 +94,7 @@ class Graph:
     ) -> None:
         self.path = Path(path)
         self._listen, self._record = listen, None if record is None else Path(record)
-        self.recordings = Recordings()
+        self.recorders = Recorders()
         self.gateway: GatewayHandle | None = None
         self._started = started
         self._compose = compose
@@ -120,20 +120,20 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
-                self.recordings = Recordings(self.checked, self._record)
+                self.recorders = Recorders(self.checked, self._record)
                 self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
                 self.directory.remove()
                 raise
-            stack.callback(self.recordings.close)
+            stack.callback(self.recorders.close)
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
                 self.launcher_node.joined = lambda: gateway.health.values()
-            self.launcher_node.record_event = lambda frame: self.recordings.observe(self._now_ns(), frame)
+            self.launcher_node.record_event = lambda frame: self.recorders.observe(self._now_ns(), frame)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
-            self.launcher_node.answer("launch", lambda _: launch_facts(self.checked))
+            self.launcher_node.answer("launch", lambda _: launch_provenance(self.checked))
             if self._compose:
                 from palp_core.graph.lockstep.composition import composed
 
@@ -150,7 +150,7 @@ class Graph:
             )
             self.launcher_node.answer("swap", self.swaps.answer, deferred=True)
             self._announce()
-            self.recordings.begin(self.directory.path, self.launcher_node, self._supervisor)
+            self.recorders.start(self.directory.path, self.launcher_node, self._supervisor)
             self._stack = stack.pop_all()
         return self
 
@@ -246,7 +246,7 @@ class Graph:
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
         self.swaps.observe(now_ns, frame)
-        self.recordings.observe(now_ns, frame)
+        self.recorders.observe(now_ns, frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None

@@ -3,7 +3,7 @@
 The joined node runs as any node does, in a run directory of its own, where this process has bound the
 endpoints of every node of the graph. It knows nothing of tcp either.
 
-Run as ``python -m palp_core.graph.network.bridge <descriptor of the line>``.
+Run as ``python -m palp_core.graph.network.bridge <descriptor of the channel>``.
 """
 
 from __future__ import annotations
@@ -19,44 +19,44 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.network.bridge_messages import (
     Admitted,
-    Apply,
-    Call,
-    Doing,
+    AskToJoin,
+    CallGateway,
+    ConnectionLost,
     Goodbye,
-    Lost,
-    Reached,
-    Runs,
+    GraphReached,
+    GraphStarted,
+    HealthChanged,
     ToBridge,
     bridge_decoder,
 )
 from palp_core.graph.network.clock_offset import Offset, OffsetEstimate
-from palp_core.graph.network.curve_caller import Caller
-from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.curve_caller import CurveCaller
+from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.join_protocol import (
     BEAT_NS,
     PROTOCOL,
     Active,
     Beat,
-    Clock,
+    ClockSample,
+    GraphUpdate,
     GraphView,
-    GraphWord,
-    Health,
-    Hello,
+    HealthReport,
     Join,
     Joined,
+    JoinHello,
+    JoinRefused,
     JoinRequest,
-    Leave,
-    Refused,
+    LeaveGraph,
     Reply,
     Request,
     Subscribe,
     Unsubscribe,
-    decode_word,
+    decode_message,
     is_frame,
 )
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.router import Exchange
+from palp_core.graph.network.router import Router
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
 
@@ -73,7 +73,7 @@ class Bridge:
     """One connection to a gateway.
 
     Args:
-        line: To ``palp run``.
+        channel: To ``palp run``.
         call: Whom to call.
         keys: This host's.
 
@@ -81,8 +81,8 @@ class Bridge:
         PalpError: The address cannot be called, or there is no own pair.
     """
 
-    def __init__(self, line: MessageChannel[ToBridge], call: Call, keys: KeyFolder) -> None:
-        self._line, self._call = line, call
+    def __init__(self, channel: MessageChannel[ToBridge], call: CallGateway, keys: KeyFolder) -> None:
+        self._channel, self._call = channel, call
         self._view: GraphView | None = None
         self._own_name = ""
         self._request: JoinRequest | None = None
@@ -93,44 +93,44 @@ class Bridge:
         self._ended = False
         self._began_ns = monotonic_ns()
         self._next_beat_ns = 0
-        self._greeted = False
-        self._reactor = Reactor()
-        self._exchange = Exchange(
-            self._reactor, call.run_dir, is_local=lambda name: bool(name) and name == self._own_name
+        self._connected = False
+        self._event_loop = EventLoop()
+        self._router = Router(
+            self._event_loop, call.run_dir, is_local=lambda name: bool(name) and name == self._own_name
         )
-        self._caller = Caller(
-            self._reactor,
+        self._caller = CurveCaller(
+            self._event_loop,
             call.endpoint,
             keys.own() if call.server_key else None,
             call.server_key,
-            receive=self._on_message,
-            greeted=self._on_greeting,
-            failed=self._lose,
+            receive=self._on_received,
+            connected=self._on_connected,
+            failed=self._report_lost,
         )
         self._gateway = Peer(self._caller.send, call.server_key, call.endpoint)
-        self._reactor.watch(line.socket.fileno(), self._on_line)
+        self._event_loop.watch(channel.socket.fileno(), self._on_channel)
 
     def run(self) -> None:
         """Relay until one of the ends is gone."""
         while not self._ended:
-            self._reactor.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+            self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
             if monotonic_ns() >= self._next_beat_ns:
                 self._next_beat_ns = monotonic_ns() + BEAT_NS
                 self._on_beat_due()
             if self._start_ns is not None:
                 self._begin_when_heard(self._start_ns)
-        self._reactor.close(linger_ms=500)
+        self._event_loop.close(linger_ms=500)
 
     def _on_beat_due(self) -> None:
         endpoint = self._call.endpoint
         if self._view is None:
             within_s, why = FOUND_WITHIN_S, "no host or no gateway is there"
-            if self._greeted:
+            if self._connected:
                 within_s, why = ANSWER_WITHIN_S, "it does not answer"
             elif self._caller.accepted:
                 return  # the handshake has its own end, and knows why
             if monotonic_ns() - self._began_ns > within_s * 1e9:
-                self._lose(
+                self._report_lost(
                     f"no graph at {endpoint} within {within_s:g} s: {why}. Is it launched with --listen, and "
                     "no firewall between?"
                 )
@@ -138,85 +138,85 @@ class Bridge:
         self._gateway.beat()
         self._ask_time()
         if self._gateway.gone or self._gateway.silent:
-            self._lose(f"the gateway at {endpoint} is not heard any more")
+            self._report_lost(f"the gateway at {endpoint} is not heard any more")
 
     def _begin_when_heard(self, start_ns: int) -> None:
         """Let the node begin, once nothing it publishes can miss those who listen."""
-        if self._request is not None and self._exchange.hears(self._request.outputs):
+        if self._request is not None and self._router.all_heard(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
-            self._say(Runs(start_ns - self._used.offset_ns))
+            self._say(GraphStarted(start_ns - self._used.offset_ns))
 
     # palp run
 
-    def _say(self, line: ChannelMessage) -> None:
+    def _say(self, message: ChannelMessage) -> None:
         try:
-            self._line.send(line)
+            self._channel.send(message)
         except ChannelClosed:
             self._ended = True
 
-    def _on_line(self) -> None:
+    def _on_channel(self) -> None:
         try:
-            self._line.fill()
+            self._channel.fill()
         except ChannelClosed:  # the process is gone; whoever hears the connection end knows that it died
             self._ended = True
             return
-        while self._line.buffered():
-            message = self._line.receive()
-            if isinstance(message, Apply):
+        while self._channel.buffered():
+            message = self._channel.receive()
+            if isinstance(message, AskToJoin):
                 self._request, self._own_name = message.request, message.request.name
-                self._stand_in()
+                self._add_proxies()
                 self._gateway.say(Join(request=message.request))
-            elif isinstance(message, Doing):
-                self._gateway.say(Health(health=message.health))
+            elif isinstance(message, HealthChanged):
+                self._gateway.say(HealthReport(health=message.health))
             elif isinstance(message, Goodbye):
-                self._gateway.say(Leave(text=message.text, exit_code=message.exit_code))
+                self._gateway.say(LeaveGraph(text=message.text, exit_code=message.exit_code))
                 self._ended = True
 
-    def _lose(self, text: str, *, finished: bool = False) -> None:
+    def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
             self._ended = True
-            self._say(Lost(text, finished))
+            self._say(ConnectionLost(text, finished))
 
     # The gateway
 
-    def _on_greeting(self) -> None:
-        self._greeted = True
-        self._gateway.say(Hello(protocol=PROTOCOL))
+    def _on_connected(self) -> None:
+        self._connected = True
+        self._gateway.say(JoinHello(protocol=PROTOCOL))
 
-    def _on_message(self, parts: list[bytes]) -> None:
-        self._gateway.heard()
+    def _on_received(self, parts: list[bytes]) -> None:
+        self._gateway.note_alive()
         try:
             if is_frame(parts):
-                self._exchange.on_frame(self._gateway, parts)
+                self._router.on_frame(self._gateway, parts)
             else:
-                self._on_word(parts)
+                self._on_message(parts)
         except SchemaMismatch as error:
             self._gateway.reject(str(error))
 
-    def _on_word(self, parts: list[bytes]) -> None:
-        match decode_word(parts):
+    def _on_message(self, parts: list[bytes]) -> None:
+        match decode_message(parts):
             case Beat() as beat:
                 self._gateway.on_beat(beat)
             case Request() as request:
-                self._exchange.on_request(self._gateway, request)
+                self._router.on_request(self._gateway, request)
             case Reply() as reply:
-                self._exchange.on_reply(self._gateway, reply)
+                self._router.on_reply(self._gateway, reply)
             case Subscribe(topic=topic):
-                self._exchange.subscribe(self._gateway, topic)
+                self._router.subscribe(self._gateway, topic)
             case Unsubscribe(topic=topic):
-                self._exchange.unsubscribe(self._gateway, topic)
-            case Clock(sent_ns=sent_ns, gateway_ns=gateway_ns):
+                self._router.unsubscribe(self._gateway, topic)
+            case ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
                 self._on_time(sent_ns, gateway_ns)
-            case GraphWord(view=view):
+            case GraphUpdate(view=view):
                 self._on_graph(view)
             case Joined(epoch=epoch):
                 self._say(Admitted(epoch))
             case Active(start_ns=start_ns):
                 self._start_ns = start_ns
-            case Refused(text=text, finished=finished):
-                self._lose(text, finished=finished)
+            case JoinRefused(text=text, finished=finished):
+                self._report_lost(text, finished=finished)
             case other:
-                self._gateway.reject(f"a word that is a guest's to say: {type(other).__name__}")
+                self._gateway.reject(f"a message that only a joining host sends: {type(other).__name__}")
 
     def _on_graph(self, view: GraphView) -> None:
         first = self._view is None
@@ -224,25 +224,25 @@ class Bridge:
         if first:
             self._ask_time()
         elif self._own_name:
-            self._stand_in()
+            self._add_proxies()
 
-    def _stand_in(self) -> None:
+    def _add_proxies(self) -> None:
         """Give every other node of the graph endpoints here."""
         assert self._view is not None
         for name in sorted({node.name for node in self._view.nodes} | set(self._view.expected)):
-            known = name == self._own_name or self._exchange.stands_for(name)
+            known = name == self._own_name or self._router.has_proxy(name)
             if not known and NAME.fullmatch(name) is not None:
-                self._exchange.stand_in(name, self._gateway)
+                self._router.add_proxy(name, self._gateway)
 
     def _ask_time(self) -> None:
-        self._gateway.say(Clock(sent_ns=monotonic_ns()))
+        self._gateway.say(ClockSample(sent_ns=monotonic_ns()))
 
     def _on_time(self, sent_ns: int, gateway_ns: int) -> None:
         self._offsets.add(sent_ns, gateway_ns, monotonic_ns())
         if self._view is not None and len(self._offsets) < EXCHANGES:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
-            self._say(Reached(self._view, self._offsets.best().uncertainty_ns))
+            self._say(GraphReached(self._view, self._offsets.best().uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 
@@ -264,16 +264,16 @@ def main(connection: socket.socket) -> int:
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
-    line = MessageChannel(connection, bridge_decoder())
+    channel = MessageChannel(connection, bridge_decoder())
     try:
-        call = line.receive()
-        assert isinstance(call, Call)
-        bridge = Bridge(line, call, KeyFolder())
+        call = channel.receive()
+        assert isinstance(call, CallGateway)
+        bridge = Bridge(channel, call, KeyFolder())
     except ChannelClosed:
         return 1
     except PalpError as error:
         with contextlib.suppress(ChannelClosed):
-            line.send(Lost(str(error), finished=False))
+            channel.send(ConnectionLost(str(error), finished=False))
         return 2
     bridge.run()
     return 0

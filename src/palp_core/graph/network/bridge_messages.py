@@ -1,4 +1,4 @@
-"""What ``palp run --join`` and its bridge say to each other on their private line."""
+"""What ``palp run --join`` and its bridge say to each other on their private channel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.process.channel import ChannelMessage
 
 
-class Call(ChannelMessage, frozen=True):
+class CallGateway(ChannelMessage, frozen=True):
     """Call a gateway; absent nodes get their endpoints in ``run_dir``. Without CURVE the key is ""."""
 
     endpoint: str
@@ -16,13 +16,13 @@ class Call(ChannelMessage, frozen=True):
     run_dir: str
 
 
-class Apply(ChannelMessage, frozen=True):
+class AskToJoin(ChannelMessage, frozen=True):
     """Ask to be let into the graph."""
 
     request: JoinRequest
 
 
-class Doing(ChannelMessage, frozen=True):
+class HealthChanged(ChannelMessage, frozen=True):
     """How the node does: an encoded :class:`NodeHealth`."""
 
     health: bytes
@@ -35,7 +35,7 @@ class Goodbye(ChannelMessage, frozen=True):
     exit_code: int
 
 
-class Reached(ChannelMessage, frozen=True):
+class GraphReached(ChannelMessage, frozen=True):
     """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
 
     view: GraphView
@@ -48,21 +48,21 @@ class Admitted(ChannelMessage, frozen=True):
     epoch: int
 
 
-class Runs(ChannelMessage, frozen=True):
+class GraphStarted(ChannelMessage, frozen=True):
     """The graph runs since then, on this host's monotonic clock."""
 
     start_ns: int
 
 
-class Lost(ChannelMessage, frozen=True):
+class ConnectionLost(ChannelMessage, frozen=True):
     """Not let in, or not any more; ``finished``: because the graph has come to its end."""
 
     text: str
     finished: bool
 
 
-ToBridge = Call | Apply | Doing | Goodbye
-FromBridge = Reached | Admitted | Runs | Lost
+ToBridge = CallGateway | AskToJoin | HealthChanged | Goodbye
+FromBridge = GraphReached | Admitted | GraphStarted | ConnectionLost
 
 
 def bridge_decoder() -> msgspec.msgpack.Decoder[ToBridge]:

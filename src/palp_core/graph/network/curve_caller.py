@@ -18,47 +18,47 @@ from palp_core.graph.network.curve_listener import (
     configure,
     is_large,
 )
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
 from palp_core.graph.network.keys import OwnKeys
 
 _LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
 _CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
 
 
-class Caller:
+class CurveCaller:
     """A DEALER that calls a listener, and knows why if it is not let in.
 
     Args:
-        reactor: Watches it.
+        event_loop: Watches it.
         endpoint: Whom to call.
         own: The own pair; None: without CURVE.
         server_key: The listener's public key.
         receive: Takes each message.
-        greeted: Is told that the connection stands.
+        connected: Is told that the connection stands.
         failed: Is told, in words, that the connection is refused or has ended.
 
     Attributes:
-        accepted: Somebody has taken the call; ``greeted`` or ``failed`` is told who it is.
+        accepted: Somebody has taken the call; ``connected`` or ``failed`` is told who it is.
         attempt_count: Calls that nobody took.
     """
 
     def __init__(
         self,
-        reactor: Reactor,
+        event_loop: EventLoop,
         endpoint: str,
         own: OwnKeys | None,
         server_key: str,
         *,
         receive: Callable[[list[bytes]], None],
-        greeted: Callable[[], None],
+        connected: Callable[[], None],
         failed: Callable[[str], None],
     ) -> None:
         self._endpoint, self._own = endpoint, own
-        self._receive, self._greeted, self._failed = receive, greeted, failed
+        self._receive, self._connected, self._failed = receive, connected, failed
         self.accepted = False
         self.attempt_count = 0
         self._stands = False
-        self._dealer = reactor.socket(zmq.DEALER)
+        self._dealer = event_loop.socket(zmq.DEALER)
         configure(self._dealer)
         self._dealer.setsockopt(zmq.IMMEDIATE, 1)
         self._dealer.setsockopt(zmq.RECONNECT_IVL, 200)
@@ -72,8 +72,8 @@ class Caller:
             self._dealer.connect(endpoint)
         except zmq.ZMQError as error:
             raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
-        reactor.watch(self._monitor, self._observe)
-        reactor.watch(self._dealer, self._take)
+        event_loop.watch(self._monitor, self._read_monitor)
+        event_loop.watch(self._dealer, self._take)
 
     def send(self, parts: list[bytes]) -> Sent:
         """Send without waiting."""
@@ -90,7 +90,7 @@ class Caller:
             except zmq.Again:
                 return
 
-    def _observe(self) -> None:
+    def _read_monitor(self) -> None:
         with contextlib.suppress(zmq.Again):
             while True:
                 event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
@@ -100,11 +100,11 @@ class Caller:
         self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._stands = True
-            self._greeted()
+            self._connected()
         elif event == zmq.EVENT_CONNECT_RETRIED:
             self.attempt_count += 1
         elif event == zmq.EVENT_DISCONNECTED and self._stands:
-            self._take()  # its last words came before the end
+            self._take()  # its last messages came before the end
             self._stands = False
             self._failed(f"the connection to {self._endpoint} has ended")
         elif event & FAILED:

@@ -19,7 +19,7 @@ from zmq.utils import z85
 from zmq.utils.monitor import parse_monitor_message
 
 from palp_core.errors import GraphError
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
 from palp_core.graph.network.keys import OwnKeys
 
 DOMAIN = b"palp"
@@ -54,17 +54,17 @@ class Received(NamedTuple):
     parts: list[bytes]
 
 
-class Listener:
+class CurveListener:
     """A ROUTER on tcp.
 
     Args:
-        reactor: Watches it.
+        event_loop: Watches it.
         endpoint: Where to listen, ``tcp://ADDRESS:PORT``; port 0 is any free one.
         own: The pair that callers must know the public part of; None: anybody is let in.
         admits: Tells whether the owner of a public key is let in.
         receive: Takes each message.
         refused: Is told address, public key ("" if none was shown) and reason of who is turned away.
-        hung_up: Is told that some connection ended.
+        disconnected: Is told that some connection ended.
 
     Raises:
         GraphError: It cannot listen there.
@@ -72,30 +72,31 @@ class Listener:
 
     def __init__(
         self,
-        reactor: Reactor,
+        event_loop: EventLoop,
         endpoint: str,
         own: OwnKeys | None,
         *,
         admits: Callable[[str], bool],
         receive: Callable[[Received], None],
         refused: Callable[[str, str, str], None],
-        hung_up: Callable[[], None],
+        disconnected: Callable[[], None],
     ) -> None:
-        self._admits, self._receive, self._refused, self._hung_up = admits, receive, refused, hung_up
+        self._admits, self._receive = admits, receive
+        self._refused, self._disconnected = refused, disconnected
         self._secured = own is not None
         self._pending: dict[int, str] = {}
         self._failure: int | None = None
         # Who hangs up at once may be gone before it can be asked; on loopback there is one answer.
-        self._only_whence = "127.0.0.1" if "//127.0.0.1:" in endpoint else ""
-        self._router = reactor.socket(zmq.ROUTER)
+        self._only_address = "127.0.0.1" if "//127.0.0.1:" in endpoint else ""
+        self._router = event_loop.socket(zmq.ROUTER)
         configure(self._router)
         self._router.setsockopt(zmq.ROUTER_MANDATORY, 1)
         self._router.setsockopt(zmq.BACKLOG, 128)
         self._router.setsockopt(zmq.IPV6, int("[" in endpoint))
         if own is not None:
-            self._zap = reactor.socket(zmq.ROUTER)
+            self._zap = event_loop.socket(zmq.ROUTER)
             self._zap.bind("inproc://zeromq.zap.01")
-            reactor.watch(self._zap, self._authenticate)
+            event_loop.watch(self._zap, self._authenticate)
             self._router.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)
             self._router.curve_server = True
             self._router.curve_publickey = own.public.encode()
@@ -106,8 +107,8 @@ class Listener:
         except zmq.ZMQError as error:
             raise GraphError(f"cannot listen on {endpoint}: {error.strerror}") from error
         self.endpoint = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
-        reactor.watch(self._monitor, self._observe)
-        reactor.watch(self._router, self._take)
+        event_loop.watch(self._monitor, self._read_monitor)
+        event_loop.watch(self._router, self._take)
 
     def send(self, connection: bytes, parts: list[bytes]) -> Sent:
         """Send without waiting."""
@@ -146,7 +147,7 @@ class Listener:
                 reply = [identity, delimiter, version, request, code, text, key.encode(), b""]
                 self._zap.send_multipart(reply)
 
-    def _observe(self) -> None:
+    def _read_monitor(self) -> None:
         with contextlib.suppress(zmq.Again):
             while True:
                 event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
@@ -166,13 +167,13 @@ class Listener:
         elif event == zmq.EVENT_DISCONNECTED:
             address, failure = self._pending.pop(value, None), self._failure
             self._failure = None
-            whence = address or self._only_whence
+            shown_address = address or self._only_address
             if failure is not None and failure >= 0:
-                self._refused(whence, "", self._why(failure))
+                self._refused(shown_address, "", self._why(failure))
             elif failure is None and address is not None:
-                self._refused(whence, "", "it does not speak ZeroMQ")
+                self._refused(shown_address, "", "it does not speak ZeroMQ")
             elif failure is None:
-                self._hung_up()
+                self._disconnected()
 
     def _why(self, failure: int) -> str:
         if failure == _CANNOT_DECIPHER:

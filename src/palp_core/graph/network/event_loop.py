@@ -10,7 +10,7 @@ import zmq
 MOST_AT_ONCE = 200  # messages taken from one socket before the others have their turn
 
 
-class Reactor:
+class EventLoop:
     """The one loop of a process that relays; everything in it is level-triggered."""
 
     def __init__(self) -> None:

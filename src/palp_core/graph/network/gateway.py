@@ -4,7 +4,7 @@ It lets allowed keys in, tells who was turned away, passes frames and requests o
 endpoints in the run directory, so that local readers and tools use it as any other. Nodes of the graph have
 nothing to do with tcp; if the gateway dies, they do not notice.
 
-Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's line>``.
+Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's channel>``.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns, unix_ns
-from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.gateway_messages import (
     Activated,
-    Begin,
-    CannotListen,
-    Ending,
-    Listening,
-    Opened,
+    EndGraph,
+    GatewayFailed,
+    GatewayReady,
+    GraphChanged,
+    ListenOn,
+    PeerRejected,
     ToGateway,
-    TurnedAway,
     gateway_decoder,
 )
 from palp_core.graph.network.join_protocol import BEAT_NS
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.proxies import StandIn
-from palp_core.graph.network.rejected_peers import Refusals
-from palp_core.graph.network.remote_nodes import Guests
+from palp_core.graph.network.proxies import NodeProxy
+from palp_core.graph.network.rejected_peers import RejectedPeers
+from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
@@ -48,77 +48,77 @@ _LOG = logging.getLogger("palp.gateway")
 
 
 class Gateway:
-    """A graph's door.
+    """A graph's gateway.
 
     Args:
-        line: To the launcher.
-        begin: Where to listen.
+        channel: To the launcher.
+        listen_on: Where to listen.
         keys: This host's.
 
     Raises:
         PalpError: It cannot listen there.
     """
 
-    def __init__(self, line: MessageChannel[ToGateway], begin: Begin, keys: KeyFolder) -> None:
-        self._line, self._keys, self._secured = line, keys, begin.secured
+    def __init__(self, channel: MessageChannel[ToGateway], listen_on: ListenOn, keys: KeyFolder) -> None:
+        self._channel, self._keys, self._secured = channel, keys, listen_on.secured
         self._ended = False
-        self._refusals = Refusals()
+        self._rejected = RejectedPeers()
         self._next_beat_ns = 0
-        self._reactor = Reactor()
-        self._guests = Guests(self._reactor, begin, keys, self._say, self._refuse)
-        self._tools = StandIn(
-            self._reactor, endpoints(begin.run_dir, "gateway"), lambda *_: None, self._on_tool
+        self._event_loop = EventLoop()
+        self._remote_nodes = RemoteNodes(self._event_loop, listen_on, keys, self._say, self._refuse)
+        self._tools = NodeProxy(
+            self._event_loop, endpoints(listen_on.run_dir, "gateway"), lambda *_: None, self._on_tool
         )
-        self._reactor.watch(line.socket.fileno(), self._on_line)
-        self._say(Listening(self._guests.endpoint))
-        _LOG.info("listening on %s%s", self._guests.endpoint, "" if begin.secured else " without keys")
+        self._event_loop.watch(channel.socket.fileno(), self._on_channel)
+        self._say(GatewayReady(self._remote_nodes.endpoint))
+        _LOG.info("listening on %s%s", self._remote_nodes.endpoint, "" if self._secured else " without keys")
 
     def run(self) -> None:
         """Relay until the launcher ends it or is gone."""
         while not self._ended:
-            self._reactor.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+            self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
             if monotonic_ns() >= self._next_beat_ns:
-                self._guests.beat()
+                self._remote_nodes.beat()
                 self._next_beat_ns = monotonic_ns() + BEAT_NS
-            self._guests.bury()
-        self._reactor.close(linger_ms=500)
+            self._remote_nodes.remove_dead_peers()
+        self._event_loop.close(linger_ms=500)
 
     # The launcher
 
-    def _say(self, line: ChannelMessage) -> None:
+    def _say(self, message: ChannelMessage) -> None:
         try:
-            self._line.send(line)
+            self._channel.send(message)
         except ChannelClosed:
             self._end("the graph's launcher has died", finished=False)
 
-    def _on_line(self) -> None:
+    def _on_channel(self) -> None:
         try:
-            self._line.fill()
+            self._channel.fill()
         except ChannelClosed:
             self._end("the graph's launcher has died", finished=False)
             return
-        while self._line.buffered():
-            self._on_command(self._line.receive())
+        while self._channel.buffered():
+            self._on_command(self._channel.receive())
 
     def _on_command(self, message: ToGateway) -> None:
-        if isinstance(message, Opened):
-            self._guests.open(message.view)
+        if isinstance(message, GraphChanged):
+            self._remote_nodes.show(message.view)
         elif isinstance(message, Activated):
-            self._guests.activate(message.start_ns)
-        elif isinstance(message, Ending):
+            self._remote_nodes.activate(message.start_ns)
+        elif isinstance(message, EndGraph):
             self._end(message.text, finished=message.finished)
 
     def _end(self, text: str, *, finished: bool) -> None:
         self._ended = True
-        self._guests.dismiss(text, finished=finished)
+        self._remote_nodes.end(text, finished=finished)
 
     def _refuse(self, address: str, key: str, reason: str) -> None:
         if key:
             reason = f"{reason}. If it is one of yours: palp keys allow '{key}' --name NAME"
-        entry = self._refusals.note(address, key, reason, unix_ns())
+        entry = self._rejected.note(address, key, reason, unix_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
-            self._say(TurnedAway(str(entry), address, key, entry.count))
+            self._say(PeerRejected(str(entry), address, key, entry.count))
 
     # Tools of this host
 
@@ -127,16 +127,16 @@ class Gateway:
         with contextlib.suppress(msgspec.MsgspecError, TypeError, AttributeError):
             match msgspec.msgpack.decode(body).get("op"):
                 case "refusals":
-                    latest = [msgspec.to_builtins(entry) for entry in self._refusals.latest()]
-                    reply = {"count": self._refusals.total_count, "refusals": latest}
+                    latest = [msgspec.to_builtins(entry) for entry in self._rejected.latest()]
+                    reply = {"count": self._rejected.total_count, "refusals": latest}
                 case "guests":
-                    reply = {"guests": [self._guest_info(peer) for peer in self._guests.joined]}
+                    reply = {"guests": [self._remote_info(peer) for peer in self._remote_nodes.joined]}
                 case "info":
                     reply = {"name": "gateway", "pid": os.getpid(), "secured": self._secured}
-                    reply |= {"listen": self._guests.endpoint, "guests": len(self._guests.joined)}
+                    reply |= {"listen": self._remote_nodes.endpoint, "guests": len(self._remote_nodes.joined)}
         self._tools.answer(way_back, msgspec.msgpack.encode(reply))
 
-    def _guest_info(self, peer: Peer) -> dict[str, object]:
+    def _remote_info(self, peer: Peer) -> dict[str, object]:
         assert peer.request is not None
         return {
             "name": peer.request.name,
@@ -162,16 +162,16 @@ def main(connection: socket.socket) -> int:
     logging.basicConfig(
         level=logging.INFO, format="[%(levelname)s] [gateway]: %(message)s", stream=sys.stderr
     )
-    line = MessageChannel(connection, gateway_decoder())
+    channel = MessageChannel(connection, gateway_decoder())
     try:
-        begin = line.receive()
-        assert isinstance(begin, Begin)
-        gateway = Gateway(line, begin, KeyFolder())
+        listen_on = channel.receive()
+        assert isinstance(listen_on, ListenOn)
+        gateway = Gateway(channel, listen_on, KeyFolder())
     except ChannelClosed:
         return 1
     except PalpError as error:
         with contextlib.suppress(ChannelClosed):
-            line.send(CannotListen(str(error)))
+            channel.send(GatewayFailed(str(error)))
         return 2
     gateway.run()
     return 0

@@ -17,21 +17,21 @@ from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.network.gateway_messages import (
     Activated,
-    Begin,
-    CannotListen,
-    Ending,
+    EndGraph,
     FromGateway,
-    GuestDoes,
-    GuestIn,
-    GuestOut,
-    Listening,
-    Opened,
-    TurnedAway,
+    GatewayFailed,
+    GatewayReady,
+    GraphChanged,
+    ListenOn,
+    NodeJoined,
+    NodeLeft,
+    NodeReported,
+    PeerRejected,
     launcher_decoder,
 )
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest, NodeView
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.listen_address import Plan, plan
+from palp_core.graph.network.listen_address import ListenPlan, plan_listening
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.supervision.sidecar import Sidecar
@@ -93,7 +93,7 @@ def open_gateway(
         )
     gateway = GatewayHandle(address, folder, report)
     gateway.changed = changed
-    gateway.open(view_of(checked))
+    gateway.show(view_of(checked))
     return gateway
 
 
@@ -119,7 +119,7 @@ class GatewayHandle:
     """
 
     def __init__(self, address: str, folder: Path, report: Report, keys: KeyFolder | None = None) -> None:
-        planned = plan(address, keys or KeyFolder())
+        planned = plan_listening(address, keys or KeyFolder())
         self.warnings = planned.warnings
         self.joined: dict[str, JoinRequest] = {}
         self.changed: Callable[[], None] = lambda: None
@@ -134,11 +134,11 @@ class GatewayHandle:
         self._closed = False
         self._sidecar, self.endpoint = self._start_process(planned)
 
-    def _start_process(self, planned: Plan) -> tuple[Sidecar[FromGateway], str]:
+    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[FromGateway], str]:
         log = self._folder / "log" / "gateway.log"
         sidecar = Sidecar("palp_core.graph.network.gateway", launcher_decoder(), log)
         try:
-            sidecar.send(Begin(str(self._folder), planned.endpoint, planned.secured, self._epochs))
+            sidecar.send(ListenOn(str(self._folder), planned.endpoint, planned.secured, self._epochs))
             if not select.select((sidecar.descriptor,), (), (), START_TIMEOUT_S)[0]:
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
             (said,) = sidecar.receive()
@@ -147,10 +147,10 @@ class GatewayHandle:
             if isinstance(error, GraphError):
                 raise
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
-        if isinstance(said, CannotListen):
+        if isinstance(said, GatewayFailed):
             sidecar.close()
             raise GraphError(said.text)
-        assert isinstance(said, Listening)
+        assert isinstance(said, GatewayReady)
         return sidecar, said.endpoint
 
     def follow(self, supervisor: Supervisor) -> None:
@@ -180,10 +180,10 @@ class GatewayHandle:
         self._publish_event(kind, node, text, **data)
         self._say(text)
 
-    def open(self, view: GraphView) -> None:
+    def show(self, view: GraphView) -> None:
         """Show the graph to those who call; again when it has changed."""
         self._view = view
-        self._send(Opened(view))
+        self._send(GraphChanged(view))
 
     def described(self, record: RunRecord) -> RunRecord:
         """Return the record of the run with where it is called and who has joined it.
@@ -207,9 +207,9 @@ class GatewayHandle:
         self._start_ns = start_ns
         self._send(Activated(start_ns))
 
-    def _send(self, line: Opened | Activated | Ending) -> None:
+    def _send(self, message: GraphChanged | Activated | EndGraph) -> None:
         try:
-            self._sidecar.send(line)
+            self._sidecar.send(message)
         except ChannelClosed:
             _LOG.debug("the gateway is gone; the supervisor's loop will find out")
 
@@ -225,7 +225,7 @@ class GatewayHandle:
                 self._restart()
 
     def _on_message(self, said: FromGateway) -> None:
-        if isinstance(said, GuestIn):
+        if isinstance(said, NodeJoined):
             request = said.request
             self.joined[request.name] = request
             self._epochs[request.name] = said.epoch
@@ -233,7 +233,7 @@ class GatewayHandle:
             where = {"run": request.run, "host": request.host, "address": said.address}
             self._report("joined", request.name, text, **where, epoch=said.epoch)
             self.changed()
-        elif isinstance(said, GuestOut):
+        elif isinstance(said, NodeLeft):
             self.joined.pop(said.name, None)
             self.health.pop(said.name, None)
             self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
@@ -242,9 +242,9 @@ class GatewayHandle:
             ends = expected is not None and expected.shutdown_on_exit and said.exit_code >= 0
             if ends and self._supervisor is not None:
                 self._supervisor.exit_code = said.exit_code
-        elif isinstance(said, GuestDoes):
+        elif isinstance(said, NodeReported):
             self.health[said.name] = decode(NodeHealth, said.health)
-        elif isinstance(said, TurnedAway):
+        elif isinstance(said, PeerRejected):
             self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
 
     def _report_death(self, status: int) -> None:
@@ -267,7 +267,7 @@ class GatewayHandle:
         if self._supervisor is not None:
             self._supervisor.watch(self._sidecar.descriptor, self._receive)
         if self._view is not None:
-            self._send(Opened(self._view))
+            self._send(GraphChanged(self._view))
         if self._start_ns is not None:
             self._send(Activated(self._start_ns))
         self._report("restarted", "gateway", f"the gateway listens again on {self.endpoint}")
@@ -278,5 +278,5 @@ class GatewayHandle:
             return
         self._closed = True
         self._forget()
-        self._send(Ending(text, finished))
+        self._send(EndGraph(text, finished))
         self._sidecar.close()

@@ -1,4 +1,4 @@
-"""What a launcher and its gateway say to each other on their private line."""
+"""What a launcher and its gateway say to each other on their private channel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.process.channel import ChannelMessage
 
 
-class Begin(ChannelMessage, frozen=True):
+class ListenOn(ChannelMessage, frozen=True):
     """Listen; ``epochs`` says how often each name has joined so far."""
 
     run_dir: str
@@ -17,7 +17,7 @@ class Begin(ChannelMessage, frozen=True):
     epochs: dict[str, int]
 
 
-class Opened(ChannelMessage, frozen=True):
+class GraphChanged(ChannelMessage, frozen=True):
     """The graph as it is now; said again when it has changed."""
 
     view: GraphView
@@ -29,26 +29,26 @@ class Activated(ChannelMessage, frozen=True):
     start_ns: int
 
 
-class Ending(ChannelMessage, frozen=True):
-    """Tell every guest that the graph ends, ``finished`` if it has come to its end, and end."""
+class EndGraph(ChannelMessage, frozen=True):
+    """Tell every joined node that the graph ends, ``finished`` if it has come to its end, and end."""
 
     text: str
     finished: bool
 
 
-class Listening(ChannelMessage, frozen=True):
+class GatewayReady(ChannelMessage, frozen=True):
     """The gateway can be called there."""
 
     endpoint: str
 
 
-class CannotListen(ChannelMessage, frozen=True):
+class GatewayFailed(ChannelMessage, frozen=True):
     """It cannot."""
 
     text: str
 
 
-class GuestIn(ChannelMessage, frozen=True):
+class NodeJoined(ChannelMessage, frozen=True):
     """A node of another host has joined."""
 
     request: JoinRequest
@@ -56,7 +56,7 @@ class GuestIn(ChannelMessage, frozen=True):
     epoch: int
 
 
-class GuestOut(ChannelMessage, frozen=True):
+class NodeLeft(ChannelMessage, frozen=True):
     """It is gone; ``exit_code`` is -1 if its work was not done."""
 
     name: str
@@ -64,14 +64,14 @@ class GuestOut(ChannelMessage, frozen=True):
     exit_code: int
 
 
-class GuestDoes(ChannelMessage, frozen=True):
-    """How a joined node does, by its own word: an encoded :class:`NodeHealth`."""
+class NodeReported(ChannelMessage, frozen=True):
+    """How a joined node does, as it reports it: an encoded :class:`NodeHealth`."""
 
     name: str
     health: bytes
 
 
-class TurnedAway(ChannelMessage, frozen=True):
+class PeerRejected(ChannelMessage, frozen=True):
     """Somebody was refused; not more often than the log says it."""
 
     text: str
@@ -80,8 +80,8 @@ class TurnedAway(ChannelMessage, frozen=True):
     count: int
 
 
-ToGateway = Begin | Opened | Activated | Ending
-FromGateway = Listening | CannotListen | GuestIn | GuestOut | GuestDoes | TurnedAway
+ToGateway = ListenOn | GraphChanged | Activated | EndGraph
+FromGateway = GatewayReady | GatewayFailed | NodeJoined | NodeLeft | NodeReported | PeerRejected
 
 
 def gateway_decoder() -> msgspec.msgpack.Decoder[ToGateway]:

@@ -16,7 +16,7 @@ from palp_core.graph.node.spec import NodeSpec
 PROTOCOL = 1
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
-LONGEST_WORD_BYTES = 16 << 20
+LARGEST_MESSAGE_BYTES = 16 << 20
 WINDOW_BYTES = 32 << 20  # what may be on its way to one host; more is dropped, and the reader counts it
 
 
@@ -76,68 +76,68 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     reads_truth: bool = False
 
 
-class Word(msgspec.Struct, frozen=True, kw_only=True, tag_field="op", tag=str.lower):
-    """Base of what is said."""
+class JoinMessage(msgspec.Struct, frozen=True, kw_only=True, tag_field="op", tag=str.lower):
+    """Base of the messages."""
 
 
-class Hello(Word, frozen=True, kw_only=True):
-    """The first word of a caller."""
+class JoinHello(JoinMessage, frozen=True, kw_only=True, tag="hello"):
+    """The first message of a caller."""
 
     protocol: int
 
 
-class GraphWord(Word, frozen=True, kw_only=True, tag="graph"):
+class GraphUpdate(JoinMessage, frozen=True, kw_only=True, tag="graph"):
     """The answer to it, said again whenever the graph has changed."""
 
     protocol: int
     view: GraphView
 
 
-class Clock(Word, frozen=True, kw_only=True):
+class ClockSample(JoinMessage, frozen=True, kw_only=True, tag="clock"):
     """An exchange of times; the gateway answers with its monotonic clock filled in."""
 
     sent_ns: int
     gateway_ns: int = 0
 
 
-class Join(Word, frozen=True, kw_only=True):
+class Join(JoinMessage, frozen=True, kw_only=True):
     """Ask to be let into the graph."""
 
     request: JoinRequest
 
 
-class Joined(Word, frozen=True, kw_only=True):
+class Joined(JoinMessage, frozen=True, kw_only=True):
     """The node is in; it counts from this epoch."""
 
     epoch: int
 
 
-class Refused(Word, frozen=True, kw_only=True):
+class JoinRefused(JoinMessage, frozen=True, kw_only=True, tag="refused"):
     """What was asked is refused, or what was granted has ended; ``finished``: because the graph has."""
 
     text: str
     finished: bool = False
 
 
-class Active(Word, frozen=True, kw_only=True):
+class Active(JoinMessage, frozen=True, kw_only=True):
     """The graph runs since then, on the gateway's monotonic clock."""
 
     start_ns: int
 
 
-class Subscribe(Word, frozen=True, kw_only=True):
+class Subscribe(JoinMessage, frozen=True, kw_only=True):
     """Somebody here listens to a topic of yours."""
 
     topic: str
 
 
-class Unsubscribe(Word, frozen=True, kw_only=True):
+class Unsubscribe(JoinMessage, frozen=True, kw_only=True):
     """Nobody here does any longer."""
 
     topic: str
 
 
-class Request(Word, frozen=True, kw_only=True):
+class Request(JoinMessage, frozen=True, kw_only=True):
     """A request to a node on the other side, as its ROUTER takes it."""
 
     ticket: int
@@ -145,26 +145,26 @@ class Request(Word, frozen=True, kw_only=True):
     body: bytes
 
 
-class Reply(Word, frozen=True, kw_only=True):
+class Reply(JoinMessage, frozen=True, kw_only=True):
     """The answer to it."""
 
     ticket: int
     body: bytes
 
 
-class Beat(Word, frozen=True, kw_only=True):
+class Beat(JoinMessage, frozen=True, kw_only=True):
     """I am alive; I have received so many bytes of frames from you so far."""
 
     received_bytes: int
 
 
-class Health(Word, frozen=True, kw_only=True):
+class HealthReport(JoinMessage, frozen=True, kw_only=True, tag="health"):
     """How the joined node does: an encoded :class:`NodeHealth`."""
 
     health: bytes
 
 
-class Leave(Word, frozen=True, kw_only=True):
+class LeaveGraph(JoinMessage, frozen=True, kw_only=True, tag="leave"):
     """The node leaves; ``exit_code`` is -1 if its work was not done."""
 
     text: str
@@ -172,30 +172,30 @@ class Leave(Word, frozen=True, kw_only=True):
 
 
 _Any = (
-    Hello | GraphWord | Clock | Join | Joined | Refused | Active | Subscribe | Unsubscribe
-    | Request | Reply | Beat | Health | Leave
+    JoinHello | GraphUpdate | ClockSample | Join | Joined | JoinRefused | Active | Subscribe | Unsubscribe
+    | Request | Reply | Beat | HealthReport | LeaveGraph
 )  # fmt: skip
 _ENCODER = msgspec.msgpack.Encoder()
 _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)
 
 
-def encode_word(word: Word) -> list[bytes]:
-    """Return the message that says it."""
-    return [_ENCODER.encode(word)]
+def encode_message(message: JoinMessage) -> list[bytes]:
+    """Return a message as it travels."""
+    return [_ENCODER.encode(message)]
 
 
-def decode_word(parts: list[bytes]) -> Word:
-    """Return what a message says.
+def decode_message(parts: list[bytes]) -> JoinMessage:
+    """Return a message that has arrived.
 
     Raises:
         SchemaMismatch: Nothing that is known here.
     """
-    if len(parts) != 1 or len(parts[0]) > LONGEST_WORD_BYTES:
-        raise SchemaMismatch(f"a message of {len(parts)} parts, or too long for a word")
+    if len(parts) != 1 or len(parts[0]) > LARGEST_MESSAGE_BYTES:
+        raise SchemaMismatch(f"a message of {len(parts)} parts, or too long")
     try:
         return _DECODER.decode(parts[0])
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise SchemaMismatch(f"not a word of this conversation: {error}") from error
+        raise SchemaMismatch(f"not a message of this protocol: {error}") from error
 
 
 def is_frame(parts: list[bytes]) -> bool:

@@ -41,7 +41,7 @@ def outputs_of(name: str, described: NodeClass, external: Collection[str] = ()) 
     }
 
 
-def alone(name: str, run: str, params: Mapping[str, Any], described: NodeClass) -> NodeSpec:
+def standalone_spec(name: str, run: str, params: Mapping[str, Any], described: NodeClass) -> NodeSpec:
     """Return a node that is a graph of its own: every input takes messages from outside."""
     external = [port.name for port in _ports(described, "sub")]
     return NodeSpec(
@@ -56,7 +56,7 @@ def alone(name: str, run: str, params: Mapping[str, Any], described: NodeClass) 
     )
 
 
-def wired(
+def wired_spec(
     name: str,
     run: str,
     params: Mapping[str, Any],

@@ -14,7 +14,7 @@ from palp_core.graph.network.keys import KeyFolder
 _ADDRESS = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):(?P<port>\d{1,5}|\*)")
 
 
-class Plan(NamedTuple):
+class ListenPlan(NamedTuple):
     """Where to listen and how.
 
     Attributes:
@@ -41,7 +41,7 @@ def host_and_port(address: str) -> tuple[str, int]:
     return found["host"].strip("[]"), port
 
 
-def plan(address: str, keys: KeyFolder) -> Plan:
+def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
     """Decide how to listen.
 
     Args:
@@ -75,7 +75,7 @@ def plan(address: str, keys: KeyFolder) -> Plan:
         f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in"
         for name in keys.spoiled()
     ]
-    return Plan(endpoint, own is not None, warnings)
+    return ListenPlan(endpoint, own is not None, warnings)
 
 
 def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:

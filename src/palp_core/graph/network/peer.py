@@ -11,9 +11,9 @@ from palp_core.graph.network.join_protocol import (
     SILENCE_NS,
     WINDOW_BYTES,
     Beat,
+    JoinMessage,
     JoinRequest,
-    Word,
-    encode_word,
+    encode_message,
 )
 from palp_core.graph.process.health import PULSE_NS
 
@@ -51,9 +51,9 @@ class Peer:
         self._heard_ns = monotonic_ns()
         self._pulse_ns = 0
 
-    def say(self, word: Word) -> None:
-        """Say something; a peer that takes no more words is as good as gone."""
-        if self._transmit(encode_word(word)) is not Sent.QUEUED:
+    def say(self, message: JoinMessage) -> None:
+        """Send a message; a peer that takes no more of them is as good as gone."""
+        if self._transmit(encode_message(message)) is not Sent.QUEUED:
             self.gone = True
 
     def forward(self, parts: list[bytes]) -> None:
@@ -80,8 +80,8 @@ class Peer:
         if self.rejected_count & (self.rejected_count - 1) == 0:
             _LOG.warning("rejected %d message(s) of %s; the latest: %s", self.rejected_count, self, why)
 
-    def heard(self) -> None:
-        """Note that it lives."""
+    def note_alive(self) -> None:
+        """Note that it has just been heard."""
         self._heard_ns = monotonic_ns()
 
     def received(self, parts: list[bytes]) -> None:
@@ -96,11 +96,11 @@ class Peer:
         self.say(Beat(received_bytes=self._received_bytes))
 
     def on_beat(self, beat: Beat) -> None:
-        """Take its word for what it has received."""
+        """Note how much it has received, as it says."""
         self._taken_bytes = max(self._taken_bytes, min(beat.received_bytes, self._sent_bytes))
 
-    def may_pulse(self, now_ns: int) -> bool:
-        """Tell whether it is time for another word on how it does."""
+    def health_is_due(self, now_ns: int) -> bool:
+        """Tell whether it is time for another report of how it does."""
         due = now_ns >= self._pulse_ns
         self._pulse_ns = now_ns + PULSE_NS // 2 if due else self._pulse_ns
         return due

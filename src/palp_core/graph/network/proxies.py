@@ -1,7 +1,8 @@
 """Nodes that live elsewhere, and local ones for those who are elsewhere: frames pass as they are.
 
-A :class:`StandIn` binds the endpoints of a node of another host, so that local readers and tools meet nothing
-new. A :class:`Tap` hears local nodes while somebody elsewhere listens. A :class:`Desk` asks local nodes.
+A :class:`NodeProxy` binds the endpoints of a node of another host, so that local readers and tools meet
+nothing new. A :class:`Tap` hears local nodes while somebody elsewhere listens. A :class:`LocalRequester` asks
+local nodes.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import zmq
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, parse
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, Reactor
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, Turns
 
@@ -28,11 +29,11 @@ NAME = b"other hosts"
 _TICKET = struct.Struct("<Q")
 
 
-class StandIn:
+class NodeProxy:
     """The local face of a node that lives elsewhere.
 
     Args:
-        reactor: Watches it.
+        event_loop: Watches it.
         endpoints: Where the node publishes and where it answers.
         subscribed: Is told a topic, and whether somebody has begun (each time) or nobody goes on to listen.
         requested: Takes the way back and a request.
@@ -40,21 +41,21 @@ class StandIn:
 
     def __init__(
         self,
-        reactor: Reactor,
+        event_loop: EventLoop,
         endpoints: tuple[str, str],
         subscribed: Callable[[bytes, bool], None],
         requested: Callable[[list[bytes], bytes], None],
     ) -> None:
         self._subscribed, self._requested = subscribed, requested
-        self._publish = reactor.socket(zmq.XPUB)
+        self._publish = event_loop.socket(zmq.XPUB)
         self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
         self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
         self._publish.bind(endpoints[0])
-        self._serve = reactor.socket(zmq.ROUTER)
+        self._serve = event_loop.socket(zmq.ROUTER)
         self._serve.setsockopt(zmq.MAXMSGSIZE, LARGEST_REQUEST_BYTES)
         self._serve.bind(endpoints[1])
-        reactor.watch(self._publish, self._on_subscription)
-        reactor.watch(self._serve, self._on_request)
+        event_loop.watch(self._publish, self._on_subscription)
+        event_loop.watch(self._serve, self._on_request)
 
     def publish(self, parts: list[bytes]) -> None:
         """Hand a frame to the local readers."""
@@ -87,20 +88,20 @@ class Tap:
     """Hears local topics that are listened to elsewhere, wherever their publishers go on.
 
     Args:
-        reactor: Watches it.
+        event_loop: Watches it.
         heard: Takes topic and frame, in the parts it came in.
     """
 
-    def __init__(self, reactor: Reactor, heard: Callable[[bytes, list[bytes]], None]) -> None:
+    def __init__(self, event_loop: EventLoop, heard: Callable[[bytes, list[bytes]], None]) -> None:
         self._heard = heard
         self._named = False
         self._connected: set[str] = set()
         self._turns: dict[str, Turns[list[bytes]]] = {}
         self._following = Migration(self, {}, self._turns)
-        self._socket = reactor.socket(zmq.SUB)
+        self._socket = event_loop.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
-        reactor.watch(self._socket, self._on_frame)
+        event_loop.watch(self._socket, self._on_frame)
 
     def subscribe(self, topic: bytes, endpoint: str) -> None:
         """Hear a topic."""
@@ -147,26 +148,26 @@ class Tap:
                     self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
 
 
-class Desk:
+class LocalRequester:
     """Asks local nodes what somebody elsewhere wants to know.
 
     Args:
-        reactor: Watches it.
+        event_loop: Watches it.
         answered: Takes the ticket of a request and the reply.
     """
 
-    def __init__(self, reactor: Reactor, answered: Callable[[int, bytes], None]) -> None:
-        self._reactor, self._answered = reactor, answered
+    def __init__(self, event_loop: EventLoop, answered: Callable[[int, bytes], None]) -> None:
+        self._event_loop, self._answered = event_loop, answered
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
 
     def ask(self, endpoint: str, ticket: int, request: bytes) -> bool:
         """Send a request to a node; return False if it has too many already."""
         asking = self._sockets.get(endpoint)
         if asking is None:
-            asking = self._sockets[endpoint] = self._reactor.socket(zmq.DEALER)
+            asking = self._sockets[endpoint] = self._event_loop.socket(zmq.DEALER)
             asking.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
             asking.connect(endpoint)
-            self._reactor.watch(asking, lambda: self._on_reply(asking))
+            self._event_loop.watch(asking, lambda: self._on_reply(asking))
         try:
             asking.send_multipart([_TICKET.pack(ticket), request], zmq.NOBLOCK)
         except zmq.Again:

@@ -11,7 +11,7 @@ BURST = 10
 PERIOD_NS = 1_000_000_000
 
 
-class Refusal(msgspec.Struct, kw_only=True):
+class RejectedPeer(msgspec.Struct, kw_only=True):
     """One kind of stranger.
 
     Attributes:
@@ -35,16 +35,16 @@ class Refusal(msgspec.Struct, kw_only=True):
         return f"refused {who}{key}: {self.reason}{often}"
 
 
-class Refusals:
+class RejectedPeers:
     """Counts strangers, and says which of them are worth a line in the log."""
 
     def __init__(self) -> None:
         self.total_count = 0
-        self._entries: OrderedDict[tuple[str, str, str], Refusal] = OrderedDict()
+        self._entries: OrderedDict[tuple[str, str, str], RejectedPeer] = OrderedDict()
         self._lines_left = BURST
         self._refilled_ns = 0
 
-    def note(self, address: str, key: str, reason: str, now_unix_ns: int) -> Refusal | None:
+    def note(self, address: str, key: str, reason: str, now_unix_ns: int) -> RejectedPeer | None:
         """Count a refusal.
 
         Returns:
@@ -55,17 +55,17 @@ class Refusals:
         kind = (address, key, reason)
         entry = self._entries.pop(kind, None)
         if entry is None:
-            entry = Refusal(address=address, key=key, reason=reason, first_unix_ns=now_unix_ns)
+            entry = RejectedPeer(address=address, key=key, reason=reason, first_unix_ns=now_unix_ns)
             if len(self._entries) >= MOST_ENTRIES:
                 self._entries.popitem(last=False)
         self._entries[kind] = entry
         entry.count += 1
         entry.last_unix_ns = now_unix_ns
-        if entry.count & (entry.count - 1) or not self._may_speak(now_unix_ns):
+        if entry.count & (entry.count - 1) or not self._may_log(now_unix_ns):
             return None
         return entry
 
-    def _may_speak(self, now_ns: int) -> bool:
+    def _may_log(self, now_ns: int) -> bool:
         periods = max(now_ns - self._refilled_ns, 0) // PERIOD_NS
         if periods:
             self._lines_left = min(self._lines_left + periods, BURST)
@@ -75,6 +75,6 @@ class Refusals:
         self._lines_left -= 1
         return True
 
-    def latest(self) -> list[Refusal]:
+    def latest(self) -> list[RejectedPeer]:
         """Return the kinds of strangers, the latest first."""
         return list(reversed(self._entries.values()))

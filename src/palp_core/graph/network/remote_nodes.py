@@ -13,33 +13,33 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.network.admission import objections
-from palp_core.graph.network.curve_listener import Listener, Received
-from palp_core.graph.network.event_loop import Reactor
-from palp_core.graph.network.gateway_messages import Begin, GuestDoes, GuestIn, GuestOut
+from palp_core.graph.network.curve_listener import CurveListener, Received
+from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeLeft, NodeReported
 from palp_core.graph.network.join_protocol import (
     PROTOCOL,
     Active,
     Beat,
-    Clock,
+    ClockSample,
+    GraphUpdate,
     GraphView,
-    GraphWord,
-    Health,
-    Hello,
+    HealthReport,
     Join,
     Joined,
-    Leave,
+    JoinHello,
+    JoinRefused,
+    LeaveGraph,
     NodeView,
-    Refused,
     Reply,
     Request,
     Subscribe,
     Unsubscribe,
-    decode_word,
+    decode_message,
     is_frame,
 )
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.router import Exchange
+from palp_core.graph.network.router import Router
 from palp_core.graph.process.channel import ChannelMessage
 
 MOST_PEERS = 64
@@ -49,12 +49,12 @@ _LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
 
 
-class Guests:
+class RemoteNodes:
     """All connections of a gateway.
 
     Args:
-        reactor: Watches every socket.
-        begin: Where to listen.
+        event_loop: Watches every socket.
+        listen_on: Where to listen.
         keys: This host's.
         tell: Takes what the launcher should know.
         refuse: Takes address, public key and reason of who is turned away.
@@ -65,33 +65,33 @@ class Guests:
 
     def __init__(
         self,
-        reactor: Reactor,
-        begin: Begin,
+        event_loop: EventLoop,
+        listen_on: ListenOn,
         keys: KeyFolder,
         tell: Callable[[ChannelMessage], None],
         refuse: Callable[[str, str, str], None],
     ) -> None:
-        self._keys, self._secured = keys, begin.secured
+        self._keys, self._secured = keys, listen_on.secured
         self._tell, self._refuse = tell, refuse
-        self._epochs = dict(begin.epochs)
+        self._epochs = dict(listen_on.epochs)
         self._view: GraphView | None = None
         self._start_ns: int | None = None
         self._peers: dict[bytes, Peer] = {}
-        self._exchange = Exchange(
-            reactor,
-            begin.run_dir,
+        self._router = Router(
+            event_loop,
+            listen_on.run_dir,
             is_local=self._is_here,
             type_hash_of=self._type_hash_of,
             objection=_objection,
         )
-        self._listener = Listener(
-            reactor,
-            begin.endpoint,
-            keys.own() if begin.secured else None,
+        self._listener = CurveListener(
+            event_loop,
+            listen_on.endpoint,
+            keys.own() if listen_on.secured else None,
             admits=lambda key: bool(keys.name_of(key)),
-            receive=self._on_message,
+            receive=self._on_received,
             refused=refuse,
-            hung_up=self.beat,
+            disconnected=self.beat,
         )
 
     @property
@@ -99,24 +99,24 @@ class Guests:
         """Where they call."""
         return self._listener.endpoint
 
-    def open(self, view: GraphView) -> None:
+    def show(self, view: GraphView) -> None:
         """Show them the graph; again when it has changed."""
         self._view = view
         for name in view.expected:
-            if not self._exchange.stands_for(name):
-                self._exchange.stand_in(name, None)
+            if not self._router.has_proxy(name):
+                self._router.add_proxy(name, None)
         self._announce()
 
     def activate(self, start_ns: int) -> None:
-        """Let those who have joined begin."""
+        """Let those who have joined listen_on."""
         self._start_ns = start_ns
         for peer in self.joined:
             peer.say(Active(start_ns=start_ns))
 
-    def dismiss(self, text: str, *, finished: bool) -> None:
-        """Tell all of them that it is over."""
+    def end(self, text: str, *, finished: bool) -> None:
+        """Tell all of them that the graph ends."""
         for peer in self._peers.values():
-            peer.say(Refused(text=text, finished=finished))
+            peer.say(JoinRefused(text=text, finished=finished))
 
     @property
     def joined(self) -> list[Peer]:
@@ -128,7 +128,7 @@ class Guests:
         return present | {peer.request.name for peer in self.joined if peer.request is not None}
 
     def _is_here(self, node: str) -> bool:
-        return node == "graph" or node in self._names() or self._exchange.stands_for(node)
+        return node == "graph" or node in self._names() or self._router.has_proxy(node)
 
     def _type_hash_of(self, topic: str) -> int | None:
         known = self._view.topics.get(topic) if self._view is not None else None
@@ -145,11 +145,11 @@ class Guests:
 
     def _announce(self) -> None:
         if self._view is not None:
-            word = GraphWord(protocol=PROTOCOL, view=self._whole(self._view))
+            update = GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view))
             for peer in self._peers.values():
-                peer.say(word)
+                peer.say(update)
 
-    def _on_message(self, message: Received) -> None:
+    def _on_received(self, message: Received) -> None:
         peer = self._peers.get(message.connection)
         if peer is None:
             if self._secured and not self._keys.name_of(message.key):
@@ -161,47 +161,46 @@ class Guests:
                 lambda parts: self._listener.send(message.connection, parts), message.key, message.address
             )
             self._peers[message.connection] = peer
-        peer.heard()
+        peer.note_alive()
         try:
             if is_frame(message.parts):
-                self._exchange.on_frame(peer, message.parts)
+                self._router.on_frame(peer, message.parts)
             else:
-                self._on_word(peer, message.parts)
+                self._on_message(peer, message.parts)
         except SchemaMismatch as error:
             peer.reject(str(error))
 
-    def _on_word(self, peer: Peer, parts: list[bytes]) -> None:
-        match decode_word(parts):
+    def _on_message(self, peer: Peer, parts: list[bytes]) -> None:
+        match decode_message(parts):
             case Beat() as beat:
                 peer.on_beat(beat)
             case Request() as request:
-                self._exchange.on_request(peer, request)
+                self._router.on_request(peer, request)
             case Reply() as reply:
-                self._exchange.on_reply(peer, reply)
+                self._router.on_reply(peer, reply)
             case Subscribe(topic=topic):
-                self._exchange.subscribe(peer, topic)
+                self._router.subscribe(peer, topic)
             case Unsubscribe(topic=topic):
-                self._exchange.unsubscribe(peer, topic)
-            case Clock(sent_ns=sent_ns):
-                peer.say(Clock(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
-            case Hello(protocol=protocol):
+                self._router.unsubscribe(peer, topic)
+            case ClockSample(sent_ns=sent_ns):
+                peer.say(ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
+            case JoinHello(protocol=protocol):
                 self._on_hello(peer, protocol)
             case Join() as join:
                 self._on_join(peer, join)
-            case Health(health=health):
+            case HealthReport(health=health):
                 self._on_health(peer, health)
-            case Leave(text=text, exit_code=exit_code):
-                self._lose(peer, text, exit_code)
+            case LeaveGraph(text=text, exit_code=exit_code):
+                self._drop_peer(peer, text, exit_code)
             case other:
-                peer.reject(f"a word that is the gateway's to say: {type(other).__name__}")
+                peer.reject(f"a message that only a gateway sends: {type(other).__name__}")
 
     def _on_hello(self, peer: Peer, protocol: int) -> None:
         if protocol != PROTOCOL:
-            peer.say(
-                Refused(text=f"this graph speaks version {PROTOCOL} of joining, not {protocol}: update palp")
-            )
+            text = f"this graph speaks version {PROTOCOL} of joining, not {protocol}: update palp"
+            peer.say(JoinRefused(text=text))
         elif self._view is not None:
-            peer.say(GraphWord(protocol=PROTOCOL, view=self._whole(self._view)))
+            peer.say(GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view)))
 
     def _on_join(self, peer: Peer, join: Join) -> None:
         request = join.request
@@ -209,20 +208,20 @@ class Guests:
             peer.reject("it asked to join twice, or before it could see the graph")
             return
         found = objections(request, self._whole(self._view), self._names())
-        if self._exchange.full and not self._exchange.stands_for(request.name):
+        if self._router.full and not self._router.has_proxy(request.name):
             found.append("too many names have joined this graph; take one of those that have left")
         if found:
             _LOG.warning("/%s on %s may not join: %s", request.name, request.host, "; ".join(found))
-            peer.say(Refused(text="\n".join(found)))
+            peer.say(JoinRefused(text="\n".join(found)))
             return
         peer.request = request
         epoch = self._epochs[request.name] = self._epochs.get(request.name, 0) + 1
         peer.say(Joined(epoch=epoch))
-        self._exchange.stand_in(request.name, peer)
+        self._router.add_proxy(request.name, peer)
         if self._start_ns is not None:
             peer.say(Active(start_ns=self._start_ns))
         _LOG.info("/%s has joined from %s (%s)", request.name, request.host, peer.address)
-        self._tell(GuestIn(request, peer.address, epoch))
+        self._tell(NodeJoined(request, peer.address, epoch))
         self._announce()
 
     def _on_health(self, peer: Peer, health: bytes) -> None:
@@ -231,38 +230,38 @@ class Guests:
             raise SchemaMismatch("a health that is too large, or of nobody who has joined")
         # Its process number means nothing here, and its name is the one it was let in by.
         told = msgspec.structs.replace(decode(NodeHealth, health), node=peer.request.name, pid=0)
-        if peer.may_pulse(monotonic_ns()):
-            self._tell(GuestDoes(peer.request.name, encode(told)))
+        if peer.health_is_due(monotonic_ns()):
+            self._tell(NodeReported(peer.request.name, encode(told)))
 
     def beat(self) -> None:
         """Say to all that this end lives, which shows who is gone; a key that was denied since lets out."""
         allowed = set(self._keys.allowed().values()) if self._secured else set()
         for peer in self._peers.values():
             if self._secured and peer.key not in allowed:
-                peer.say(Refused(text="this host's key is no longer allowed"))
+                peer.say(JoinRefused(text="this host's key is no longer allowed"))
                 self._refuse(peer.address, peer.key, "its key was denied while it was connected")
                 peer.gone = True
             else:
                 peer.beat()
 
-    def bury(self) -> None:
-        """Part with those who are gone."""
+    def remove_dead_peers(self) -> None:
+        """Remove those who are gone."""
         for peer in list(self._peers.values()):
             if peer.gone:
-                self._lose(peer, "its connection has ended", -1)
+                self._drop_peer(peer, "its connection has ended", -1)
             elif peer.silent:
-                self._lose(peer, "it has not been heard for 3 s", -1)
+                self._drop_peer(peer, "it has not been heard for 3 s", -1)
 
-    def _lose(self, peer: Peer, text: str, exit_code: int) -> None:
+    def _drop_peer(self, peer: Peer, text: str, exit_code: int) -> None:
         self._peers = {connection: known for connection, known in self._peers.items() if known is not peer}
-        self._exchange.forget(peer)
+        self._router.forget(peer)
         request = peer.request
         if request is None:
             return
-        self._exchange.withdraw(request.name)
+        self._router.withdraw(request.name)
         level = logging.INFO if exit_code == 0 else logging.WARNING
         _LOG.log(level, "/%s on %s has left: %s", request.name, request.host, text)
-        self._tell(GuestOut(request.name, text, exit_code))
+        self._tell(NodeLeft(request.name, text, exit_code))
         self._announce()
 
 

@@ -13,10 +13,10 @@ import msgspec
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.frame import Kind, pack, parse
-from palp_core.graph.network.event_loop import Reactor
+from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.join_protocol import Reply, Request, Subscribe, Unsubscribe
 from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.proxies import Desk, StandIn, Tap
+from palp_core.graph.network.proxies import LocalRequester, NodeProxy, Tap
 from palp_core.graph.node.loading import endpoints
 
 MOST_PENDING = 4096
@@ -25,10 +25,10 @@ MOST_NAMES = 256
 _LOG = logging.getLogger("palp.gateway")
 
 
-class _Absent:
-    """A stand-in with the node it stands for: where that is, and what is listened to here."""
+class _RemoteNode:
+    """A node of another host with its proxy: where it is, and what is listened to here."""
 
-    standing: StandIn
+    proxy: NodeProxy
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -36,55 +36,55 @@ class _Absent:
         self.wanted: set[bytes] = set()
 
 
-class Exchange:
+class Router:
     """Both directions at once.
 
     Args:
-        reactor: Watches every socket.
+        event_loop: Watches every socket.
         run_dir: Where local nodes have their endpoints, and absent ones get theirs.
-        is_local: Tells whether a node of that name has endpoints here, its own or a stand-in's.
+        is_local: Tells whether a node of that name has endpoints here, its own or a proxy's.
         type_hash_of: Type hash of a topic of an absent node, to greet its readers before it is there.
         objection: Says why a request of another host is not passed on, or None.
     """
 
     def __init__(
         self,
-        reactor: Reactor,
+        event_loop: EventLoop,
         run_dir: str,
         *,
         is_local: Callable[[str], bool],
         type_hash_of: Callable[[str], int | None] = lambda _: None,
         objection: Callable[[Request], str | None] = lambda _: None,
     ) -> None:
-        self._reactor, self._run_dir = reactor, run_dir
+        self._event_loop, self._run_dir = event_loop, run_dir
         self._is_local, self._type_hash_of, self._objection = is_local, type_hash_of, objection
-        self._tap = Tap(reactor, self._on_local_frame)
-        self._desk = Desk(reactor, self._on_local_reply)
-        self._absent: dict[str, _Absent] = {}
+        self._tap = Tap(event_loop, self._on_local_frame)
+        self._requester = LocalRequester(event_loop, self._on_local_reply)
+        self._remote: dict[str, _RemoteNode] = {}
         self._listeners: dict[bytes, set[Peer]] = {}
         self._tickets = itertools.count(1)
         self._asked: dict[int, tuple[Peer, int]] = {}
-        self._waiting: dict[int, tuple[_Absent, list[bytes]]] = {}
+        self._waiting: dict[int, tuple[_RemoteNode, list[bytes]]] = {}
         self._heard: set[bytes] = set()
         self.unfed_count = 0
 
     # Nodes that are elsewhere
 
-    def stand_in(self, name: str, peer: Peer | None) -> None:
+    def add_proxy(self, name: str, peer: Peer | None) -> None:
         """Give an absent node endpoints here; a node that is there now is asked for what is listened to."""
-        absent = self._absent.get(name)
-        if absent is None:
-            absent = self._absent[name] = _Absent(name)
-            absent.standing = StandIn(
-                self._reactor,
+        remote = self._remote.get(name)
+        if remote is None:
+            remote = self._remote[name] = _RemoteNode(name)
+            remote.proxy = NodeProxy(
+                self._event_loop,
                 endpoints(self._run_dir, name),
-                functools.partial(self._on_subscription, absent),
-                functools.partial(self._on_local_request, absent),
+                functools.partial(self._on_subscription, remote),
+                functools.partial(self._on_local_request, remote),
             )
-        absent.peer = peer
+        remote.peer = peer
         if peer is not None:
             fed = {topic.encode() for topic in peer.request.feeds} if peer.request is not None else set()
-            for topic in sorted(absent.wanted | fed):
+            for topic in sorted(remote.wanted | fed):
                 peer.say(Subscribe(topic=topic.decode()))
 
     def withdraw(self, name: str) -> None:
@@ -92,58 +92,58 @@ class Exchange:
 
         The endpoints stay: to close a socket removes its file some time later, perhaps that of the next one.
         """
-        absent = self._absent[name]
-        absent.peer = None
-        for ticket in [t for t, (asked, _) in self._waiting.items() if asked is absent]:
-            self._answer_absent(ticket, f"{name} has left the graph")
+        remote = self._remote[name]
+        remote.peer = None
+        for ticket in [t for t, (asked, _) in self._waiting.items() if asked is remote]:
+            self._answer_for(ticket, f"{name} has left the graph")
 
-    def stands_for(self, name: str) -> bool:
-        """Tell whether a node has a stand-in here."""
-        return name in self._absent
+    def has_proxy(self, name: str) -> bool:
+        """Tell whether a node has a proxy here."""
+        return name in self._remote
 
     @property
     def full(self) -> bool:
         """True when there are so many names that no other can join."""
-        return len(self._absent) >= MOST_NAMES
+        return len(self._remote) >= MOST_NAMES
 
-    def _on_subscription(self, absent: _Absent, topic: bytes, wanted: bool) -> None:
+    def _on_subscription(self, remote: _RemoteNode, topic: bytes, wanted: bool) -> None:
         try:
             name = topic.decode()
         except UnicodeDecodeError:
             return
         if not wanted:
-            absent.wanted.discard(topic)
-            request = absent.peer.request if absent.peer is not None else None
-            if absent.peer is not None and not (request is not None and name in request.feeds):
-                absent.peer.say(Unsubscribe(topic=name))
+            remote.wanted.discard(topic)
+            request = remote.peer.request if remote.peer is not None else None
+            if remote.peer is not None and not (request is not None and name in request.feeds):
+                remote.peer.say(Unsubscribe(topic=name))
             return
-        absent.wanted.add(topic)
-        if absent.peer is not None:
-            absent.peer.say(Subscribe(topic=name))
+        remote.wanted.add(topic)
+        if remote.peer is not None:
+            remote.peer.say(Subscribe(topic=name))
         elif (type_hash := self._type_hash_of(name)) is not None:
             # Nothing was published yet: its readers are matched and need not wait for it.
-            absent.standing.publish([pack(topic, Kind.HEARTBEAT, 0, 0, 0, type_hash)])
+            remote.proxy.publish([pack(topic, Kind.HEARTBEAT, 0, 0, 0, type_hash)])
 
-    def _on_local_request(self, absent: _Absent, way_back: list[bytes], body: bytes) -> None:
-        ticket, name = next(self._tickets), absent.name
-        self._waiting[ticket] = (absent, way_back)
-        if absent.peer is None:
-            self._answer_absent(ticket, f"{name} has not joined the graph; on its host: palp run --join")
+    def _on_local_request(self, remote: _RemoteNode, way_back: list[bytes], body: bytes) -> None:
+        ticket, name = next(self._tickets), remote.name
+        self._waiting[ticket] = (remote, way_back)
+        if remote.peer is None:
+            self._answer_for(ticket, f"{name} has not joined the graph; on its host: palp run --join")
             return
         if len(self._waiting) > MOST_PENDING:
-            self._answer_absent(next(iter(self._waiting)), f"{name} did not answer")
-        absent.peer.say(Request(ticket=ticket, node=name, body=body))
+            self._answer_for(next(iter(self._waiting)), f"{name} did not answer")
+        remote.peer.say(Request(ticket=ticket, node=name, body=body))
 
-    def _answer_absent(self, ticket: int, error: str) -> None:
-        absent, way_back = self._waiting.pop(ticket)
-        absent.standing.answer(way_back, msgspec.msgpack.encode({"error": error}))
+    def _answer_for(self, ticket: int, error: str) -> None:
+        remote, way_back = self._waiting.pop(ticket)
+        remote.proxy.answer(way_back, msgspec.msgpack.encode({"error": error}))
 
     def on_reply(self, peer: Peer, reply: Reply) -> None:
         """Hand the answer of an absent node to who asked it."""
-        absent, way_back = self._waiting.get(reply.ticket, (None, []))
-        if absent is not None and absent.peer is peer:
+        remote, way_back = self._waiting.get(reply.ticket, (None, []))
+        if remote is not None and remote.peer is peer:
             del self._waiting[reply.ticket]
-            absent.standing.answer(way_back, reply.body)
+            remote.proxy.answer(way_back, reply.body)
 
     def on_frame(self, peer: Peer, parts: list[bytes]) -> None:
         """Publish a frame of an absent node here, if it is one that the peer may send.
@@ -156,11 +156,11 @@ class Exchange:
         except SchemaMismatch as error:
             peer.reject(str(error))
             return
-        absent = self._absent.get(_node_of(frame.topic))
-        if absent is None or absent.peer is not peer or frame.kind == Kind.MOVED:
+        remote = self._remote.get(_node_of(frame.topic))
+        if remote is None or remote.peer is not peer or frame.kind == Kind.MOVED:
             peer.reject(f"a frame of {frame.topic}, which is not its own")
             return
-        absent.standing.publish(parts)
+        remote.proxy.publish(parts)
         feeds = peer.request.feeds if peer.request is not None else {}
         if frame.topic in feeds and frame.kind == Kind.DATA:
             self._feed(feeds[frame.topic], parts[1] if len(parts) > 1 else bytes(frame.payload))
@@ -169,7 +169,7 @@ class Exchange:
         """Send a message into a port that is declared external, as any tool does."""
         node, port = target[1:].split("/")
         request = {"op": "publish", "node": node, "port": port, "message": msgspec.Raw(payload)}
-        self._desk.ask(endpoints(self._run_dir, node)[1], 0, msgspec.msgpack.encode(request))
+        self._requester.ask(endpoints(self._run_dir, node)[1], 0, msgspec.msgpack.encode(request))
 
     # Nodes that are here
 
@@ -198,7 +198,7 @@ class Exchange:
                 del self._listeners[name]
                 self._tap.unsubscribe(name)
 
-    def hears(self, topics: Iterable[str]) -> bool:
+    def all_heard(self, topics: Iterable[str]) -> bool:
         """Tell whether every one of these that is listened to elsewhere has been heard here."""
         wanted = {topic.encode() for topic in topics} & self._listeners.keys()
         return wanted <= self._heard
@@ -218,7 +218,7 @@ class Exchange:
             self._asked[ticket] = (peer, request.ticket)
             if len(self._asked) > MOST_PENDING:
                 del self._asked[next(iter(self._asked))]
-            if self._desk.ask(endpoints(self._run_dir, request.node)[1], ticket, request.body):
+            if self._requester.ask(endpoints(self._run_dir, request.node)[1], ticket, request.body):
                 return
             del self._asked[ticket]
             refusal = f"{request.node} has too many requests to answer"

@@ -19,17 +19,17 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.network.bridge_messages import (
     Admitted,
-    Apply,
-    Call,
-    Doing,
+    AskToJoin,
+    CallGateway,
+    ConnectionLost,
     FromBridge,
     Goodbye,
-    Lost,
-    Reached,
-    Runs,
+    GraphReached,
+    GraphStarted,
+    HealthChanged,
     joiner_decoder,
 )
-from palp_core.graph.network.join_wiring import alone, join_request, outputs_of, wired
+from palp_core.graph.network.join_wiring import join_request, outputs_of, standalone_spec, wired_spec
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, resolve
 from palp_core.graph.node.spec import NodeSpec
@@ -80,7 +80,7 @@ class Address(msgspec.Struct, frozen=True):
         return cls(endpoint, key)
 
 
-class _Remote:
+class _BridgeHandle:
     """The bridge to a graph elsewhere, as this process sees it."""
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
@@ -90,37 +90,37 @@ class _Remote:
         )
         self._said: list[FromBridge] = []
         self.start_ns: int | None = None
-        self.lost: Lost | None = None
-        self.farewell = Goodbye("it could not start", -1)
-        self._say(Call(address.endpoint, address.server_key, str(folder)))
+        self.lost: ConnectionLost | None = None
+        self.goodbye = Goodbye("it could not start", -1)
+        self._say(CallGateway(address.endpoint, address.server_key, str(folder)))
 
-    def _say(self, line: ChannelMessage) -> None:
+    def _say(self, message: ChannelMessage) -> None:
         with contextlib.suppress(ChannelClosed):
-            self._bridge.send(line)
+            self._bridge.send(message)
 
-    def pulse(self, health: bytes) -> None:
+    def report_health(self, health: bytes) -> None:
         """Tell how the node does; a bridge that does not take it keeps nobody waiting."""
         if select.select((), (self.descriptor,), (), 0.0)[1]:
-            self._say(Doing(health))
+            self._say(HealthChanged(health))
 
     @property
     def descriptor(self) -> int:
         return self._bridge.descriptor
 
-    def listen(self) -> None:
+    def receive(self) -> None:
         """Take in what it has said."""
         try:
             self._said += self._bridge.receive()
         except ChannelClosed:
-            self._said.append(Lost("the bridge to the graph has died", finished=False))
+            self._said.append(ConnectionLost("the bridge to the graph has died", finished=False))
         for said in self._said:
-            if isinstance(said, Runs):
+            if isinstance(said, GraphStarted):
                 self.start_ns = said.start_ns
-            elif isinstance(said, Lost) and self.lost is None:
+            elif isinstance(said, ConnectionLost) and self.lost is None:
                 self.lost = said
 
-    def await_word(self, kind: type[Reached] | type[Admitted]) -> Any:
-        """Wait for a word.
+    def wait_for(self, kind: type[GraphReached] | type[Admitted]) -> Any:
+        """Wait for a message of a kind.
 
         Raises:
             GraphError: The graph cannot be reached or refuses.
@@ -133,21 +133,21 @@ class _Remote:
             self.raise_if_lost()
             select.select((self.descriptor, self._interrupt.descriptor), (), ())
             self._interrupt.check()
-            self.listen()
+            self.receive()
 
     def raise_if_lost(self) -> None:
         if self.lost is not None:
             raise GraphError(self.lost.text)
 
-    def apply(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
+    def ask_to_join(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
         """Ask to be let in; return the epoch from which the node counts."""
-        self._say(Apply(join_request(spec, feeds, described)))
-        admitted: Admitted = self.await_word(Admitted)
+        self._say(AskToJoin(join_request(spec, feeds, described)))
+        admitted: Admitted = self.wait_for(Admitted)
         return admitted.epoch
 
     def close(self) -> None:
-        """Say goodbye and hang up."""
-        self._say(self.farewell)
+        """Say goodbye and end the bridge."""
+        self._say(self.goodbye)
         self._bridge.close()
 
 
@@ -166,7 +166,7 @@ def run_node(
         run: ``module:Class``, or ``path.py:Class``.
         name: Running name; by default the class's, in lower case with underscores.
         params: By name.
-        wires: Topic by port; see :func:`palp_core.graph.network.join_wiring.wired`.
+        wires: Topic by port; see :func:`palp_core.graph.network.join_wiring.wired_spec`.
         address: Of the graph to join; None: the node runs alone, on the machine's clock.
         say: Shows a line to the user.
 
@@ -190,7 +190,7 @@ def run_node(
         server = ForkServer(interrupt)
         stack.callback(server.close)
         try:
-            remote = _Remote(address, folder.path, interrupt) if address is not None else None
+            remote = _BridgeHandle(address, folder.path, interrupt) if address is not None else None
             if remote is not None:
                 stack.callback(remote.close)
             described = _describe(server, name, run, params, workspace, folder.path)
@@ -220,10 +220,10 @@ def run_node(
             code = _supervise(supervisor, remote)
         except (NodeError, Interrupted) as error:
             if remote is not None:
-                remote.farewell = Goodbye(str(error), -1)
+                remote.goodbye = Goodbye(str(error), -1)
             raise
         if remote is not None:
-            remote.farewell = Goodbye(
+            remote.goodbye = Goodbye(
                 "its work is done" if code == 0 else f"it ended with status {code}", code
             )
             if remote.lost is not None:
@@ -253,7 +253,7 @@ def _placed(
     params: Mapping[str, Any],
     wires: Mapping[str, str],
     described: NodeClass,
-    remote: _Remote | None,
+    remote: _BridgeHandle | None,
     say: Say,
 ) -> NodeSpec:
     """Return the node with its place in a graph; ask that graph for it."""
@@ -261,15 +261,15 @@ def _placed(
         if wires:
             raise GraphError("-r wires a node into a running graph; add --join tcp://HOST:PORT")
         say(f"/{name} runs alone; its inputs take messages from: palp topic pub")
-        return alone(name, run, params, described)
-    reached: Reached = remote.await_word(Reached)
+        return standalone_spec(name, run, params, described)
+    reached: GraphReached = remote.wait_for(GraphReached)
     view = reached.view
     if view.clock != "wall":
         raise GraphError(
             f"graph '{view.graph}' runs in simulated time; only one with clock: wall can be joined"
         )
-    spec, feeds = wired(name, run, params, wires, described, view)
-    epoch = remote.apply(spec, feeds, described)
+    spec, feeds = wired_spec(name, run, params, wires, described, view)
+    epoch = remote.ask_to_join(spec, feeds, described)
     say(
         f"/{name} has joined graph '{view.graph}'; its clock is known to "
         f"{reached.uncertainty_ns / 1e6:.3f} ms"
@@ -277,20 +277,20 @@ def _placed(
     return msgspec.structs.replace(spec, epoch=epoch, shutdown_on_exit=True)
 
 
-def _supervise(supervisor: Supervisor, remote: _Remote | None) -> int:
+def _supervise(supervisor: Supervisor, remote: _BridgeHandle | None) -> int:
     if remote is None:
         supervisor.start()
         supervisor.on_new_process()
         return supervisor.run_wall()
 
-    def listen() -> None:
-        remote.listen()
+    def receive() -> None:
+        remote.receive()
         if remote.lost is not None:
             supervisor.forget(remote.descriptor)
             supervisor.exit_code = 0 if remote.lost.finished else 1
 
-    supervisor.on_health = remote.pulse
-    supervisor.watch(remote.descriptor, listen)
+    supervisor.on_health = remote.report_health
+    supervisor.watch(remote.descriptor, receive)
     supervisor.start()
     supervisor.wait_until(lambda: remote.start_ns is not None or remote.lost is not None)
     if remote.lost is not None:

@@ -33,7 +33,7 @@ Nothing waits for it here as in a reader; it is less than what a replay allows a
 _FLAGS_OFFSET = 3  # from the NUL: version, kind, then flags
 
 
-class Taker(Protocol):
+class FrameSink(Protocol):
     """What takes frames and keeps an account of them: a recorder."""
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
@@ -53,12 +53,12 @@ class _Question(NamedTuple):
     asked_ns: int
 
 
-class Feed:
+class LiveFeed:
     """The receiving end.
 
     Args:
         graph: The running graph.
-        taker: Takes every frame.
+        sink: Takes every frame.
         from_start: Everything is expected from sequence 1 on; otherwise latched values come first, and the
             rest from where it is.
 
@@ -68,11 +68,11 @@ class Feed:
         start_ns: The graph's start on the machine's monotonic clock; None: not known yet.
     """
 
-    def __init__(self, graph: RunningGraph, taker: Taker, *, from_start: bool) -> None:
+    def __init__(self, graph: RunningGraph, sink: FrameSink, *, from_start: bool) -> None:
         self.graph = graph
         self.start_ns: int | None = None
         self.unmatched: dict[bytes, LiveTopic] = {}
-        self._taker = taker
+        self._sink = sink
         self._from_start = from_start
         self._topics: dict[str, LiveTopic] = {}
         self._new: set[str] = set()
@@ -118,7 +118,7 @@ class Feed:
         if topic in self._questions:
             self._waiting.setdefault(topic, deque()).append(question)
         else:
-            self._put(topic, question)
+            self._send_question(topic, question)
 
     @property
     def asking(self) -> bool:
@@ -158,10 +158,10 @@ class Feed:
         if len(raw) > end + _FLAGS_OFFSET and raw[end + _FLAGS_OFFSET] & IN_PIECES:
             raw = b"".join((raw, *self._subscriber.rest()))
         if self.unmatched and raw[:end] in self.unmatched:
-            self._meet(raw, raw[:end])
+            self._on_first_frame(raw, raw[:end])
         if self.start_ns is None:
             self._guess(raw)
-        self._taker(self.now_ns(monotonic), raw)
+        self._sink(self.now_ns(monotonic), raw)
 
     def _guess(self, raw: bytes) -> None:
         """Take the latest stamp for the time until the graph's start is known."""
@@ -170,7 +170,7 @@ class Feed:
         except SchemaMismatch:
             return
 
-    def _meet(self, raw: bytes, name: bytes) -> None:
+    def _on_first_frame(self, raw: bytes, name: bytes) -> None:
         """Hear a topic for the first time; a latched one has something to say from before."""
         try:
             frame = parse(raw)
@@ -178,7 +178,7 @@ class Feed:
             return
         live = self.unmatched.pop(name)
         if live.described.name in self._new:
-            self._taker.begin(live.described.name, frame.epoch, 1)
+            self._sink.begin(live.described.name, frame.epoch, 1)
             return
         last = frame.sequence - (frame.kind == Kind.DATA)
         if self._from_start or not live.described.latched_depth or not last:
@@ -191,11 +191,11 @@ class Feed:
             return
         kept: list[bytes] = reply["frames"]
         if kept:
-            self._taker.begin(topic, frame.epoch, parse(kept[0]).sequence)
+            self._sink.begin(topic, frame.epoch, parse(kept[0]).sequence)
         for one in kept:
-            self._taker(self.now_ns(monotonic_ns()), one)
+            self._sink(self.now_ns(monotonic_ns()), one)
 
-    def _put(self, topic: str, question: _Question) -> None:
+    def _send_question(self, topic: str, question: _Question) -> None:
         live = self._topics.get(topic)
         if live is None:
             return
@@ -218,7 +218,7 @@ class Feed:
                 del self._questions[topic]
         for topic, waiting in list(self._waiting.items()):
             if topic not in self._questions:
-                self._put(topic, waiting.popleft())
+                self._send_question(topic, waiting.popleft())
                 if not waiting:
                     del self._waiting[topic]
 
@@ -227,7 +227,7 @@ class Feed:
         if reply.get("epoch") != question.epoch or not isinstance(frames, list) or not frames:
             return
         for raw in frames:
-            self._taker.fill(self.now_ns(now_ns), raw)
+            self._sink.fill(self.now_ns(now_ns), raw)
         reached = parse(frames[-1]).sequence
         if question.first <= reached < question.last:  # a reply holds only so many bytes
             rest = question._replace(first=reached + 1)

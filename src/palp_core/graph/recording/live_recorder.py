@@ -15,8 +15,8 @@ from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.recording.live_feed import Feed, renewed
-from palp_core.graph.recording.live_snapshot import SnapshotTaker
+from palp_core.graph.recording.live_feed import LiveFeed, renewed
+from palp_core.graph.recording.live_snapshot import LiveSnapshot
 from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, live_topics
 from palp_core.graph.recording.provenance import attachments
 from palp_core.graph.recording.recorder_messages import RecordOptions
@@ -69,14 +69,14 @@ class LiveRecorder:
         self.unheard: list[str] = []
         topics = [live.described for live in self._known.values()]
         self._attached = self._attachments()
-        taker: BagRecorder | SnapshotTaker
+        sink: BagRecorder | LiveSnapshot
         if options.snapshot_s:
-            taker = SnapshotTaker(round(options.snapshot_s * 1e9), topics)
+            sink = LiveSnapshot(round(options.snapshot_s * 1e9), topics)
         else:
-            taker = self._bag(Path(options.out), from_start=options.from_start)
-        self._taker = taker
-        self._feed = Feed(graph, taker, from_start=options.from_start)
-        taker.missed, taker.moved = self._feed.ask, self._feed.move
+            sink = self._bag(Path(options.out), from_start=options.from_start)
+        self._sink = sink
+        self._feed = LiveFeed(graph, sink, from_start=options.from_start)
+        sink.missed, sink.moved = self._feed.ask, self._feed.move
 
     @property
     def ended(self) -> bool:
@@ -108,7 +108,7 @@ class LiveRecorder:
         begin_ns, said = monotonic_ns(), False
         while self._feed.unmatched:
             self.turn()
-            self.unheard = [name for name in self.unheard if not self._taker.knows(name)]
+            self.unheard = [name for name in self.unheard if not self._sink.knows(name)]
             if wanted() or self.ended:
                 return False
             if not said and monotonic_ns() - begin_ns > SAY_WAITING_NS:
@@ -121,7 +121,7 @@ class LiveRecorder:
         """Take what comes, for a moment."""
         self._feed.take(WAIT_MS)
         now_ns = monotonic_ns()
-        self._taker.tick(now_ns)
+        self._sink.tick(now_ns)
         if self._feed.start_ns is None:
             self._feed.find_start()
         if now_ns >= self._look_ns:
@@ -140,12 +140,12 @@ class LiveRecorder:
 
     def save(self) -> str:
         """Snapshot mode: write what is kept into a bag of its own; return what to say."""
-        if not isinstance(self._taker, SnapshotTaker):
+        if not isinstance(self._sink, LiveSnapshot):
             raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
         count = len(self.saved)
         out = Path(self._options.out + (f"-{count}" if count else ""))
         recorder = self._bag(out, from_start=False)
-        self._taker.save(recorder)
+        self._sink.save(recorder)
         summary = recorder.close()
         self.saved.append(str(out))
         return f"{out}: {summary.text()}"
@@ -158,16 +158,16 @@ class LiveRecorder:
                 more always will.
         """
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
-        quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._taker.taken
+        quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._sink.taken
         while (now_ns := monotonic_ns()) < end_ns or self._feed.asking:
             if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
                 break
             self._feed.take(WAIT_MS)
-            self._taker.tick(now_ns)
+            self._sink.tick(now_ns)
             quiet_turns += 1
-            if self._taker.taken != before:
-                before, quiet_ns, quiet_turns = self._taker.taken, now_ns, 0
-        summary = self._taker.close()
+            if self._sink.taken != before:
+                before, quiet_ns, quiet_turns = self._sink.taken, now_ns, 0
+        summary = self._sink.close()
         self._feed.close()
         return summary
 
@@ -192,11 +192,11 @@ class LiveRecorder:
         return BagRecorder(writer, topics, from_start=from_start, attachments=self._attached)
 
     def _attachments(self) -> dict[str, bytes]:
-        facts = self._graph.ask("graph", "launch")
+        provenance = self._graph.ask("graph", "launch")
         answers = self._graph.ask_all("get_parameters", timeout_s=ASK_S) if self._graph.node_names else None
         params = {name: reply["parameters"] for name, reply in answers.replies.items()} if answers else {}
         return {
-            **attachments(facts, params),
+            **attachments(provenance, params),
             "palp/run.json": json.dumps(msgspec.to_builtins(self._graph.record), indent=1).encode(),
         }
 
@@ -222,7 +222,7 @@ class LiveRecorder:
         """Record topics that have appeared."""
         self._known |= new
         for live in new.values():
-            self._taker.describe(live.described)
+            self._sink.describe(live.described)
         chosen = {name: live for name, live in new.items() if self._chosen(name)}
         if chosen:
             self._feed.follow(chosen, new=True)

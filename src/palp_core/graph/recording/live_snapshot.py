@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary, TopicRecording
-from palp_core.graph.bag.snapshot import Snapshot
+from palp_core.graph.bag.snapshot import FrameHistory
 from palp_core.graph.bag.topic import Topic
 from palp_core.graph.messages.frame import Frame, Kind, parse
 
 
-class SnapshotTaker:
+class LiveSnapshot:
     """Keeps frames for a while, and accounts for all of them.
 
     Args:
@@ -29,7 +29,7 @@ class SnapshotTaker:
         self.taken = 0
         self._topics = {topic.name: topic for topic in topics}
         latched = [topic.name for topic in self._topics.values() if topic.latched_depth]
-        self._snapshot = Snapshot(duration_ns, latched)
+        self._history = FrameHistory(duration_ns, latched)
         self._accounts: dict[str, TopicAccount] = {}
 
     def knows(self, topic: str) -> bool:
@@ -67,7 +67,7 @@ class SnapshotTaker:
         if is_data:
             account.add(parsed.sequence)
             self.taken += 1
-            self._snapshot(now_ns, frame)
+            self._history(now_ns, frame)
         else:
             account.expect(parsed.sequence)
         if parsed.kind == Kind.MOVED:
@@ -75,7 +75,7 @@ class SnapshotTaker:
 
     def save(self, recorder: BagRecorder) -> int:
         """Give a recorder what is kept; return how many messages."""
-        return self._snapshot.save(recorder)
+        return self._history.save(recorder)
 
     def close(self) -> RecordingSummary:
         """Return the account of everything that was heard."""

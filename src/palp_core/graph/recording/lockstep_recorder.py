@@ -9,13 +9,13 @@ from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.recording.provenance import attachments, launch_facts
+from palp_core.graph.recording.provenance import attachments, launch_provenance
 from palp_core.graph.recording.recorder_messages import RecordOptions
 
 TICK_FRAMES = 64
 
 
-class RunRecorder:
+class LockstepRecorder:
     """Observes a lockstep graph and writes its bag.
 
     Args:
@@ -48,7 +48,7 @@ class RunRecorder:
             for name, topic in graph.topics.items()
         ]
         self._recorder = BagRecorder(
-            writer, topics, select=select, attachments=attachments(launch_facts(graph))
+            writer, topics, select=select, attachments=attachments(launch_provenance(graph))
         )
         self._out = options.out
         self._count = 0

@@ -17,7 +17,7 @@ PACKAGES = ("palp", "numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq
 _YAML, _NODES, _WORKSPACE = "graph_yaml", "nodes", "workspace"
 
 
-def launch_facts(graph: CheckedGraph) -> dict[str, Any]:
+def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
     """Return what only the launcher knows, as plain data for whoever records its graph."""
     return {
         _YAML: resolved_yaml(graph),
@@ -26,22 +26,24 @@ def launch_facts(graph: CheckedGraph) -> dict[str, Any]:
     }
 
 
-def attachments(facts: dict[str, Any], params: dict[str, dict[str, Any]] | None = None) -> dict[str, bytes]:
+def attachments(
+    provenance: dict[str, Any], params: dict[str, dict[str, Any]] | None = None
+) -> dict[str, bytes]:
     """Return a bag's attachments by name.
 
     Args:
-        facts: From :func:`launch_facts`.
+        provenance: From :func:`launch_provenance`.
         params: The nodes' parameters now; default: those of the launch file.
     """
     from palp_core.graph.bag.rounds import NODES_ATTACHMENT
 
-    launched = {spec["name"]: spec["params"] for spec in facts[_NODES]}
+    launched = {spec["name"]: spec["params"] for spec in provenance[_NODES]}
     return {
-        "palp/graph.yaml": facts[_YAML].encode(),
-        NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(facts[_NODES])),
+        "palp/graph.yaml": provenance[_YAML].encode(),
+        NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(provenance[_NODES])),
         "palp/parameters.json": json.dumps(launched | (params or {}), indent=1).encode(),
         "palp/versions.json": json.dumps(_versions(), indent=1).encode(),
-        "palp/git.txt": _git_state(Path(facts[_WORKSPACE])),
+        "palp/git.txt": _git_state(Path(provenance[_WORKSPACE])),
     }
 
 

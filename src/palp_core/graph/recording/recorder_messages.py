@@ -36,42 +36,42 @@ class RecordOptions(msgspec.Struct, frozen=True, kw_only=True):
     from_start: bool = False
 
 
-class Record(ChannelMessage, frozen=True):
+class StartRecording(ChannelMessage, frozen=True):
     """Record this graph."""
 
     record: RunRecord
     options: RecordOptions
 
 
-class Recording(ChannelMessage, frozen=True):
+class RecordingStarted(ChannelMessage, frozen=True):
     """Every topic has been heard."""
 
 
-class Said(ChannelMessage, frozen=True):
+class RecorderNote(ChannelMessage, frozen=True):
     """Something that a person should know."""
 
     text: str
 
 
-class Refused(ChannelMessage, frozen=True):
+class RecorderRefused(ChannelMessage, frozen=True):
     """It cannot be recorded."""
 
     text: str
 
 
-class Recorded(ChannelMessage, frozen=True):
+class RecordingFinished(ChannelMessage, frozen=True):
     """The bag is finished; what is missing is in ``text``."""
 
     complete: bool
     text: str
 
 
-FromRecorder = Recording | Said | Refused | Recorded
+FromRecorder = RecordingStarted | RecorderNote | RecorderRefused | RecordingFinished
 
 
-def to_recorder() -> msgspec.msgpack.Decoder[Record]:
+def to_recorder() -> msgspec.msgpack.Decoder[StartRecording]:
     """Return the decoder of what a recorder is told."""
-    return msgspec.msgpack.Decoder(Record)
+    return msgspec.msgpack.Decoder(StartRecording)
 
 
 def from_recorder() -> msgspec.msgpack.Decoder[FromRecorder]:

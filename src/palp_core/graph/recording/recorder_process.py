@@ -1,9 +1,9 @@
 """A graph's recorder: a process of its own, so that nothing it does slows or ends the graph.
 
-When the launcher's line ends, whether the graph has ended or the launcher was killed, it takes what is still
-on its way and finishes the bag.
+When the launcher's channel ends, whether the graph has ended or the launcher was killed, it takes what is
+still on its way and finishes the bag.
 
-Run as ``python -m palp_core.graph.recording.recorder_process <descriptor of the line>``.
+Run as ``python -m palp_core.graph.recording.recorder_process <descriptor of the channel>``.
 """
 
 from __future__ import annotations
@@ -18,49 +18,49 @@ from palp_core.errors import PalpError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.recording.recorder_messages import (
-    Record,
-    Recorded,
-    Recording,
-    Refused,
-    Said,
+    RecorderNote,
+    RecorderRefused,
+    RecordingFinished,
+    RecordingStarted,
+    StartRecording,
     to_recorder,
 )
-from palp_core.graph.recording.recorder_run import RecordRun
+from palp_core.graph.recording.recorder_run import RecorderRun
 
 
-class _Led(RecordRun):
+class LaunchedRecorder(RecorderRun):
     """A recording that a launcher ends."""
 
-    def __init__(self, line: MessageChannel[Record]) -> None:
-        super().__init__(lambda text: self.tell(Said(text)))
-        self._line = line
+    def __init__(self, channel: MessageChannel[StartRecording]) -> None:
+        super().__init__(lambda text: self.tell(RecorderNote(text)))
+        self._channel = channel
 
-    def tell(self, word: ChannelMessage) -> None:
-        """Say something to the launcher, if it is still there."""
+    def tell(self, message: ChannelMessage) -> None:
+        """Send the launcher a message, if it is still there."""
         with contextlib.suppress(ChannelClosed):
-            self._line.send(word)
+            self._channel.send(message)
 
     def wanted(self) -> bool:
-        return super().wanted() or bool(select.select((self._line.socket,), (), (), 0.0)[0])
+        return super().wanted() or bool(select.select((self._channel.socket,), (), (), 0.0)[0])
 
 
 def main(connection: socket.socket) -> int:
-    """Record until the line ends."""
-    line: MessageChannel[Record] = MessageChannel(connection, to_recorder())
-    run = _Led(line)
+    """Record until the channel ends."""
+    channel: MessageChannel[StartRecording] = MessageChannel(connection, to_recorder())
+    run = LaunchedRecorder(channel)
     with run.signals():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the launcher, which ends us
         try:
-            told = line.receive()
+            told = channel.receive()
             complete, text = run.record(
-                RunningGraph(told.record), told.options, lambda: run.tell(Recording())
+                RunningGraph(told.record), told.options, lambda: run.tell(RecordingStarted())
             )
         except ChannelClosed:
             return 1
         except PalpError as error:
-            run.tell(Refused(str(error)))
+            run.tell(RecorderRefused(str(error)))
             return 2
-    run.tell(Recorded(complete, text))
+    run.tell(RecordingFinished(complete, text))
     return 0 if complete else 1
 
 

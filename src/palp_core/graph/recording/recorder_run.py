@@ -23,7 +23,7 @@ FOLDER = "recorders"
 ANSWER_NS = 30_000_000_000
 
 
-class _Kept(msgspec.Struct):
+class SnapshotNote(msgspec.Struct):
     """What a recorder in snapshot mode leaves in the run directory: who it is, what it has written."""
 
     pid: int
@@ -31,7 +31,7 @@ class _Kept(msgspec.Struct):
     saved: list[str]
 
 
-class RecordRun:
+class RecorderRun:
     """A recorder with its signals: SIGINT, SIGTERM and SIGHUP end it, SIGUSR1 writes a snapshot.
 
     Args:
@@ -84,7 +84,7 @@ class RecordRun:
             PalpError: It cannot be recorded, or the disk is full.
         """
         recorder = LiveRecorder(graph, options, self._say)
-        told: _Told | None = None
+        told: _NoteFile | None = None
         try:
             with contextlib.ExitStack() as stack:
                 told = stack.enter_context(_noted(graph, options)) if options.snapshot_s else None
@@ -106,12 +106,12 @@ class RecordRun:
             text += f"\nnever heard: {', '.join(recorder.unheard)}"
         return summary.complete and not recorder.unheard, text
 
-    def _look(self, recorder: LiveRecorder, told: _Told | None) -> bool:
+    def _look(self, recorder: LiveRecorder, told: _NoteFile | None) -> bool:
         if self._save:
             self._write(recorder, told)
         return self.wanted()
 
-    def _write(self, recorder: LiveRecorder, told: _Told | None) -> None:
+    def _write(self, recorder: LiveRecorder, told: _NoteFile | None) -> None:
         self._save = 0
         try:
             text = recorder.save()
@@ -130,7 +130,7 @@ def record_until_asked(
     Raises:
         PalpError: It cannot be recorded.
     """
-    run = RecordRun(say)
+    run = RecorderRun(say)
     with run.signals():
         return run.record(graph, options)
 
@@ -160,10 +160,10 @@ def save_snapshots(graph: RunningGraph, number: signal.Signals = signal.SIGUSR1)
     return lines
 
 
-class _Told:
+class _NoteFile:
     """The note that a recorder keeps in the run directory."""
 
-    def __init__(self, path: Path, kept: _Kept, lock: TextIO) -> None:
+    def __init__(self, path: Path, kept: SnapshotNote, lock: TextIO) -> None:
         self._path, self._kept, self._lock = path, kept, lock
 
     def add(self, text: str) -> None:
@@ -180,22 +180,22 @@ class _Told:
 
 
 @contextlib.contextmanager
-def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_Told]:
+def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_NoteFile]:
     folder = graph.folder / FOLDER
     folder.mkdir(exist_ok=True)
     path = folder / f"{os.getpid()}.json"
     with path.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        told = _Told(path, _Kept(os.getpid(), options.out, []), lock)
+        told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
         told.write()
         yield told
     path.unlink(missing_ok=True)
 
 
-def _read(path: Path) -> _Kept:
+def _read(path: Path) -> SnapshotNote:
     """Read a note; while it is being written, read it again."""
     for _ in range(100):
         with contextlib.suppress(msgspec.MsgspecError, OSError):
-            return msgspec.json.decode(path.read_bytes(), type=_Kept)
+            return msgspec.json.decode(path.read_bytes(), type=SnapshotNote)
         signal.sigtimedwait((), 0.01)
     raise BagError(f"{path} cannot be read")

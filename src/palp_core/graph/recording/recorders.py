@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -17,11 +16,11 @@ from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.recording.recorder_messages import (
     FromRecorder,
-    Record,
-    Recorded,
-    Recording,
+    RecorderNote,
+    RecordingFinished,
+    RecordingStarted,
     RecordOptions,
-    Said,
+    StartRecording,
     from_recorder,
 )
 from palp_core.graph.recording.recorder_node import RecorderParams
@@ -29,27 +28,15 @@ from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.sidecar import Sidecar
 
 if TYPE_CHECKING:
-    from palp_core.graph.recording.lockstep_recorder import RunRecorder
+    from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
+    from palp_core.graph.supervision.supervisor import Supervisor
 
 DEFAULT_NAME = "recorder"
 FINISH_NS = 60_000_000_000
 _LOG = logging.getLogger("palp.supervisor")
 
 
-class Loop(Protocol):
-    """Where descriptors are waited for."""
-
-    def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
-        """Call when a descriptor can be read."""
-
-    def forget(self, descriptor: int) -> None:
-        """Wait for it no longer."""
-
-    def wait_until(self, condition: Callable[[], bool]) -> object:
-        """Handle what happens until something is so."""
-
-
-class Recordings:
+class Recorders:
     """Every recorder of one graph.
 
     On the simulated clock the launcher itself writes the bags, as every message passes through it; on the
@@ -65,8 +52,8 @@ class Recordings:
 
     def __init__(self, graph: CheckedGraph | None = None, out: Path | None = None) -> None:
         self._results: list[tuple[bool, str]] = []
-        self._writers: list[RunRecorder] = []
-        self._processes: list[_Process] = []
+        self._writers: list[LockstepRecorder] = []
+        self._processes: list[RecorderProcess] = []
         self._wanted: list[tuple[str, RecordOptions, bool]] = []
         if out is not None:
             options = RecordOptions(out=str(out.absolute()), from_start=True)
@@ -78,34 +65,36 @@ class Recordings:
             if Path(options.out).exists():
                 raise BagError(f"{options.out} exists already: choose another name")
             if graph is not None and graph.clock == "sim":
-                from palp_core.graph.recording.lockstep_recorder import RunRecorder
+                from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
 
-                self._writers.append(RunRecorder(graph, options))
+                self._writers.append(LockstepRecorder(graph, options))
 
     def observe(self, now_ns: int, frame: bytes) -> None:
         """Simulated clock: take a frame."""
         for writer in self._writers:
             writer(now_ns, frame)
 
-    def begin(self, folder: Path, launcher_node: LauncherNode, loop: Loop | None) -> None:
+    def start(self, folder: Path, launcher_node: LauncherNode, supervisor: Supervisor | None) -> None:
         """Wall clock: start the recorders; return when each hears every topic.
 
         Args:
             folder: The run directory.
             launcher_node: Knows where everything is, and is told when one ends.
-            loop: Waits for what they say; None where all nodes are in this process.
+            supervisor: Waits for what they say; None where all nodes are in this process.
 
         Raises:
             BagError: One cannot record.
         """
-        if self._writers or not self._wanted or loop is None or launcher_node.record is None:
+        if self._writers or not self._wanted or supervisor is None or launcher_node.record is None:
             return
         for name, options, required in self._wanted:
             self._processes.append(
-                _Process(name, launcher_node.record, options, folder, launcher_node, loop, required=required)
+                RecorderProcess(
+                    name, launcher_node.record, options, folder, launcher_node, supervisor, required=required
+                )
             )
         for process in self._processes:
-            loop.wait_until(lambda process=process: process.ready)  # type: ignore[misc]
+            supervisor.wait_until(lambda process=process: process.ready)  # type: ignore[misc]
             if process.refused:
                 raise BagError(f"recorder '{process.name}': {process.refused}")
 
@@ -126,7 +115,7 @@ class Recordings:
         return "\n".join(text for _, text in self._results)
 
 
-class _Process:
+class RecorderProcess:
     """One recorder's process, as the launcher sees it.
 
     Attributes:
@@ -141,54 +130,50 @@ class _Process:
         options: RecordOptions,
         folder: Path,
         launcher_node: LauncherNode,
-        loop: Loop,
+        supervisor: Supervisor,
         *,
         required: bool,
     ) -> None:
         self.name = name
         self.ready = False
         self.refused = ""
-        self._options, self._launcher_node, self._loop, self._required = (
-            options,
-            launcher_node,
-            loop,
-            required,
-        )
+        self._options, self._required = options, required
+        self._launcher_node, self._supervisor = launcher_node, supervisor
         self._result: tuple[bool, str] | None = None
         self._sidecar: Sidecar[FromRecorder] = Sidecar(
             "palp_core.graph.recording.recorder_process", from_recorder(), folder / "log" / f"{name}.log"
         )
         self._began = self._gone = False
-        loop.watch(self._sidecar.descriptor, self._hear)
+        supervisor.watch(self._sidecar.descriptor, self._receive)
         with contextlib.suppress(ChannelClosed):
-            self._sidecar.send(Record(record, options))
+            self._sidecar.send(StartRecording(record, options))
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         """Take what it says.
 
         Raises:
             NodeError: It is gone, and the launch file wants the graph to end with it.
         """
         try:
-            for word in self._sidecar.receive():
-                self._take(word)
+            for message in self._sidecar.receive():
+                self._on_message(message)
         except ChannelClosed:
-            self._lose()
+            self._on_gone()
 
-    def _take(self, word: FromRecorder) -> None:
-        if isinstance(word, Recording):
+    def _on_message(self, message: FromRecorder) -> None:
+        if isinstance(message, RecordingStarted):
             self.ready = self._began = True
-        elif isinstance(word, Said):
-            _LOG.log(logging.INFO if self.ready else logging.WARNING, "%s: %s", self.name, word.text)
-        elif isinstance(word, Recorded):
-            self._result = (word.complete, word.text)
+        elif isinstance(message, RecorderNote):
+            _LOG.log(logging.INFO if self.ready else logging.WARNING, "%s: %s", self.name, message.text)
+        elif isinstance(message, RecordingFinished):
+            self._result = (message.complete, message.text)
         elif self._began:
-            self._fail(word.text)
+            self._fail(message.text)
         else:
-            self.ready, self.refused = True, word.text
+            self.ready, self.refused = True, message.text
 
-    def _lose(self) -> None:
-        self._loop.forget(self._sidecar.descriptor)
+    def _on_gone(self) -> None:
+        self._supervisor.forget(self._sidecar.descriptor)
         self._gone = self.ready = True
         if self._result is None and not self.refused:
             out = self._options.out
@@ -212,13 +197,13 @@ class _Process:
         """Ask for the bag's end and wait for it; return whether nothing is missing, and what to say."""
         self._required = False  # the graph has ended
         if not self._gone:
-            self._loop.forget(self._sidecar.descriptor)
+            self._supervisor.forget(self._sidecar.descriptor)
             end_ns = monotonic_ns() + FINISH_NS
             self._sidecar.close_sending()
             with contextlib.suppress(ChannelClosed):
                 while self._result is None and self._sidecar.wait((end_ns - monotonic_ns()) / 1e9):
-                    for word in self._sidecar.receive():
-                        self._take(word)
+                    for message in self._sidecar.receive():
+                        self._on_message(message)
         self._sidecar.close()
         return self._result or (False, f"{self._options.out}: the recorder did not finish its bag")
 

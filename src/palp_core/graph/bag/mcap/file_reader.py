@@ -21,10 +21,10 @@ from palp_core.graph.bag.mcap.records import (
     RECORD,
     RECORD_BYTES,
     Attachment,
-    Channel,
+    ChannelRecord,
     Metadata,
     Op,
-    Schema,
+    SchemaRecord,
 )
 
 T = TypeVar("T", Attachment, Metadata)
@@ -61,8 +61,8 @@ class FileReader(AbstractContextManager["FileReader"]):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.closed = False
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, SchemaRecord] = {}
+        self.channels: dict[int, ChannelRecord] = {}
         self.statistics: Statistics | None = None
         self.chunks: list[ChunkPlace] = []
         self.problems: list[str] = []
@@ -163,11 +163,11 @@ class FileReader(AbstractContextManager["FileReader"]):
 
     def _define(self, op: int, content: memoryview) -> None:
         if op == Op.SCHEMA:
-            schema = Schema.parse(content)
+            schema = SchemaRecord.parse(content)
             if self.schemas.setdefault(schema.id, schema) != schema:
                 raise ValueError(f"two definitions of schema {schema.id}")
         else:
-            channel = Channel.parse(content)
+            channel = ChannelRecord.parse(content)
             if self.channels.setdefault(channel.id, channel) != channel:
                 raise ValueError(f"two definitions of channel {channel.id}")
 

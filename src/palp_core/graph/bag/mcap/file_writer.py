@@ -25,10 +25,10 @@ from palp_core.graph.bag.mcap.records import (
     RECORD,
     RECORD_BYTES,
     Attachment,
-    Channel,
+    ChannelRecord,
     Metadata,
     Op,
-    Schema,
+    SchemaRecord,
     record,
     text,
 )
@@ -84,11 +84,11 @@ class FileWriter:
             raise BagError(f"{path} exists already: choose another name") from error
         self._put(MAGIC + record(Op.HEADER, text(""), text("palp")))
 
-    def add_schema(self, schema: Schema) -> None:
+    def add_schema(self, schema: SchemaRecord) -> None:
         """Make a schema known; its id is 1 or more."""
         self._schemas[schema.id] = schema.pack()
 
-    def add_channel(self, channel: Channel) -> None:
+    def add_channel(self, channel: ChannelRecord) -> None:
         """Make a channel known; its schema must be."""
         if channel.schema_id not in self._schemas:
             raise BagError(f"{channel.topic}: its schema {channel.schema_id} is not known to {self.path}")

@@ -104,7 +104,7 @@ class Cursor:
         return self.offset < len(self._data)
 
 
-class Schema(msgspec.Struct, frozen=True):
+class SchemaRecord(msgspec.Struct, frozen=True):
     """What the messages of a channel are made of."""
 
     id: int
@@ -123,12 +123,12 @@ class Schema(msgspec.Struct, frozen=True):
         return record(Op.SCHEMA, *parts)
 
     @classmethod
-    def parse(cls, content: bytes | memoryview) -> Schema:
+    def parse(cls, content: bytes | memoryview) -> SchemaRecord:
         cursor = Cursor(content)
         return cls(cursor.u16(), cursor.text(), cursor.text(), bytes(cursor.raw(cursor.u32())))
 
 
-class Channel(msgspec.Struct, frozen=True):
+class ChannelRecord(msgspec.Struct, frozen=True):
     """One stream of messages."""
 
     id: int
@@ -142,7 +142,7 @@ class Channel(msgspec.Struct, frozen=True):
         return record(Op.CHANNEL, ids, text(self.topic), text(self.message_encoding), mapping(self.metadata))
 
     @classmethod
-    def parse(cls, content: bytes | memoryview) -> Channel:
+    def parse(cls, content: bytes | memoryview) -> ChannelRecord:
         cursor = Cursor(content)
         return cls(cursor.u16(), cursor.u16(), cursor.text(), cursor.text(), cursor.mapping())
 

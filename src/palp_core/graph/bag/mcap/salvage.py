@@ -18,10 +18,10 @@ from palp_core.graph.bag.mcap.records import (
     RECORD,
     RECORD_BYTES,
     Attachment,
-    Channel,
+    ChannelRecord,
     Metadata,
     Op,
-    Schema,
+    SchemaRecord,
 )
 
 _CHUNK = re.compile(
@@ -46,8 +46,8 @@ class Salvage(msgspec.Struct, kw_only=True):
     torn: int = -1
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
+    schemas: dict[int, SchemaRecord] = {}
+    channels: dict[int, ChannelRecord] = {}
     attachments: dict[str, Attachment] = {}
     metadata: dict[str, Metadata] = {}
 
@@ -77,10 +77,10 @@ class Salvage(msgspec.Struct, kw_only=True):
             ValueError: It makes no sense.
         """
         if op == Op.SCHEMA:
-            schema = Schema.parse(content)
+            schema = SchemaRecord.parse(content)
             self.schemas.setdefault(schema.id, schema)
         else:
-            channel = Channel.parse(content)
+            channel = ChannelRecord.parse(content)
             self.channels.setdefault(channel.id, channel)
 
 
