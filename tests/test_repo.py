@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import pkgutil
 import re
 from pathlib import Path
 
@@ -166,3 +167,39 @@ def test_ci_runs_exactly_the_readmes_test_command() -> None:
     command = (ROOT / ".ci" / "run").read_text(encoding="utf-8").rstrip().splitlines()[-1]
     assert "pytest" in command
     assert f"```sh\n{command}\n```" in readme
+
+
+TEXTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+TOP = r"src|nodes|msgs|launch|docs|tests|benchmarks|examples|\.ci"
+
+
+def modules_named(text: str) -> set[str]:
+    """Return each name of a module of palp's, or of what is in one, that a text states."""
+    names = {name.replace(":", ".") for name in re.findall(r"\bpalp_core(?:\.\w+)+(?::\w+)?", text)}
+    for module, imported in re.findall(r"^from (palp_core[.\w]*) import (.*)$", text, flags=re.MULTILINE):
+        names |= {f"{module}.{name}" for name in re.findall(r"\w+", imported)}
+    return names
+
+
+def is_module_or_in_one(name: str) -> bool:
+    try:
+        pkgutil.resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
+    return True
+
+
+def paths_named(text: str) -> set[str]:
+    """Return each path of the repository, or end of one, that a text states."""
+    words = re.findall(r"(?<![\w./~$-])[\w.-]+(?:/[\w.-]+)+/?", re.sub(r"\w+://\S+", "", text))
+    source = re.compile(rf"(?:{TOP})/.*|[^.].*\.(?:py|mjs|md)")
+    return {word.rstrip("./") for word in words if source.fullmatch(word)}
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+def test_what_a_text_names_is_there(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    files = {f"/{name_of(file)}" for file in ROOT.rglob("*") if ".venv" not in file.parts}
+    unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)}
+    unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
+    assert unknown == set()
