@@ -61,20 +61,20 @@ TOPIC = Topic(name=NAME, type="TorqueBlock", type_hash=f"{7:016x}", json_schema=
 PUBLISHER = """
 import sys, time
 from palp_core.graph.messages.frame import pack
-from palp_core.graph.transport.publisher_socket import Broadcast
-broadcast = Broadcast(sys.argv[1], sys.argv[1] + "-serve")
+from palp_core.graph.transport.node_sockets import NodeSockets
+sockets = NodeSockets(sys.argv[1], sys.argv[1] + "-serve")
 rate_hz, count, payload = int(sys.argv[2]), int(sys.argv[3]), bytes(int(sys.argv[4]))
-while not broadcast.heard:
-    broadcast.poll()
+while not sockets.publisher.has_subscribers:
+    sockets.poll()
 begin_ns, sent = time.monotonic_ns(), 0
 while sent < count:
     due = min(count, (time.monotonic_ns() - begin_ns) * rate_hz // 10**9)
     for sequence in range(sent + 1, due + 1):
-        broadcast.send(pack(b"/flood/flood", 0, 0, sequence, sequence, 0, payload))
+        sockets.publisher.send(pack(b"/flood/flood", 0, 0, sequence, sequence, 0, payload))
     sent = max(sent, due)
     time.sleep(0.0005)
-broadcast.send(pack(b"/flood/flood", 1, 0, count, count, 0))
-broadcast.close()
+sockets.publisher.send(pack(b"/flood/flood", 1, 0, count, count, 0))
+sockets.close()
 """
 
 

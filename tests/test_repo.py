@@ -41,7 +41,6 @@ STILL_LEFT: set[str] = {
     "circle: palp_core.palpation.mechanics.equilibrium, palp_core.palpation.mechanics.scene",
     "nodes: files",
     "src/palp_core/graph/discovery/running_graph.py: RunningGraph",
-    "src/palp_core/graph/transport/publisher_socket.py: PublisherSocket",
     "src/palp_core/palpation/mechanics/contact: files",
     "tests/graph/node/test_executor.py: lines",
     "tests/nodes: files",

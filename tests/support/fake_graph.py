@@ -20,7 +20,7 @@ from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 
 PATIENCE_NS = 60_000_000_000
 
@@ -42,10 +42,12 @@ class FakeNode:
     ) -> None:
         self._graph = graph
         self.at = endpoints(str(graph.directory.path), place)
-        self.broadcast = PublisherSocket(*self.at)
-        self.out = PublisherEnd(f"/source/{port}", Sample, Qos(depth=depth), epoch, self, self.broadcast.send)
-        self.broadcast.offer([self.out], direct=True)
-        self.broadcast.answer(
+        self.sockets = NodeSockets(*self.at)
+        self.out = PublisherEnd(
+            f"/source/{port}", Sample, Qos(depth=depth), epoch, self, self.sockets.publisher.send
+        )
+        self.sockets.publisher.offer([self.out], direct=True)
+        self.sockets.requests.add(
             "source",
             {
                 "info": lambda _: {"outputs": {}},
@@ -58,7 +60,7 @@ class FakeNode:
         return self._graph.now_ns()
 
     def resend(self, frame: bytes) -> None:
-        self.broadcast.send(frame)
+        self.sockets.publisher.send(frame)
 
     def say(self, count: int) -> None:
         for _ in range(count):
@@ -73,7 +75,7 @@ class FakeNode:
     def moved(self, phase: str, to: FakeNode) -> None:
         payload = msgpack.packb({"phase": phase, "publish": to.at[0], "serve": to.at[1]})
         out = self.out
-        self.broadcast.send(
+        self.sockets.publisher.send(
             pack(out.topic.encode(), Kind.MOVED, out.epoch, out.sequence, self.now_ns(), 0, payload)
         )
 
@@ -121,7 +123,7 @@ class FakeGraph:
             assert monotonic_ns() < end_ns
             self.bus.poll()
             for node in self.nodes:
-                node.broadcast.poll()
+                node.sockets.poll()
             select.select((), (), (), 0.002)
 
     def until_said(self, process: subprocess.Popen[str], start: str) -> None:
@@ -143,5 +145,5 @@ class FakeGraph:
     def close(self) -> None:
         self.bus.close()
         for node in self.nodes:
-            node.broadcast.close()
+            node.sockets.close()
         self.directory.remove()

@@ -71,7 +71,7 @@ class Target:
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
         self.intake.begin(0)
-        self.desk = RequestServer()
+        self.desk = RequestServer(self.context, "inproc://desk")
         self.desk.add("r", NodeServices(self.executor).operations(), ())
 
     def feed(self, raw: bytes) -> None:
@@ -152,7 +152,7 @@ def survives(target: Target, raw: bytes) -> None:
 
 
 def answers(target: Target, raw: bytes) -> None:
-    reply = target.desk.take([b"stranger"], raw)
+    reply = target.desk.reply_to([b"stranger"], raw)
     assert reply is not None
     assert isinstance(msgpack.unpackb(reply, strict_map_key=False), dict)
 

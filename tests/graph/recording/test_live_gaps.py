@@ -65,7 +65,7 @@ def test_what_was_missed_is_asked_for(palp: Palp, graph: FakeGraph, tmp_path: Pa
     source.lose(5)
     source.say(10)
     source.lose(3)
-    source.broadcast.beat()  # nothing but the heartbeat tells of a lost tail
+    source.sockets.publisher.send_heartbeats()  # nothing but the heartbeat tells of a lost tail
     heard(graph, source)
     code, said = end(graph, recorder)
     assert code == 0, said
@@ -102,7 +102,7 @@ def test_a_publisher_that_is_replaced_is_followed_without_a_gap(
     old.say(10)
     new = graph.node("source-2", depth=1)
     old.moved("prepare", new)
-    graph.until(lambda: new.broadcast.heard)
+    graph.until(lambda: new.sockets.publisher.has_subscribers)
     old.say(5)
     new.out.resume(old.out.epoch, old.out.sequence, [])
     new.say(20)
@@ -121,7 +121,7 @@ def test_a_restarted_publisher_counts_from_one_again(palp: Palp, graph: FakeGrap
     second = graph.node("source-2", depth=50, epoch=1)
     second.say(4)  # before anybody can hear it
     graph.announce(second)
-    graph.until(lambda: second.broadcast.heard)
+    graph.until(lambda: second.sockets.publisher.has_subscribers)
     second.say(3)
     heard(graph, second)
     code, said = end(graph, recorder)
@@ -137,7 +137,7 @@ def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph
     other = graph.node("other", depth=10, port="other")
     graph.announce(source, other)
     graph.until_said(recorder, "also recording /source/other")
-    graph.until(lambda: other.broadcast.heard)
+    graph.until(lambda: other.sockets.publisher.has_subscribers)
     other.say(7)
     heard(graph, other)
     code, said = end(graph, recorder)

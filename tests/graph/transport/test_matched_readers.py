@@ -89,12 +89,14 @@ def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path)
     passing = SubscriberSocket(place)
     for reader in (*named, passing):
         publisher.match(reader)
-    publisher.receive(passing, lambda _: len(publisher.broadcast.present) == 2)  # names follow the topics
-    assert sorted(publisher.broadcast.present) == ["policy", "sink"]
-    assert publisher.broadcast.readers == {"/a/x": 4}
+    publisher.receive(
+        passing, lambda _: len(publisher.sockets.publisher.named_readers) == 2
+    )  # names follow the topics
+    assert sorted(publisher.sockets.publisher.named_readers) == ["policy", "sink"]
+    assert publisher.sockets.publisher.readers == {"/a/x": 4}
     named.pop().close()
-    publisher.receive(passing, lambda _: "policy" not in publisher.broadcast.present)
-    assert sorted(publisher.broadcast.present) == ["sink"]
+    publisher.receive(passing, lambda _: "policy" not in publisher.sockets.publisher.named_readers)
+    assert sorted(publisher.sockets.publisher.named_readers) == ["sink"]
     for reader in (*named, passing):
         reader.close()
-    publisher.broadcast.close()
+    publisher.sockets.close()

@@ -17,7 +17,7 @@ from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from palp_core.units import RatioArray
@@ -32,8 +32,8 @@ class Block(Message):
 class Owner:
     publishing = True
 
-    def __init__(self, broadcast: PublisherSocket) -> None:
-        self.send_pieces = broadcast.send_pieces
+    def __init__(self, sockets: NodeSockets) -> None:
+        self.send_pieces = sockets.publisher.send_pieces
 
     def now_ns(self) -> int:
         return 7
@@ -47,12 +47,12 @@ class Publisher:
 
     def __init__(self, folder: Path) -> None:
         self.endpoint, self.serve = f"ipc://{folder}/p", f"ipc://{folder}/s"
-        self.broadcast = PublisherSocket(self.endpoint, self.serve)
+        self.sockets = NodeSockets(self.endpoint, self.serve)
         self.subscribers: list[SubscriberSocket] = []
 
     def outlet(self, topic: str, epoch: int = 0) -> PublisherEnd[Block]:
-        outlet = PublisherEnd(topic, Block, Qos(), epoch, Owner(self.broadcast), self.broadcast.send)
-        self.broadcast.offer([outlet])
+        outlet = PublisherEnd(topic, Block, Qos(), epoch, Owner(self.sockets), self.sockets.publisher.send)
+        self.sockets.publisher.offer([outlet])
         return outlet
 
     def reader(self, *topics: str) -> SubscriberSocket:
@@ -61,17 +61,17 @@ class Publisher:
         return subscriber
 
     def receive(self, subscriber: SubscriberSocket, enough: Callable[[list[bytes]], bool]) -> list[bytes]:
-        """Serve the broadcast and wait on socket events until the reader has enough."""
+        """Serve the sockets and wait on socket events until the reader has enough."""
         frames: list[bytes] = []
         poller = zmq.Poller()
-        for descriptor in (*self.broadcast.file_descriptors, subscriber.file_descriptor):
+        for descriptor in (*self.sockets.file_descriptors, subscriber.file_descriptor):
             poller.register(descriptor, zmq.POLLIN)
         while not enough(frames):
-            self.broadcast.poll()
+            self.sockets.poll()
             frames += subscriber.receive()
             if enough(frames):
                 break
-            if not (self.broadcast.pending() or subscriber.pending()):
+            if not (self.sockets.pending() or subscriber.pending()):
                 assert poller.poll(round(PATIENCE_S * 1e3)), f"nothing more came after {frames}"
         return frames
 
@@ -79,14 +79,14 @@ class Publisher:
         return self.receive(subscriber, lambda frames: len(frames) >= topics)
 
     def serve_until(self, descriptor: Any) -> None:
-        """Serve the broadcast until another socket has something to read."""
+        """Serve the sockets until another socket has something to read."""
         poller = zmq.Poller()
         poller.register(descriptor, zmq.POLLIN)
-        for own in self.broadcast.file_descriptors:
+        for own in self.sockets.file_descriptors:
             poller.register(own, zmq.POLLIN)
         while True:
-            self.broadcast.poll()
-            if self.broadcast.pending():
+            self.sockets.poll()
+            if self.sockets.pending():
                 continue
             ready = dict(poller.poll(round(PATIENCE_S * 1e3)))
             assert ready, "nobody answered"
@@ -100,7 +100,7 @@ def publisher(tmp_path: Path) -> Iterator[Publisher]:
     yield made
     for subscriber in made.subscribers:
         subscriber.close()
-    made.broadcast.close()
+    made.sockets.close()
 
 
 def block(size: int = 1, value: float = 1.0) -> Block:
@@ -181,11 +181,11 @@ def test_large_messages_travel_in_pieces_that_are_the_message_when_joined(publis
 
 def test_a_topic_that_nobody_reads_costs_no_send_but_keeps_counting(publisher: Publisher) -> None:
     outlet = publisher.outlet("/a/b")
-    assert not publisher.broadcast.heard
+    assert not publisher.sockets.publisher.has_subscribers
     outlet.publish(block())
     reader = publisher.reader("/a/b")
     publisher.match(reader)
-    assert publisher.broadcast.heard
+    assert publisher.sockets.publisher.has_subscribers
     outlet.publish(block())
     (frame,) = publisher.receive(reader, bool)
     assert parse(frame).sequence == 2
@@ -196,7 +196,7 @@ def test_a_beat_states_the_last_sequence_of_what_is_read(publisher: Publisher) -
     reader = publisher.reader("/a/b")
     publisher.match(reader)
     outlet.publish(block())
-    publisher.broadcast.beat()
+    publisher.sockets.publisher.send_heartbeats()
     data, beat = publisher.receive(reader, lambda frames: len(frames) >= 2)
     assert (parse(data).kind, parse(beat).kind, parse(beat).sequence) == (Kind.DATA, Kind.HEARTBEAT, 1)
 
@@ -229,7 +229,7 @@ def test_a_stranger_upstream_cannot_silence_a_topic(publisher: Publisher, events
 
 
 def _answers(publisher: Publisher, question: Callable[[], Any]) -> Any:
-    """Serve the broadcast here while a thread asks."""
+    """Serve the sockets here while a thread asks."""
     with zmq.Context() as context, context.socket(zmq.PAIR) as end:
         end.bind("inproc://done")
         answers = []
@@ -249,7 +249,7 @@ def _answers(publisher: Publisher, question: Callable[[], Any]) -> Any:
 
 
 def test_a_request_is_answered_by_its_operation(publisher: Publisher) -> None:
-    publisher.broadcast.answer("n", {"double": lambda request: {"value": 2 * request["value"]}})
+    publisher.sockets.requests.add("n", {"double": lambda request: {"value": 2 * request["value"]}})
     answer = _answers(publisher, lambda: ask(publisher.serve, {"op": "double", "value": 21}, PATIENCE_S))
     assert answer == {"value": 42}
 
@@ -276,7 +276,7 @@ def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
         raise RuntimeError("\udcff")
 
     operations = {"fails": fails, "huge": lambda _: {"lost": 2**70}, "strange": lambda _: {"it": object()}}
-    publisher.broadcast.answer("n", operations)
+    publisher.sockets.requests.add("n", operations)
     with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
         stranger.connect(publisher.serve)
         stranger.send(request_bytes)
@@ -285,7 +285,7 @@ def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
 
 
 def test_a_plain_request_socket_gets_its_answer_too(publisher: Publisher) -> None:
-    publisher.broadcast.answer("n", {"ping": lambda _: {"pong": True}})
+    publisher.sockets.requests.add("n", {"ping": lambda _: {"pong": True}})
     with zmq.Context() as context, context.socket(zmq.REQ) as stranger:
         stranger.connect(publisher.serve)
         stranger.send(msgpack.packb({"op": "ping"}))

@@ -18,7 +18,7 @@ from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.shadow import Comparison
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
@@ -32,22 +32,20 @@ class Composition:
     Args:
         specs: The nodes in graph order.
         workspace: Folder that holds ``nodes/``.
-        broadcast: Where tools listen; None if nobody can.
+        sockets: Where tools listen; None if nobody can.
 
     Raises:
         GraphError: A class or its parameters do not fit.
         NodeError: A node could not be configured.
     """
 
-    def __init__(
-        self, specs: Sequence[NodeSpec], workspace: str, broadcast: PublisherSocket | None = None
-    ) -> None:
+    def __init__(self, specs: Sequence[NodeSpec], workspace: str, sockets: NodeSockets | None = None) -> None:
         self.names = [spec.name for spec in specs]
         self._clock = SimClock()
         self._workspace = workspace
         self._frames: list[bytes] = []
         self.shadow: tuple[int, Executor, list[bytes], Comparison] | None = None
-        self._broadcast = broadcast
+        self._sockets = sockets
         self._round_count = 0
         self._executors = [
             Executor(load_class(spec.run, workspace), spec, self._clock, self._send) for spec in specs
@@ -57,14 +55,14 @@ class Composition:
             self._offer(executor)
 
     def _offer(self, executor: Executor) -> None:
-        if self._broadcast is not None:
-            self._broadcast.offer(executor.ends.publishers.values())
-            self._broadcast.answer(executor.name, NodeServices(executor).operations(), CHANGING)
+        if self._sockets is not None:
+            self._sockets.publisher.offer(executor.ends.publishers.values())
+            self._sockets.requests.add(executor.name, NodeServices(executor).operations(), CHANGING)
 
     def _send(self, frame: bytes) -> None:
         self._frames.append(frame)
-        if self._broadcast is not None and self._broadcast.heard:
-            self._broadcast.send(frame)
+        if self._sockets is not None and self._sockets.publisher.has_subscribers:
+            self._sockets.publisher.send(frame)
 
     def _done(self, executor: Executor) -> Done:
         frames, self._frames = self._frames, []
@@ -79,13 +77,13 @@ class Composition:
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let several nodes do their part of a round, one after the other."""
         self._round_count += 1
-        if self._broadcast is not None and self._round_count % POLL_ROUNDS == 0:
-            self._broadcast.poll()
+        if self._sockets is not None and self._round_count % POLL_ROUNDS == 0:
+            self._sockets.poll()
         replies = {}
         for index, message in rounds.items():
             self._clock.set(message.now_ns)
-            if self._broadcast is not None and self._broadcast.waiting:
-                self._broadcast.perform(self.names[index])
+            if self._sockets is not None and self._sockets.requests.waiting:
+                self._sockets.requests.perform(self.names[index])
             follow_round(self._executors[index], self._clock, message)
             replies[index] = self._done(self._executors[index])
             if self.shadow is not None and self.shadow[0] == index:
@@ -94,7 +92,7 @@ class Composition:
 
     def pending_commands(self) -> set[int]:
         """Return the nodes for which a command from outside waits."""
-        waiting = self._broadcast.waiting if self._broadcast is not None else ()
+        waiting = self._sockets.requests.waiting if self._sockets is not None else ()
         return {self.names.index(name) for name in waiting}
 
     def shutdown(self, index: int, now_ns: int) -> Done:
@@ -153,10 +151,10 @@ def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composi
     handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
     logger = logging.getLogger("palp")
     logger.addHandler(handler)
-    broadcast = PublisherSocket(*endpoints(str(directory.path), "composition"))
+    sockets = NodeSockets(*endpoints(str(directory.path), "composition"))
     try:
-        yield Composition(checked.nodes, checked.workspace, broadcast)
+        yield Composition(checked.nodes, checked.workspace, sockets)
     finally:
-        broadcast.close()
+        sockets.close()
         logger.removeHandler(handler)
         handler.close()

@@ -25,7 +25,7 @@ from palp_core.graph.process.control_messages import (
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
 from palp_core.graph.process.swap_participant import SwapParticipant
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 
 
 class LockstepLoop:
@@ -33,16 +33,16 @@ class LockstepLoop:
 
     def __init__(self, process: NodeProcess, channel: MessageChannel[ToNode]) -> None:
         self.channel = channel
-        self.broadcast = PublisherSocket(*endpoints(process.run_dir, process.place))
+        self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
         self.clock = SimClock()
         self.frames: list[bytes] = []
         node_class = load_class(process.spec.run, process.workspace, fresh=process.fresh)
         self.executor = Executor(node_class, process.spec, self.clock, self._send)
-        self.broadcast.offer(self.executor.ends.publishers.values())
-        self.broadcast.answer(process.spec.name, NodeServices(self.executor).operations(), CHANGING)
+        self.sockets.publisher.offer(self.executor.ends.publishers.values())
+        self.sockets.requests.add(process.spec.name, NodeServices(self.executor).operations(), CHANGING)
         self.participant = SwapParticipant(
             self.executor,
-            self.broadcast,
+            self.sockets,
             self._answer,
             channel.socket.fileno(),
             succeed=self._succeed,
@@ -51,27 +51,27 @@ class LockstepLoop:
         self.executor.transition(Transition.CONFIGURE)
         self._knocked = False
         self._poll = select.poll()
-        for descriptor in (channel.socket.fileno(), *self.broadcast.file_descriptors):
+        for descriptor in (channel.socket.fileno(), *self.sockets.file_descriptors):
             self._poll.register(descriptor, select.POLLIN)
 
     def _send(self, frame: bytes) -> None:
         self.frames.append(frame)
-        if self.broadcast.heard and not self.participant.shadowing:
-            self.broadcast.send(frame)
+        if self.sockets.publisher.has_subscribers and not self.participant.shadowing:
+            self.sockets.publisher.send(frame)
 
     def _await_conductor(self) -> None:
         """Answer tools while the conductor has no work for this node; knock if one asks for a change."""
-        if self.broadcast.pending():
-            self.broadcast.poll()
+        if self.sockets.pending():
+            self.sockets.poll()
         line = self.channel.socket.fileno()
         ready: set[int] = set()
         while line not in ready and not self.channel.buffered():
-            if self.broadcast.waiting and not self._knocked:
+            if self.sockets.requests.waiting and not self._knocked:
                 self._knocked = True
                 self.channel.send(Knock())
             ready = {descriptor for descriptor, _ in self._poll.poll()}
             if ready - {line}:
-                self.broadcast.poll()
+                self.sockets.poll()
 
     def run(self) -> None:
         """Follow the conductor until it shuts the node down."""
@@ -84,7 +84,7 @@ class LockstepLoop:
             if isinstance(message, Round):
                 self.clock.set(message.now_ns)
                 self._knocked = False
-                self.broadcast.perform()
+                self.sockets.requests.perform()
                 follow_round(self.executor, self.clock, message)
             elif isinstance(message, Activate):
                 self.executor.transition(Transition.ACTIVATE)
@@ -129,7 +129,7 @@ class LockstepLoop:
 
     def close(self) -> None:
         """Let go of the sockets."""
-        self.broadcast.close()
+        self.sockets.close()
 
 
 def follow_round(executor: Executor, clock: SimClock, message: Round) -> None:

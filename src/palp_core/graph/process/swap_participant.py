@@ -42,8 +42,8 @@ from palp_core.graph.process.swap_messages import (
     Working,
 )
 from palp_core.graph.transport.migration import Move
+from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import ReceivedOffsets
-from palp_core.graph.transport.publisher_socket import PublisherSocket
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 READERS_NS = 300_000_000
@@ -56,7 +56,7 @@ class SwapParticipant:
 
     Args:
         executor: The node.
-        broadcast: Where it publishes.
+        sockets: Where it publishes.
         say: Answers the supervisor.
         heard: Returns up to where the inputs have been received.
         succeed: Merges what this process has received with what was handed over; returns how many messages
@@ -70,7 +70,7 @@ class SwapParticipant:
     def __init__(
         self,
         executor: Executor,
-        broadcast: PublisherSocket,
+        sockets: NodeSockets,
         say: Callable[[ChannelMessage], None],
         line: int,
         *,
@@ -80,7 +80,7 @@ class SwapParticipant:
         depart: Callable[[], None] = lambda: None,
         successor: bool = False,
     ) -> None:
-        self._executor, self._broadcast, self._say, self._line = executor, broadcast, say, line
+        self._executor, self._sockets, self._say, self._line = executor, sockets, say, line
         self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
         self._place: Place | None = None
         self._hand_in: HandIn | None = None
@@ -90,8 +90,8 @@ class SwapParticipant:
         self.silent = successor
         self.left = False
         if successor:
-            broadcast.hold()
-            broadcast.greeting = lambda _: []
+            sockets.publisher.hold()
+            sockets.publisher.greeting = lambda _: []
 
     @property
     def waiting(self) -> bool:
@@ -103,20 +103,20 @@ class SwapParticipant:
         match line:
             case Place():
                 self._place = line
-                self._broadcast.greeting = lambda publisher: [
+                self._sockets.publisher.greeting = lambda publisher: [
                     publisher.heartbeat(),
                     self._moved(publisher, "prepare"),
                 ]
-                self._broadcast.tell(self._moved_all("prepare"))
-                self._say(Announced(self._broadcast.readers))
+                self._sockets.publisher.send_past_hold(self._moved_all("prepare"))
+                self._say(Announced(self._sockets.publisher.readers))
             case HandIn():
                 self._hand_in = line
             case Resume():
                 self._hand_in = None
                 self._executor.succession.resume()
             case Stay():
-                self._broadcast.tell(self._moved_all("stay"))
-                self._broadcast.greeting = lambda publisher: [publisher.heartbeat()]
+                self._sockets.publisher.send_past_hold(self._moved_all("stay"))
+                self._sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
                 self._place = None
             case Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
@@ -142,11 +142,11 @@ class SwapParticipant:
                 self._executor.succession.pause()
             at_ns = monotonic_ns()
             hand_over = self._executor.succession.hand_over() if pause else self._executor.succession.copy()
-            self._say(HandedIn(encode_any(hand_over), at_ns, self._broadcast.remembered))
+            self._say(HandedIn(encode_any(hand_over), at_ns, self._sockets.requests.remembered))
         if self._meet is not None:
-            self._broadcast.poll()
+            self._sockets.poll()
             meet, until_ns = self._meet
-            missing = _missing(meet.readers, self._broadcast.readers)
+            missing = _missing(meet.readers, self._sockets.publisher.readers)
             if not missing or monotonic_ns() >= until_ns:
                 self._meet = None
                 self._say(Met(missing))
@@ -164,17 +164,17 @@ class SwapParticipant:
     def _moved_all(self, phase: str) -> list[bytes]:
         if self._place is None:
             return []
-        readers = self._broadcast.readers
+        readers = self._sockets.publisher.readers
         return [
             self._moved(out, phase) for name, out in self._executor.ends.publishers.items() if name in readers
         ]
 
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
-        self._broadcast.greeting = lambda publisher: [self._moved(publisher, "gone")]
-        self._broadcast.tell(self._moved_all("gone"))
+        self._sockets.publisher.greeting = lambda publisher: [self._moved(publisher, "gone")]
+        self._sockets.publisher.send_past_hold(self._moved_all("gone"))
         self._depart()
-        self._broadcast.see_off(patience_ns, self._line)
+        self._sockets.wait_until_unread(patience_ns, self._line)
         self._executor.succession.leave()
         self.left = True
 
@@ -193,7 +193,7 @@ class SwapParticipant:
             self._begin(line.start_ns)
             hand_over = decode_any(HandOver, line.hand_over)
             self._executor.succession.take_over(hand_over, line.params)
-            self._broadcast.remember(line.remembered)
+            self._sockets.requests.remember(line.remembered)
             return TookOver("", self._succeed(hand_over))
         except PalpError as error:
             return TookOver(in_words(error))
@@ -209,10 +209,10 @@ class SwapParticipant:
         publishers = self._executor.ends.publishers.items()
         arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
         self._comparison = Comparison(published, arrays)
-        self._broadcast.hold(self._comparison.new)
+        self._sockets.publisher.hold(self._comparison.new)
         if line.publish:
             places = dict.fromkeys(published, line.publish)
-            self._eavesdropper = SubscriberSocket(places, self._broadcast.context, queue=100_000)
+            self._eavesdropper = SubscriberSocket(places, self._sockets.context, queue=100_000)
             for out in self._executor.ends.publishers.values():
                 out.listened = True
         return self._take_over(TakeOver(line.hand_over, line.params, line.start_ns, {}))
@@ -227,21 +227,21 @@ class SwapParticipant:
             self._eavesdropper.close()
             self._eavesdropper = None
             report = msgspec.json.encode(self._comparison.report())
-            self._broadcast.offer(self._executor.ends.publishers.values(), direct=True)
+            self._sockets.publisher.offer(self._executor.ends.publishers.values(), direct=True)
         self._comparison = None
-        self._broadcast.hold()
+        self._sockets.publisher.hold()
         return Shadowed(report, self._heard())
 
     def _go(self, line: Go) -> None:
         self.silent = False
-        broadcast = self._broadcast
-        broadcast.greeting = lambda publisher: [publisher.heartbeat()]
-        here = encode_any(Move("here", *broadcast.endpoints))
-        readers = broadcast.readers
-        broadcast.tell(
+        sockets = self._sockets
+        sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
+        here = encode_any(Move("here", *sockets.endpoints))
+        readers = sockets.publisher.readers
+        sockets.publisher.send_past_hold(
             out.moved(here) for name, out in self._executor.ends.publishers.items() if name in readers
         )
-        broadcast.release()
+        sockets.publisher.release()
         gap_s = (monotonic_ns() - line.paused_ns) / 1e9 if line.paused_ns else 0.0
         record = {**line.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
         self._executor.swaps.append(record)

@@ -29,7 +29,7 @@ from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import Listening
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
@@ -42,12 +42,12 @@ class WallLoop:
 
     def __init__(self, process: NodeProcess, channel: MessageChannel[ToNode]) -> None:
         self.channel = channel
-        self.broadcast = PublisherSocket(*endpoints(process.run_dir, process.place))
+        self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(process.spec.run, process.workspace, fresh=process.fresh)
-        self.executor = Executor(node_class, process.spec, self, self.broadcast.send)
-        self.executor.resend = self.broadcast.send
-        self.executor.send_pieces = self.broadcast.send_pieces
+        self.executor = Executor(node_class, process.spec, self, self.sockets.publisher.send)
+        self.executor.resend = self.sockets.publisher.send
+        self.executor.send_pieces = self.sockets.publisher.send_pieces
         self.executor.events.report = self._report
         publishers = {
             name: endpoints(process.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
@@ -55,18 +55,18 @@ class WallLoop:
         keeps = process.spec.restart == "on_failure"
         kept = Path(process.run_dir, process.place) if keeps else None
         self._matched_readers = MatchedReaders(
-            lambda: self.broadcast.present, kept and kept.with_name(f"{process.place}.readers")
+            lambda: self.sockets.publisher.named_readers, kept and kept.with_name(f"{process.place}.readers")
         )
         self.receiver = TopicReceiver(
             self.executor,
             publishers,
-            self.broadcast.context,
+            self.sockets.context,
             kept and kept.with_name(f"{process.place}.ledger"),
             lambda name, publish: channel.send(Listening(name, publish)),
         )
         self.participant = SwapParticipant(
             self.executor,
-            self.broadcast,
+            self.sockets,
             channel.send,
             channel.socket.fileno(),
             heard=lambda: self.receiver.heard,
@@ -78,17 +78,17 @@ class WallLoop:
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
             shown = publisher.message in (Progress, Swap)
-            self.broadcast.offer([publisher], direct=not shown)
+            self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
                 publisher.divert(self._send_progress)
-        self.broadcast.answer(
+        self.sockets.requests.add(
             process.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
             CHANGING,
         )
-        self._others = (channel.socket.fileno(), *self.broadcast.file_descriptors)
+        self._others = (channel.socket.fileno(), *self.sockets.file_descriptors)
         self._reads = bool(self.executor.ends.subscriptions)
-        self._wakeup = Wakeup(self.broadcast.context, self._others)
+        self._wakeup = Wakeup(self.sockets.context, self._others)
         self.receiver.hear(ENDPOINT)
         self._health = HealthProbe(process.spec.name)
         self._next_beat_ns = monotonic_ns()
@@ -99,7 +99,7 @@ class WallLoop:
 
     def _send_progress(self, frame: bytes) -> None:
         """Show a message to the launch view too."""
-        self.broadcast.send(frame)
+        self.sockets.publisher.send(frame)
         if self._heard():
             self.channel.send(Relay(frame, None))
 
@@ -128,10 +128,10 @@ class WallLoop:
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
-            if self.broadcast.pending():
-                self.broadcast.poll()
+            if self.sockets.pending():
+                self.sockets.poll()
                 if not self.executor.succession.paused:
-                    self.broadcast.perform()
+                    self.sockets.requests.perform()
             if self.executor.exit_code is not None and not finished:
                 finished = True
                 self.channel.send(Relay(b"", self.executor.exit_code))
@@ -141,7 +141,7 @@ class WallLoop:
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns:
             if not self.participant.silent:
-                self.broadcast.beat()
+                self.sockets.publisher.send_heartbeats()
             self._matched_readers.note()
             self.receiver.keep_house(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
@@ -153,7 +153,7 @@ class WallLoop:
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if timeout_s < 0.0 or self.receiver.more or self.broadcast.pending() or self._backlog():
+        if timeout_s < 0.0 or self.receiver.more or self.sockets.pending() or self._backlog():
             timeout_s = 0.0
         wait_ms = int(timeout_s * 1e3)
         if wait_ms and self._reads and not self.receiver.asking:
@@ -166,7 +166,7 @@ class WallLoop:
                 rung = self.receiver.take(SLICE_NS) or rung
         if not rung:
             return self.channel.buffered()
-        self.broadcast.notice()
+        self.sockets.note_signal()
         self._wakeup.answer()
         return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
 
@@ -204,7 +204,7 @@ class WallLoop:
             self.executor.transition(Transition.ACTIVATE)
         elif isinstance(message, Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
-            self.broadcast.beat()  # its last words: whoever has missed a message knows it
+            self.sockets.publisher.send_heartbeats()  # its last words: whoever has missed a message knows it
             self.channel.send(Done([], -1, self.executor.exit_code))
             self.close()
             return True
@@ -225,4 +225,4 @@ class WallLoop:
         self._health.close()
         self._wakeup.close()
         self.receiver.close()
-        self.broadcast.close()
+        self.sockets.close()

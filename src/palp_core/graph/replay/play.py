@@ -24,7 +24,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.replay.player import Replayed, replayed_class
 from palp_core.graph.supervision.launcher_node import NAME, LauncherNode
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 
 GRAPH = "play"
 PROCESS = "player"
@@ -73,8 +73,8 @@ class PlayRun:
             self._directory = RunDirectory(GRAPH)
             stack.callback(self._directory.remove)
             where = str(self._directory.path)
-            self._broadcast = PublisherSocket(*endpoints(where, PROCESS))
-            stack.callback(self._broadcast.close)
+            self._sockets = NodeSockets(*endpoints(where, PROCESS))
+            stack.callback(self._sockets.close)
             self._bus = LauncherNode(where, self._clock.now_ns)
             stack.callback(self._bus.close)
             self._bus.answer("stop", lambda _: self._stop())
@@ -93,15 +93,15 @@ class PlayRun:
                 executor.resend = self._send
                 executor.transition(Transition.CONFIGURE)
                 executor.transition(Transition.ACTIVATE)
-                self._broadcast.offer(executor.ends.publishers.values())
-                self._broadcast.answer(node, NodeServices(executor).operations(), CHANGING)
+                self._sockets.publisher.offer(executor.ends.publishers.values())
+                self._sockets.requests.add(node, NodeServices(executor).operations(), CHANGING)
             self._announce(source, where, topics)
             self._bus.report("started", "", f"{source}: {len(classes)} recorded nodes are played")
             self._stack = stack.pop_all()
         self._next_beat_ns = 0
 
     def _send(self, frame: bytes) -> None:
-        self._broadcast.send(frame)
+        self._sockets.publisher.send(frame)
 
     def _stop(self) -> dict[str, str]:
         raise GraphError("a bag is played here; end it where it was started, with Ctrl-C")
@@ -124,7 +124,7 @@ class PlayRun:
     @property
     def file_descriptors(self) -> tuple[int, ...]:
         """As of :class:`Sink`."""
-        return (*self._broadcast.file_descriptors, *self._bus.file_descriptors)
+        return (*self._sockets.file_descriptors, *self._bus.file_descriptors)
 
     def publish(self, topic: str, payload: bytes) -> None:
         """As of :class:`Sink`."""
@@ -137,20 +137,20 @@ class PlayRun:
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + BEAT_NS
-            self._broadcast.beat()
-        self._broadcast.poll()
-        self._broadcast.perform()
+            self._sockets.publisher.send_heartbeats()
+        self._sockets.poll()
+        self._sockets.requests.perform()
         self._bus.poll()
-        return self._broadcast.pending()
+        return self._sockets.pending()
 
     def reader_count(self) -> int:
         """As of :class:`Sink`."""
-        return self._broadcast.subscription_count
+        return self._sockets.publisher.subscription_count
 
     def close(self) -> None:
         """As of :class:`Sink`."""
         self._bus.report("ending", "", "the bag has come to its end")
-        self._broadcast.beat()
+        self._sockets.publisher.send_heartbeats()
         self._stack.close()
 
 

@@ -20,7 +20,7 @@ from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import topic
-from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import Operation
 
 NAME = "graph"
@@ -55,12 +55,12 @@ class LauncherNode:
         self.record_event: Callable[[bytes], None] = lambda _: None
         self.joined: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
-        self._broadcast = PublisherSocket(*endpoints(folder, NAME))
-        self.resend = self._broadcast.send
-        self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._broadcast.send)
-        self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._broadcast.send)
+        self._sockets = NodeSockets(*endpoints(folder, NAME))
+        self.resend = self._sockets.publisher.send
+        self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._sockets.publisher.send)
+        self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
         self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
-        self._broadcast.offer(self._outlets.values())
+        self._sockets.publisher.offer(self._outlets.values())
         self._operations: dict[str, Operation] = {
             "graph": lambda _: self._record(),
             "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
@@ -68,12 +68,12 @@ class LauncherNode:
             "info": lambda _: self._info(),
         }
         self._deferred: set[str] = set()
-        self._broadcast.answer(NAME, self._operations, self._deferred)
+        self._sockets.requests.add(NAME, self._operations, self._deferred)
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
         """Descriptors that become readable when :meth:`poll` has something to do."""
-        return self._broadcast.file_descriptors
+        return self._sockets.file_descriptors
 
     def answer(self, operation: str, handle: Operation, *, deferred: bool = False) -> None:
         """Answer requests ``{"op": operation, ...}`` by a function from map to map.
@@ -93,7 +93,7 @@ class LauncherNode:
         Raises:
             NodeError: A node has failed meanwhile.
         """
-        self._broadcast.perform()
+        self._sockets.requests.perform()
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
         """Publish what has happened, with ``data`` for a machine; after the end nobody hears it."""
@@ -125,17 +125,17 @@ class LauncherNode:
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""
         self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.joined()]))
-        self._broadcast.beat()
+        self._sockets.publisher.send_heartbeats()
         self.poll()
 
     def poll(self) -> None:
         """Greet readers and answer requests, without waiting; sending may have swallowed their signal."""
-        self._broadcast.poll()
+        self._sockets.poll()
 
     def close(self) -> None:
         """Send what is queued and let go."""
         self._closed = True
-        self._broadcast.close()
+        self._sockets.close()
 
     def _record(self) -> dict[str, Any]:
         if self.record is None:

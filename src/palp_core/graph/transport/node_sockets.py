@@ -1,0 +1,74 @@
+"""The sending side of one process: where its nodes publish, and where they answer requests."""
+
+from __future__ import annotations
+
+import select
+
+import zmq
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.transport.publisher_socket import PublisherSocket
+from palp_core.graph.transport.request_server import RequestServer
+
+_TURN_AWAY_S = 0.05
+"""How soon a request is turned away that comes while the readers leave."""
+
+
+class NodeSockets:
+    """A publishing and an answering socket, looked after by one loop.
+
+    Args:
+        publish_endpoint: Where readers subscribe.
+        serve_endpoint: Where requests are answered.
+
+    Attributes:
+        endpoints: Both.
+        context: The process's.
+        publisher: Publishes.
+        requests: Answers.
+        file_descriptors: Become readable when :meth:`poll` has something to do.
+    """
+
+    def __init__(self, publish_endpoint: str, serve_endpoint: str) -> None:
+        self.endpoints = publish_endpoint, serve_endpoint
+        self.context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self.publisher = PublisherSocket(self.context, publish_endpoint)
+        self.requests = RequestServer(self.context, serve_endpoint)
+        self.file_descriptors = self.publisher.file_descriptor, self.requests.file_descriptor
+
+    def note_signal(self) -> None:
+        """Take note that a descriptor was readable."""
+        self.publisher.stirred = True
+
+    def pending(self) -> bool:
+        """Tell whether :meth:`poll` may have work, whatever the descriptors say."""
+        return self.publisher.stirred or self.requests.stirred
+
+    def poll(self) -> None:
+        """Greet new subscribers and answer requests, without waiting."""
+        self.publisher.stirred = self.requests.stirred = False
+        self.publisher.poll()
+        self.requests.poll()
+
+    def wait_until_unread(self, patience_ns: int, ends: int) -> None:
+        """Wait until nobody listens any more, and turn requests away meanwhile.
+
+        Args:
+            patience_ns: For how long at most.
+            ends: Descriptor that ends the wait when it can be read.
+        """
+        until_ns = monotonic_ns() + patience_ns
+        self.poll()
+        while self.publisher.readers:
+            left_ns = until_ns - monotonic_ns()
+            self.requests.turn_away()
+            wait_s = max(min(left_ns / 1e9, _TURN_AWAY_S), 0.0)
+            ready = select.select((*self.file_descriptors, ends), (), (), wait_s)[0]
+            if left_ns <= 0 or ends in ready:
+                break
+            self.poll()
+        self.requests.turn_away()
+
+    def close(self) -> None:
+        """Send what is queued and let go."""
+        self.context.destroy(linger=200)
