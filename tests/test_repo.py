@@ -38,10 +38,8 @@ STILL_LEFT: set[str] = {
     "Stage: twice",
     "Status: twice",
     "benchmarks/rig_bench/running.py: RunningRig",
-    "circle: palp_core.palpation.mechanics.equilibrium, palp_core.palpation.mechanics.scene",
     "nodes: files",
     "src/palp_core/graph/discovery/running_graph.py: RunningGraph",
-    "src/palp_core/palpation/mechanics/contact: files",
     "tests/graph/node/test_executor.py: lines",
     "tests/nodes: files",
 }

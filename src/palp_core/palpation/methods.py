@@ -106,7 +106,6 @@ _HOMES = {
     "filter": "palp_core.palpation.perception.belief.latent",
     "friction": "palp_core.palpation.mechanics.equilibrium.friction",
     "likelihood": "palp_core.palpation.perception.belief.likelihoods",
-    "likelihood_vector": "palp_core.palpation.perception.belief.vector_primitives",
     "motion": "palp_core.palpation.mechanics.equilibrium.dynamics",
     "policy": "palp_core.palpation.perception.strategy.policies_informed",
     "smoother": "palp_core.palpation.perception.signal.smoothers",

@@ -12,7 +12,7 @@ from palp_core.palpation.mechanics.equilibrium.friction import (
     coulomb_implicit,
     tanh_explicit,
 )
-from palp_core.palpation.mechanics.scene.guard import explicit_step_s
+from palp_core.palpation.mechanics.limits import explicit_step_s
 
 MODEL, PROBE, RING_M, PRESSED_M, SPEED_M_S = LayeredHertz(Phantom(), 0.006), Probe(), 0.016, 0.004, 0.0005
 V_R_M_S = 1e-3

@@ -4,9 +4,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.belief.information import expected_gain_bits, gain_bits, gain_vector
+from palp_core.palpation.perception.belief.information import expected_gains_bits, gain_vector
 
 FLAT = np.full(3, 1 / 3)
+
+
+def expected_gain_bits(belief: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> float:
+    return float(expected_gains_bits(belief, mean[None], sd[None])[0])
+
+
+def gain_bits(posterior: np.ndarray, prior: np.ndarray) -> float:
+    return float(gain_vector(posterior, prior).sum() / np.log(2.0))
 
 
 def test_a_one_hot_posterior_has_a_gain_where_the_plain_formula_gives_nan() -> None:

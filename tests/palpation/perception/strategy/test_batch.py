@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import (
-    expected_gain_bits,
     expected_gains_bits,
     gain_vector,
 )
@@ -113,6 +112,6 @@ def test_gains_of_many_beliefs_are_those_of_each(seed: int) -> None:
     coarse = expected_gains_bits(belief, mean, sd, node_count=33)
     for n in range(6):
         for j in range(5):
-            alone = expected_gain_bits(belief[n], mean[j], sd[j])
+            alone = expected_gains_bits(belief[n], mean[[j]], sd[[j]])[0]
             assert many[n, j] == pytest.approx(alone, abs=1e-12)
             assert coarse[n, j] == pytest.approx(alone, abs=1e-3)

@@ -3,8 +3,8 @@ import pytest
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.isospectral import ar1_kernel
 from palp_core.palpation.perception.strategy.isospectral_family import (
+    ar1_kernel,
     figure5_family,
     near_kernel,
     sample_family,

@@ -159,26 +159,6 @@ def critical_step_s(poisson: float, parts: int = 12) -> float:
     return float(2.0 / np.sqrt(fastest))
 
 
-def explicit_growth(poisson: float, share: float, steps: int = 400, parts: int = 4) -> float:
-    """Return how far a suddenly loaded slab moves in central differences, over twice its static sinking.
-
-    Args:
-        poisson: Poisson's ratio.
-        share: Step over the critical one: up to 1 the motion is at most about that, beyond it grows for ever.
-        steps: How many.
-        parts: Cells under the load.
-    """
-    matrix, load = _rates(poisson, parts)
-    load = load * _MODULUS_PA
-    step_s = share * critical_step_s(poisson, parts)
-    still = splu(matrix.tocsc()).solve(load)
-    before, now, largest = np.zeros(load.size), np.zeros(load.size), 0.0
-    for _ in range(steps):
-        before, now = now, 2.0 * now - before + step_s**2 * (load - matrix @ now)
-        largest = max(largest, float(np.linalg.norm(now)))
-    return largest / (2.0 * float(np.linalg.norm(still)))
-
-
 def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float, float]:
     """Return the smallest eigenvalue of the compliance over its largest, and the error of N.
 

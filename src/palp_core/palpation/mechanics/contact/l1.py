@@ -39,10 +39,9 @@ class ElasticFoundation:
     """Bonded elastic foundation with the local thickness of the gel: for teaching, not for numbers.
 
     The pressure is p = M w / h with w = delta - r^2 / 2R the squeeze, M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
-    the
-    confined modulus (Johnson, Contact Mechanics, section 4.3) and h the gel under that point: H, or
-    d + R_n - sqrt(R_n^2 - r^2) over a bead that does not sink. Forces are integrals over the circle
-    of radius sqrt(2 R delta).
+    the confined modulus (Johnson, Contact Mechanics, section 4.3) and h the gel under that point: H, or
+    d + R_n - sqrt(R_n^2 - r^2) over a bead that does not sink. Forces are integrals over the circle of radius
+    sqrt(2 R delta).
 
     Attributes:
         phantom: What is touched.

@@ -10,7 +10,7 @@ import numpy as np
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.active_set import touch
-from palp_core.palpation.mechanics.contact.ranges import require_range
+from palp_core.palpation.mechanics.contact.model import require_range
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import method

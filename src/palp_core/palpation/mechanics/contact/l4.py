@@ -13,8 +13,8 @@ from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progres
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4_bounds import BOUNDS
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
+from palp_core.palpation.mechanics.contact.model import require_range
 from palp_core.palpation.mechanics.contact.patch import Patch
-from palp_core.palpation.mechanics.contact.ranges import require_range
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom

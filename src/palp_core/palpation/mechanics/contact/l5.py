@@ -13,7 +13,7 @@ from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.mechanics.contact.ranges import require_range
+from palp_core.palpation.mechanics.contact.model import require_range
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom

@@ -1,18 +1,20 @@
-"""What every contact rung offers to the equilibrium of the probe."""
+"""What every contact rung offers to the equilibrium of the probe, and where the finite-element rungs hold."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+from palp_core.palpation.mechanics.limits import require
+from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
 
 
 class ContactModel(Protocol):
     """Elastic, frictionless contact of the ball with a phantom, as a function of where the ball is.
 
-    A rung is declared in the register under task ``contact``; its target is called as
-    ``target(phantom, tip_radius_m)`` and returns an object of this protocol. The forces derive from one
-    energy U(s, delta): the normal force is dU/d(delta), the lateral force is dU/ds.
+    A rung is declared in the register under task ``contact``; its target is called as ``target(phantom,
+    tip_radius_m)`` and returns an object of this protocol. The forces derive from one energy U(s, delta): the
+    normal force is dU/d(delta), the lateral force is dU/ds.
     """
 
     @property
@@ -38,8 +40,8 @@ class ContactModel(Protocol):
             indentation_m: Depth delta of the ball's lowest point under the undeformed surface.
 
         Returns:
-            The normal force, never negative, and the lateral force dU/ds, positive where going
-            on costs energy. Both are zero above the surface.
+            The normal force, never negative, and the lateral force dU/ds, positive where going on costs
+            energy. Both are zero above the surface.
 
         Raises:
             OutOfRange: An indentation is not a number or beyond ``indentation_max_m``.
@@ -49,3 +51,17 @@ class ContactModel(Protocol):
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
         """Return the elastic energy U in J; arguments, shape and errors as for :meth:`force`."""
         ...
+
+
+def require_range(phantom: Phantom, tip_radius_m: float) -> None:
+    """Check that a scene is one that the finite-element rungs are stated for.
+
+    Raises:
+        OutOfRange: A quantity is outside the range; the message names it.
+    """
+    require("tip_radius_m", tip_radius_m, 0.002, 0.012, "use a ball of 2 to 12 mm")
+    require("poisson", phantom.poisson, 0.3, 0.4999, "use 0.4999 for an incompressible gel, or l2")
+    require("height_m", phantom.height_m, 0.015, 0.060, "use a slab of 15 to 60 mm, or l2")
+    if phantom.bead is not None:
+        require("depth_m", phantom.bead.depth_m, 0.0005, 0.015, "use 0.5 to 15 mm; leave out a deeper bead")
+        require("bead_radius_m", phantom.bead.radius_m, 0.002, 0.012, "use a bead of 2 to 12 mm")

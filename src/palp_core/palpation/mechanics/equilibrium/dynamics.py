@@ -6,8 +6,7 @@
     tau_f = 2 r_a R k_s sin q + l1 (f + U_s + m a_x),    a_x = -l_c (q'' cos q - q'^2 sin q)
 
 at a constant speed of the stage. A step is linearly implicit in the angle and implicit in the friction, so
-its
-length follows from what is to be resolved, not from stability.
+its length follows from what is to be resolved, not from stability.
 """
 
 from __future__ import annotations
@@ -24,9 +23,8 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.friction import Slip, coulomb_implicit, tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import joint_at
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
-from palp_core.palpation.mechanics.limits import require
+from palp_core.palpation.mechanics.limits import explicit_step_s, require
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.guard import explicit_step_s
 from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 

@@ -1,9 +1,8 @@
 """Ways to find the joint's angle, register task ``equilibrium``: those that fail, and the survivor.
 
-Each takes a :class:`.Joint` and stage positions in sweep order, shape
-(n,),
-and returns what it takes for the angles, shape (n,): NaN where it says itself that it found none. Only the
-survivor checks its answer. Where each fails was measured by the study ``contact-stability``.
+Each takes a :class:`.Joint` and stage positions in sweep order, shape (n,), and returns what it takes for the
+angles, shape (n,): NaN where it says itself that it found none. Only the survivor checks its answer. Where
+each fails was measured by the study ``contact-stability``.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Quasi-static equilibrium of the yielding joint along a sweep at constant height.
 
-The residual of :class:`.Joint` is sampled on all angles from 0, or the
-least that the contact model answers, to lift-off, once a millimetre of the path. The branch is followed
-through these samples as an overdamped joint would: from the last angle in the direction of the residual to
-the next root. Where there is one root only, positions between are interpolated and polished to round-off;
-where there are several, or the branch is steep, every position is sampled. So a sweep costs little more than
-a few evaluations of the contact per position.
+The residual of :class:`.Joint` is sampled on all angles from 0, or the least that the contact model answers,
+to lift-off, once a millimetre of the path. The branch is followed through these samples as an overdamped
+joint would: from the last angle in the direction of the residual to the next root. Where there is one root
+only, positions between are interpolated and polished to round-off; where there are several, or the branch is
+steep, every position is sampled. So a sweep costs little more than a few evaluations of the contact per
+position.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+from palp_core.palpation.mechanics.limits import stage_step
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.guard import stage_step
 from palp_core.units import Float64Array
 
 _SNAP_PARTS = 32

@@ -1,8 +1,8 @@
 """Ways to take the noise off a torque sweep; exchangeable, task ``smoother``.
 
-The source's is db10 at five levels (:mod:`.wavelet`); the others are what it is to be
-judged against. Each gives every sample from samples at most :attr:`lag` later, so each can run while the
-sweep is measured; the study ``features`` charts their errors against lag and cost.
+The source's is db10 at five levels (:mod:`.wavelet`); the others are what it is to be judged against. Each
+gives every sample from samples at most :attr:`lag` later, so each can run while the sweep is measured; the
+study ``features`` charts their errors against lag and cost.
 """
 
 from __future__ import annotations

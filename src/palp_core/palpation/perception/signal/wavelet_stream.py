@@ -1,10 +1,10 @@
 """De-noise a sweep while it is measured: the wavelet's output with a fixed, stated lag.
 
-A sample of the offline output depends on the :func:`.edge_cone` samples before
-and after it, so a stream that is late by the cone gives the offline values to rounding, the sweep's two ends
-included. A shorter lag shows the newest samples as if the sweep ended there; how far that is off is
-:func:`tail_weight` for the linear rule and in the study ``features`` for the other. The soft rule needs its
-threshold stated beforehand: the offline default takes it from the whole sweep.
+A sample of the offline output depends on the :func:`.edge_cone` samples before and after it, so a stream that
+is late by the cone gives the offline values to rounding, the sweep's two ends included. A shorter lag shows
+the newest samples as if the sweep ended there; how far that is off is :func:`tail_weight` for the linear rule
+and in the study ``features`` for the other. The soft rule needs its threshold stated beforehand: the offline
+default takes it from the whole sweep.
 """
 
 from __future__ import annotations

@@ -73,18 +73,6 @@ def confusion(actual: Sequence[int], estimated: Sequence[int], class_count: int)
     return table
 
 
-def accuracy_by_class(
-    actual: Sequence[int], estimated: Sequence[int], class_count: int, *, confidence: float = 0.95
-) -> list[Proportion]:
-    """Return the share of right estimates of each actual class with Wilson's interval, length m.
-
-    Raises:
-        PerceptionError: A class has no trial.
-    """
-    table = confusion(actual, estimated, class_count)
-    return [wilson(int(table[c, c]), int(table[c].sum()), confidence=confidence) for c in range(class_count)]
-
-
 @dataclass(frozen=True)
 class ReliabilityBin:
     """Estimates of similar confidence.

@@ -2,7 +2,7 @@
 
 The matrices were published as pictures without legible entries; their eigenvalues (Table 5, rounded to 1e-4)
 are numbers. What is here is therefore a reconstruction and must be shown as one. It has the published
-spectrum, all entries positive, and was found by :mod:`isospectral`, which the tests run again.
+spectrum, all entries positive; the tests hold what found it and run that again.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.isospectral import ar1_kernel
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
 
@@ -24,6 +23,26 @@ PRIOR_WEIGHT = 20.0
 
 _NEWTON_STEPS = 12
 _ON_SURFACE = 1e-10
+
+
+def ar1_kernel(levels: Float64Array, lag_correlation: float, *, mean: float, sd: float) -> Float64Array:
+    """Return a stationary Gaussian AR(1) restricted to levels.
+
+    Column i is N(mean + rho (x_i - mean), sd^2 (1 - rho^2)) at the levels, normalised.
+
+    Args:
+        levels: Values of the levels, shape (n,).
+        lag_correlation: rho, between 0 and 1.
+        mean: Stationary mean.
+        sd: Stationary standard deviation.
+
+    Returns:
+        Column-stochastic M[next, current], shape (n, n).
+    """
+    centres = mean + lag_correlation * (levels - mean)
+    variance = sd * sd * (1.0 - lag_correlation**2)
+    density = np.exp(-0.5 * (levels[:, None] - centres[None, :]) ** 2 / variance)
+    return np.asarray(density / density.sum(axis=0))
 
 
 def near_kernel(kernel: Float64Array, weight: float = PRIOR_WEIGHT) -> Float64Array:

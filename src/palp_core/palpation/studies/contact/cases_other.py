@@ -11,7 +11,7 @@ from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.friction import coulomb_implicit, tanh_explicit
-from palp_core.palpation.mechanics.scene.guard import explicit_step_s
+from palp_core.palpation.mechanics.limits import explicit_step_s
 from palp_core.palpation.studies.contact.case import FailureCase
 
 _RING_M, _INDENTATION_M = 0.016, 0.004

@@ -1,10 +1,9 @@
-"""Random scenes within the allowed ranges, and hostile ones beyond them."""
+"""Random scenes within the allowed ranges."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -110,37 +109,3 @@ def _draw_near(rng: np.random.Generator) -> Scene:
     rings = sorted(float(r) for r in rng.choice([0.0, 0.004, 0.008, 0.012, 0.016], size=2, replace=False))
     path = StagePath(indentation_m=between(0.0025, 0.005))
     return Scene(phantom=phantom, probe=probe, path=path, ring_m=tuple(rings), tolerance=tolerance)
-
-
-def hostile_numbers(rng: np.random.Generator) -> dict[str, Any]:
-    """Return a scene's content as in its file, with numbers that nobody should give."""
-
-    def odd(*usual: float) -> float:
-        wild = (0.0, -1.0, 1e-12, 1e12, math.nan, math.inf, -math.inf, 0.5, 1e-3, 0.4999999)
-        return float(rng.choice(wild if rng.random() < 0.05 else usual))
-
-    bead: Any = {"radius_m": odd(0.0075, 0.002, 0.012), "depth_m": odd(0.0005, 0.002, 0.004, 0.012, 0.028)}
-    return {
-        "phantom": {
-            "modulus_pa": odd(20e3, 1.0, 1e-3, 1e9),
-            "poisson": odd(0.49, 0.3, 0.4999, 0.499999, 0.5, 0.0),
-            "height_m": odd(0.030, 0.030, 0.060, 0.015),
-            "bead": "none" if rng.random() < 0.2 else bead,
-        },
-        "probe": {
-            "tip_radius_m": odd(0.006, 0.002, 0.012, 0.0699),
-            "friction": odd(0.3, 0.0, 0.01, 5.0),
-            "tip_mass_kg": odd(0.008, 0.0, 10.0),
-        },
-        "path": {
-            "indentation_m": odd(0.004, 0.0, -0.001, 0.0019, 0.0059, 0.02),
-            "speed_m_s": odd(0.02, 1e-6, 5.0),
-            "from_m": odd(-0.03, 0.05, -1e-6),
-            "to_m": odd(0.05, -0.03, 1e-6),
-        },
-        "ring_m": [odd(0.0, 0.004, 0.016, 1e-9, -0.0003), odd(0.0, 0.016)],
-        "tolerance": {
-            "output": str(rng.choice(["peak", "contrast", "separation", "decision"])),
-            "relative": odd(0.05, 0.5, 1.0),
-        },
-    }

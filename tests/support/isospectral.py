@@ -1,8 +1,7 @@
-"""Transition matrices with a given spectrum.
+"""Two ways to a transition matrix with a given spectrum, by which the chains of Figure 5 were found.
 
-Eigenvalues fix the trace, the relaxation time and Kemeny's constant, but not the matrix. Two ways to one: the
-chain nearest to a given kernel, and the only nearest-neighbour chain that treats both ends of the scale
-alike.
+Eigenvalues fix the trace, the relaxation time and Kemeny's constant, but not the matrix: the chain nearest to
+a given kernel, and the only nearest-neighbour chain that treats both ends of the scale alike.
 """
 
 from __future__ import annotations
@@ -14,26 +13,6 @@ from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
 
 _LEAST_ENTRY = 1e-6  # keeps every entry positive and the logarithm finite
-
-
-def ar1_kernel(levels: Float64Array, lag_correlation: float, *, mean: float, sd: float) -> Float64Array:
-    """Return a stationary Gaussian AR(1) restricted to levels.
-
-    Column i is N(mean + rho (x_i - mean), sd^2 (1 - rho^2)) at the levels, normalised.
-
-    Args:
-        levels: Values of the levels, shape (n,).
-        lag_correlation: rho, between 0 and 1.
-        mean: Stationary mean.
-        sd: Stationary standard deviation.
-
-    Returns:
-        Column-stochastic M[next, current], shape (n, n).
-    """
-    centres = mean + lag_correlation * (levels - mean)
-    variance = sd * sd * (1.0 - lag_correlation**2)
-    density = np.exp(-0.5 * (levels[:, None] - centres[None, :]) ** 2 / variance)
-    return np.asarray(density / density.sum(axis=0))
 
 
 def nearest_chain(kernel: Float64Array, spectrum: Float64Array) -> Float64Array:
