@@ -11,10 +11,10 @@ import numpy as np
 from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
-from palp_core.palpation.devices.protocols import EmgBlock as Samples
+from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.sim.emg import EmgState as DeviceState
 from palp_core.palpation.devices.sim.emg import SimEmg
+from palp_core.palpation.devices.sim.emg import SimEmgState as DeviceState
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
@@ -97,7 +97,7 @@ class Emg(Node):
     def drain(self) -> None:
         block = self.device.drain(self.now_ns(), self.memory, self.rng)
         if not isinstance(self.device, SimEmg):
-            self._tell(block)
+            self._publish_report(block)
         breaks = np.flatnonzero(block.gap[1:]) + 1  # a block has equal steps of time: a gap ends one
         for first, end in pairwise([0, *breaks.tolist(), len(block.times_ns)]):
             if first < end:
@@ -116,7 +116,7 @@ class Emg(Node):
             )
         )
 
-    def _tell(self, block: Samples) -> None:
+    def _publish_report(self, block: Samples) -> None:
         """Say how the source does; a gap is in the log, too."""
         health, gap_count = self.device.health(self.now_ns()), int(np.count_nonzero(block.gap))
         if gap_count:

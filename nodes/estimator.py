@@ -140,7 +140,7 @@ class Estimator(Node):
         self.filters: tuple[EstimatorParams, TrialFilter] | None = None
 
     @on(trial)
-    def begin(self, trial: Trial) -> None:
+    def note_trial(self, trial: Trial) -> None:
         state = self.state
         if state.phase == "training" and trial.phase == "estimation":
             self._learn()

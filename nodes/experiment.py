@@ -85,7 +85,7 @@ class Experiment(Node):
     def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
         match step:
             case plan.MountPhantom():
-                return self._put_on(step)
+                return self._mount_phantom(step)
             case plan.Rehome():
                 return self._rehome()
             case plan.BeginTrial():
@@ -98,7 +98,7 @@ class Experiment(Node):
             case plan.Palpate():
                 return self._palpate(step)
 
-    def _put_on(self, step: plan.MountPhantom) -> Literal["done"] | None:
+    def _mount_phantom(self, step: plan.MountPhantom) -> Literal["done"] | None:
         state = self.state
         if not state.commanded:
             state.commanded, state.code = True, ""
@@ -148,7 +148,7 @@ class Experiment(Node):
         palpation, belief = state.palpation[-1], state.belief[-1] if state.belief else None
         state.palpation, state.belief = [], []
         state.commanded = state.swept = False
-        self._keep(palpation, belief)
+        self._write_row(palpation, belief)
         return belief.verdict if belief else "done"  # type: ignore[return-value]
 
     def _announce_trial(self) -> None:
@@ -210,7 +210,7 @@ class Experiment(Node):
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:
         self.record.primitives(primitives_of(learnt))
 
-    def _keep(self, palpation: Palpation, belief: Belief | None) -> None:
+    def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
         state, row = self.state, row_of(self.params, self.state, palpation, belief)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
         state.ring_landed, state.last_ring_m = False, palpation.ring_m

@@ -21,7 +21,7 @@ RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=49.0, extra_json_sche
 """A ring position: what an L12-50 with its zero 1 mm off the stop can reach."""
 
 
-class PolicyState(State):
+class PolicyNodeState(State):
     """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for.
 
     ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
@@ -48,7 +48,7 @@ class PolicyState(State):
         return cls(**known)
 
 
-class Policy(Node):
+class PolicyNode(Node):
     """Command the first ring position of each trial of estimation, and the next after each open verdict.
 
     All policies have the same ports, so that any can replace any; most have no use for the optional ones, but
@@ -56,7 +56,7 @@ class Policy(Node):
     """
 
     params: Params
-    state: PolicyState
+    state: PolicyNodeState
     trial = Sub(Trial)
     belief = Sub(Belief)
     primitives = Sub(PrimitivesLearnt, optional=True)

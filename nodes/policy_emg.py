@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from nodes.policy import Policy
+from nodes.policy import PolicyNode
 from palp_core import Params
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import EmgDriven
 from palp_core.units import Count
 
 
-class EmgParams(Params):
+class EmgPolicyParams(Params):
     """Set in the launch file; ``start_level`` holds until the first burst (assumed: the middle)."""
 
     start_level: Count = 2
 
 
-class Emg(Policy):
+class Emg(PolicyNode):
     """The ring goes where the level of the latest burst puts it: Table 6."""
 
-    params: EmgParams
+    params: EmgPolicyParams
 
     def choose(self) -> policies.StiffnessPolicy:
         heard = None if self.state.heard < 0 else self.state.heard

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nodes.policy import Policy, RingMillimetres
+from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.perception.strategy import policies
 
@@ -13,7 +13,7 @@ class FixedParams(Params):
     ring_mm: RingMillimetres = 16.0
 
 
-class Fixed(Policy):
+class Fixed(PolicyNode):
     """Always the same stiffness."""
 
     params: FixedParams

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nodes.named_files import file_mistakes
-from nodes.policy import Policy, RingMillimetres
+from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
@@ -39,7 +39,7 @@ class InformationParams(Params):
     start_mm: RingMillimetres = 16.0
 
 
-class Information(Policy):
+class Information(PolicyNode):
     """Greedy, one probe ahead, with what training left and what stays in the trial."""
 
     examine = staticmethod(file_mistakes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from nodes.policy import Policy
+from nodes.policy import PolicyNode
 from palp_core import Params
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy import chain_file, figure5, policies
@@ -28,7 +28,7 @@ class MarkovParams(Params):
     depths_mm: tuple[MillimetresPositive, ...] = (2.0, 4.0, 8.0)
 
 
-class Markov(Policy):
+class Markov(PolicyNode):
     """A Markov chain over five levels of co-contraction."""
 
     params: MarkovParams

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nodes.policy import Policy, RingMillimetres
+from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.perception.strategy import figure5, policies
 
@@ -13,7 +13,7 @@ class UniformParams(Params):
     rings_mm: tuple[RingMillimetres, ...] = tuple(round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M)
 
 
-class Uniform(Policy):
+class Uniform(PolicyNode):
     """Any of the ring positions."""
 
     params: UniformParams

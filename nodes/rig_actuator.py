@@ -15,7 +15,7 @@ from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.protocols import RingReading
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.ring.maestro import MaestroState
-from palp_core.palpation.devices.safety.motion_permit import Leash
+from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.units import HertzPositive
 
 
@@ -56,7 +56,7 @@ class RigActuator(Node):
 
     def on_configure(self) -> None:
         self.device = open_device("ring", self.params.device, **self.params.options)
-        self.leash = Leash(self.params.beat_ms * 1e-3)
+        self.permit = MotionPermit(self.params.beat_ms * 1e-3)
         self.refused = self.closed = ""  # why the device refuses, and why it is not open after a trip
         self.last_m = 0.0
 
@@ -86,25 +86,25 @@ class RigActuator(Node):
         self._go_on()
 
     @on(safety)
-    def hear(self, beat: SafetyBeat) -> None:
-        self.leash.renew(beat.stamp_ns, permits=beat.permits)
+    def note_beat(self, beat: SafetyBeat) -> None:
+        self.permit.renew(beat.stamp_ns, permits=beat.permits)
         if not beat.permits and self.state.activity == "moving":
             self._hold(f"the safety node says: {beat.state}: {beat.cause}")
         if beat.acknowledged_count > self.state.acknowledged_count:
-            self._leave_trip(beat.acknowledged_count)
+            self._recover(beat.acknowledged_count)
 
     @on(watch)
-    def look(self) -> None:
-        if self.state.activity == "moving" and not self.leash.alive(self.now_ns()):
+    def check(self) -> None:
+        if self.state.activity == "moving" and not self.permit.alive(self.now_ns()):
             self._hold("no heartbeat of the safety node")
         if self.closed:
-            self._tell(self.last_m, Condition.LINK_LOST, self.closed)
+            self._publish_report(self.last_m, Condition.LINK_LOST, self.closed)
             return
         self._go_on()
         self.last_m, health = self._read().measured_m, self.device.health(self.now_ns())
-        self._tell(self.last_m, health.condition, health.cause or self.refused)
+        self._publish_report(self.last_m, health.condition, health.cause or self.refused)
 
-    def _tell(self, ring_m: float, condition: Condition, text: str) -> None:
+    def _publish_report(self, ring_m: float, condition: Condition, text: str) -> None:
         self.report.publish(
             RingReport(
                 stamp_ns=self.now_ns(),
@@ -125,7 +125,7 @@ class RigActuator(Node):
         if state.activity == "moving" and self._read().settled:
             state.activity = "ready"
             self._publish(state.commands.pop(0), settled=True)
-        if state.activity != "ready" or not state.commands or self.closed or not self.leash.permits(now_ns):
+        if state.activity != "ready" or not state.commands or self.closed or not self.permit.permits(now_ns):
             return
         command = state.commands[0]
         try:
@@ -150,7 +150,7 @@ class RigActuator(Node):
             self.log.warning("could not be stopped: %s", error)
         self.log.warning("holds: %s", why)
 
-    def _leave_trip(self, count: int) -> None:
+    def _recover(self, count: int) -> None:
         """Leave a stall or a reported error behind, which a person has acknowledged."""
         self.state.acknowledged_count = count
         try:

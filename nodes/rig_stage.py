@@ -1,4 +1,4 @@
-"""Sweep with a real stage on the machine's clock, on the leash of the safety node."""
+"""Sweep with a real stage on the machine's clock, by permission of the safety node."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits, check_lift
 from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.safety.motion_permit import Leash
+from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 from palp_core.palpation.mechanics.scene.file import read_scene
@@ -121,7 +121,7 @@ class RigStage(Stage):
         p = self.params
         require_clearance(p)
         self.device = open_device("stage", p.device, **driver_options(p))
-        self.leash = Leash(p.beat_ms * 1e-3)
+        self.permit = MotionPermit(p.beat_ms * 1e-3)
         self.waiting: list[SweepGoal] = []
         self.trouble = ""
         self.text = ""
@@ -144,34 +144,34 @@ class RigStage(Stage):
         finally:
             self.device.close()
 
-    # Leash
+    # Permission to move
 
     @on(safety)
-    def hear(self, beat: SafetyBeat) -> None:
-        self.leash.renew(beat.stamp_ns, permits=beat.permits)
+    def note_beat(self, beat: SafetyBeat) -> None:
+        self.permit.renew(beat.stamp_ns, permits=beat.permits)
         if not beat.permits and self.state.activity in ACTIVE:
             self._halt("halted", f"the safety node says: {beat.state}: {beat.cause}")
         if beat.acknowledged_count > self.state.acknowledged_count:
-            self._leave_trip(beat.acknowledged_count)
+            self._recover(beat.acknowledged_count)
 
     @on(watch)
-    def look(self) -> None:
+    def check(self) -> None:
         now_ns, activity = self.now_ns(), self.state.activity
-        if activity in ACTIVE and not self.leash.alive(now_ns):
+        if activity in ACTIVE and not self.permit.alive(now_ns):
             self._halt("unheard", "no heartbeat of the safety node")
         elif activity in ACTIVE and not (health := self.device.health(now_ns)).ok:
             self._halt(health.condition, health.cause)
         elif activity == "sweeping":
-            self._leave()
-        elif self.leash.permits(now_ns) and not self.trouble:
+            self._end_passed_sweep()
+        elif self.permit.permits(now_ns) and not self.trouble:
             if activity == "down":
                 self._bring_up()
                 return  # it took long: the next report has a fresh stamp
             elif activity == "halted":
-                self._raise("retreating", self.params.retreat_speed_m_s)
+                self._raise_probe("retreating", self.params.retreat_speed_m_s)
             elif activity == "ready" and self.waiting:
                 super().accept(self.waiting.pop(0))
-        self._tell()
+        self._publish_report()
 
     def _halt(self, trouble: str, text: str) -> None:
         """Stop at once; the goal under way is cancelled."""
@@ -185,9 +185,9 @@ class RigStage(Stage):
             self.log.warning("could not be stopped on this link: %s", error)
         self.log.warning("halted: %s", text)
         if was in ("returning", "sweeping", "swept"):
-            self._say("cancelled")
+            self._publish_status("cancelled")
 
-    def _leave_trip(self, count: int) -> None:
+    def _recover(self, count: int) -> None:
         """Leave the trip behind, which a person has acknowledged; the device may disagree."""
         now_ns = self.now_ns()
         self.state.acknowledged_count = count
@@ -208,7 +208,7 @@ class RigStage(Stage):
                 self.trouble, self.text = "device fault", str(error)
 
     def _bring_up(self) -> None:
-        self._tell(bring_up=True)
+        self._publish_report(bring_up=True)
         try:
             self.device.open(self.now_ns(), self.memory, self.rng)
         except DeviceError as error:
@@ -218,17 +218,17 @@ class RigStage(Stage):
             return
         self._be_ready()
 
-    def _raise(self, activity: str, speed_m_s: float) -> None:
+    def _raise_probe(self, activity: str, speed_m_s: float) -> None:
         """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
         self.state.activity = activity
         if (retreat := getattr(self.device, "retreat", None)) is None:
             self._be_ready()
         else:
-            self._try(lambda: retreat(speed_m_s, self.now_ns(), self.memory))
+            self._begin_move(lambda: retreat(speed_m_s, self.now_ns(), self.memory))
 
     def _be_ready(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
-        self._say("ready")
+        self._publish_status("ready")
 
     # Motion
 
@@ -244,19 +244,19 @@ class RigStage(Stage):
     def _return(self, activity: str) -> None:
         start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
         self.state.activity = activity
-        self._try(lambda: self.device.return_to(start_m, self.now_ns(), self.memory))
+        self._begin_move(lambda: self.device.return_to(start_m, self.now_ns(), self.memory))
 
-    def _try(self, move: Any) -> None:
+    def _begin_move(self, move: Any) -> None:
         """Begin a move that arrives, if it may begin."""
         try:
-            if not self.leash.permits(self.now_ns()):
+            if not self.permit.permits(self.now_ns()):
                 raise DeviceError("the safety node does not permit motion")
             self.arrival.set(move())
         except DeviceError as error:
             self._halt("device fault", str(error))
 
     def _sweep(self) -> None:
-        if not self.leash.permits(self.now_ns()):
+        if not self.permit.permits(self.now_ns()):
             self._halt("unheard", "the safety node does not permit motion")
             return
         try:
@@ -271,7 +271,7 @@ class RigStage(Stage):
         elif self.state.activity == "returning":
             self._sweep()
         elif self.state.activity == "swept":
-            self._raise("resting", self.params.lift_speed_m_s)
+            self._raise_probe("resting", self.params.lift_speed_m_s)
         else:
             self._be_ready()
 
@@ -285,14 +285,14 @@ class RigStage(Stage):
         except DeviceError as error:
             self._halt("stale", str(error))
 
-    def _leave(self) -> None:
+    def _end_passed_sweep(self) -> None:
         """End the sweep once a poll has seen the stage beyond it: its end lies between two polls then."""
         state = self.state
         if (self._measured(self.now_ns())[0] - state.to_m) * (state.to_m - state.from_m) <= 0.0:
             return
         try:
             self._measure_interval()
-            self._tell_pose(state.leave_ns)
+            self._publish_pose(state.leave_ns)
         except DeviceError as error:
             self._halt("stale", str(error))
             return
@@ -322,7 +322,7 @@ class RigStage(Stage):
 
     # Report
 
-    def _tell(self, *, bring_up: bool = False) -> None:
+    def _publish_report(self, *, bring_up: bool = False) -> None:
         now_ns, condition, text = self.now_ns(), self.trouble, self.text
         y_m = z_m = speed_m_s = 0.0
         if self.state.activity == "down":

@@ -11,7 +11,7 @@ from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import TorqueBlock as Samples
+from palp_core.palpation.devices.protocols import TorqueSamples as Samples
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.nano17 import RANGE_N_M

@@ -15,7 +15,7 @@ KEEP_NS = 1_000_000_000
 class Rows(deque[tuple[int, tuple[float, ...]]]):
     """What was said within a second, by when it was said: a sample may be stamped with any nonsense."""
 
-    def keep(self, said_ns: int, *row: float) -> None:
+    def add(self, said_ns: int, *row: float) -> None:
         """Remember a row and forget what is too old."""
         self.append((said_ns, row))
         while self[0][0] < said_ns - KEEP_NS:
@@ -32,18 +32,18 @@ class LastSecond:
     def __init__(self) -> None:
         self._loads, self._places, self._rings = Rows(), Rows(), Rows()
 
-    def load(self, report: LoadReport) -> None:
+    def add_load(self, report: LoadReport) -> None:
         """Remember a load, if there is a sample behind it."""
         if report.sample_count:
-            self._loads.keep(report.stamp_ns, report.sample_ns, report.torque_n_m, report.force_n)
+            self._loads.add(report.stamp_ns, report.sample_ns, report.torque_n_m, report.force_n)
 
-    def stage(self, report: StageReport) -> None:
+    def add_stage(self, report: StageReport) -> None:
         """Remember a place."""
-        self._places.keep(report.stamp_ns, report.stamp_ns, report.y_m, report.z_m)
+        self._places.add(report.stamp_ns, report.stamp_ns, report.y_m, report.z_m)
 
-    def ring(self, report: RingReport) -> None:
+    def add_ring(self, report: RingReport) -> None:
         """Remember a ring position."""
-        self._rings.keep(report.stamp_ns, report.stamp_ns, report.ring_m)
+        self._rings.add(report.stamp_ns, report.stamp_ns, report.ring_m)
 
     def trip(
         self, now_ns: int, cause: str, text: str, *, cause_ns: int, written_ns: int, disabled_ns: int

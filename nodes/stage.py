@@ -11,7 +11,7 @@ import numpy as np
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
 from palp_core.palpation.devices.registry import open_device
-from palp_core.palpation.devices.sim.stage import StageState as DeviceState
+from palp_core.palpation.devices.sim.stage import SimStageState as DeviceState
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
 
 
@@ -100,7 +100,7 @@ class Stage(Node):
         self.block.stop()
         self.state.activity, self.state.at_start = "cancelled", False
         self.arrival.set(self.device.stop(self.now_ns(), self.memory))
-        self._say("cancelled")
+        self._publish_status("cancelled")
 
     def _return(self, activity: str) -> None:
         """Go by the other path to where the sweep starts."""
@@ -116,7 +116,7 @@ class Stage(Node):
         state.next_sample = self._first_sample(times.enter_ns)
         state.sample_count = 0
         self.block.start()
-        self._say("sweeping")
+        self._publish_status("sweeping")
 
     @on(arrival)
     def arrive(self) -> None:
@@ -127,17 +127,17 @@ class Stage(Node):
             self._return("resting")
         else:
             self.state.activity, self.state.at_start = "ready", activity == "resting"
-            self._say("ready")
+            self._publish_status("ready")
 
     @on(block)
     def sample(self) -> None:
         known_ns = self.now_ns() - self.LAG_NS  # what a device that is polled can tell
-        self._tell_pose(known_ns)
+        self._publish_pose(known_ns)
         if known_ns >= self.state.leave_ns:
             self._measure_interval()
             self._end_sweep()
 
-    def _tell_pose(self, known_ns: int) -> None:
+    def _publish_pose(self, known_ns: int) -> None:
         """Publish where the stage was up to a time, if it was over the phantom."""
         state = self.state
         following = self._first_sample(min(known_ns, state.leave_ns) + 1)
@@ -160,7 +160,7 @@ class Stage(Node):
         self.block.stop()
         self.state.activity = "swept"
         self.arrival.set(self.state.end_ns)
-        self._say("swept")
+        self._publish_status("swept")
 
     def _measure_interval(self) -> None:
         """Leave the times as the device has predicted them; a simulated one keeps its word."""
@@ -177,7 +177,7 @@ class Stage(Node):
             sample += 1
         return sample
 
-    def _say(self, status: str) -> None:
+    def _publish_status(self, status: str) -> None:
         state = self.state
         self.status.publish(
             SweepStatus(

@@ -9,7 +9,7 @@ import pytest
 import serial
 from typer.testing import CliRunner
 
-from palp_core.cli.rig import device_probe as probe
+from palp_core.cli.rig import device_discovery
 from palp_core.cli.rig.devices import app
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
@@ -31,8 +31,8 @@ PATIENT = {
 @pytest.fixture
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Listen long, and take long for a link to be lost."""
-    monkeypatch.setattr(probe, "_LISTEN_S", 1.0)
-    monkeypatch.setattr(probe, "_LONGEST_S", 60.0)
+    monkeypatch.setattr(device_discovery, "_LISTEN_S", 1.0)
+    monkeypatch.setattr(device_discovery, "_LONGEST_S", 60.0)
     monkeypatch.setattr(ati_session, "_SET_UP_S", 10.0)
     monkeypatch.setattr(ati_session, "_SILENT_S", 2.0)
     monkeypatch.setattr(socketcand, "_GREETING_S", 10.0)
@@ -162,7 +162,7 @@ def test_a_serial_port_that_another_program_has_is_refused(rig: EmulatedRig) -> 
 def test_a_device_that_makes_no_sense_is_a_clear_error(
     rig: EmulatedRig, device: str, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(probe, "_LONGEST_S", 0.6)
+    monkeypatch.setattr(device_discovery, "_LONGEST_S", 0.6)
     rig.fault(device, fault)
     try:
         done = runner.invoke(app, ["probe", device, *words(rig, device)])

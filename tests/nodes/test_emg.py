@@ -13,8 +13,8 @@ from nodes.emg import Emg
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import Condition, Health
-from palp_core.palpation.devices.protocols import EmgBlock as Samples
+from palp_core.palpation.devices.health import Condition, DeviceHealth
+from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.units import Float64Array
 
 BEFORE_S = 9.0  # rest, MVC, rest
@@ -124,8 +124,8 @@ class ScriptedSource:
     def close(self) -> None:
         pass
 
-    def health(self, now_ns: int) -> Health:
-        return Health(self.condition, now_ns, "" if self.condition is Condition.OK else "a cause")
+    def health(self, now_ns: int) -> DeviceHealth:
+        return DeviceHealth(self.condition, now_ns, "" if self.condition is Condition.OK else "a cause")
 
     def drain(self, now_ns: int, state: object, rng: object) -> Samples:
         self.drained += 1

@@ -56,7 +56,7 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
     bench = Bench(EmulatedPhantom, {**PORTS, **exact, "folder": str(tmp_path)}, seed=3)
 
     def touch(world: World, now_ns: int) -> None:
-        world.extend(0.017, 6e-3, 0)
+        world.move_rod(0.017, 6e-3, 0)
         world.true_wrench(now_ns)  # raised: nothing is felt
         assert not world.guards
         world.axes["z"].move(0.0, 0.05, 0)
@@ -93,7 +93,7 @@ def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) 
     assert truth.height_offset_m == 0.0
 
     def torque_noise(world: World, now_ns: int) -> float:
-        world.extend(0.013, 6e-3, 0)
+        world.move_rod(0.013, 6e-3, 0)
         assert world.true_ring_m(60_000_000_000) == pytest.approx(0.012, abs=1e-12)
         return float(np.std([world.wrench(now_ns)[3] for _ in range(2000)]))
 

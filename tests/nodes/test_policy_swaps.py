@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
-from nodes.policy import Policy
+from nodes.policy import PolicyNode
 from nodes.policy_emg import Emg
 from nodes.policy_fixed import Fixed
 from nodes.policy_information import Information
@@ -20,7 +20,7 @@ from nodes.policy_markov import Markov
 from nodes.policy_uniform import Uniform
 from palp_core import Bench
 
-POLICIES: list[type[Policy]] = [Fixed, Markov, Uniform, Information, Emg]
+POLICIES: list[type[PolicyNode]] = [Fixed, Markov, Uniform, Information, Emg]
 RINGS_M = np.array([0.0, 0.004, 0.008, 0.012, 0.016])
 DEPTHS_M = np.array([0.002, 0.004, 0.008])
 LEARNT = PrimitivesLearnt(
@@ -46,22 +46,22 @@ def _belief(number: int, iteration: int) -> Belief:
     )  # fmt: skip
 
 
-def _begun(policy: type[Policy]) -> Bench[Any]:
+def _begun(policy: type[PolicyNode]) -> Bench[Any]:
     bench: Bench[Any] = Bench(policy, {}, seed=3)
-    bench.feed(Policy.primitives, LEARNT)
-    bench.feed(Policy.trial, _trial(7))
+    bench.feed(PolicyNode.primitives, LEARNT)
+    bench.feed(PolicyNode.trial, _trial(7))
     return bench
 
 
 @pytest.mark.parametrize(("old", "new"), list(itertools.permutations(POLICIES, 2)))
-def test_the_trial_under_way_goes_on(old: type[Policy], new: type[Policy], successor: Any) -> None:
+def test_the_trial_under_way_goes_on(old: type[PolicyNode], new: type[PolicyNode], successor: Any) -> None:
     first = _begun(old)
     ring_m = first.node.state.ring_m
     second = successor(first, new)
     assert second.node.state.trial == 7
     assert second.node.state.iteration == 1
     assert second.node.state.ring_m == ring_m
-    second.feed(Policy.belief, _belief(7, 1))
+    second.feed(PolicyNode.belief, _belief(7, 1))
     command = second.sent(new.command)[-1]  # one that lands anew is re-homed first
     assert (command.trial, command.iteration) == (7, 2)
     assert min(abs(RINGS_M - command.ring_m)) < 1e-9
@@ -73,17 +73,17 @@ def test_the_same_policy_goes_on_as_if_nothing_had_been(successor: Any) -> None:
         for iteration in range(1, 12):
             swapped = successor(swapped)
             for bench in (straight, swapped):
-                bench.feed(Policy.belief, _belief(7, iteration))
+                bench.feed(PolicyNode.belief, _belief(7, iteration))
             assert swapped.sent(policy.command)[-1] == straight.sent(policy.command)[-1]
 
 
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.sampled_from(POLICIES), min_size=1, max_size=8))
-def test_any_sequence_of_policies_keeps_count(sequence: list[type[Policy]]) -> None:
+def test_any_sequence_of_policies_keeps_count(sequence: list[type[PolicyNode]]) -> None:
     from tests.nodes.conftest import replace
 
     bench = _begun(sequence[0])
     for iteration, policy in enumerate(sequence, start=1):
         bench = replace(bench, policy)
-        bench.feed(Policy.belief, _belief(7, iteration))
+        bench.feed(PolicyNode.belief, _belief(7, iteration))
         assert bench.node.state.iteration == iteration + 1

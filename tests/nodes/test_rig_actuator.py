@@ -13,7 +13,7 @@ from nodes.rig_actuator import RigActuator
 from palp_core import Bench
 from palp_core.errors import DeviceError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import HEALTHY, Condition, Health
+from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import RingReading
 
 
@@ -37,8 +37,8 @@ class ScriptedRing:
         self.calls.append("close")
         self.is_open = False
 
-    def health(self, now_ns: int) -> Health:
-        return HEALTHY if self.condition is Condition.OK else Health(self.condition, 0, "scripted")
+    def health(self, now_ns: int) -> DeviceHealth:
+        return HEALTHY if self.condition is Condition.OK else DeviceHealth(self.condition, 0, "scripted")
 
     def command(self, target_m: float, *_: Any) -> int:
         if self.refuses:
@@ -66,7 +66,7 @@ class ScriptedRing:
         return RingReading(self.target_m, self.target_m, self.settled)
 
 
-class Leashed:
+class Permitted:
     """A bench with a safety node that speaks every 10 ms."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,101 +95,101 @@ class Leashed:
 
 
 @pytest.fixture
-def leashed(monkeypatch: pytest.MonkeyPatch) -> Leashed:
-    return Leashed(monkeypatch)
+def permitted(monkeypatch: pytest.MonkeyPatch) -> Permitted:
+    return Permitted(monkeypatch)
 
 
-def test_a_command_waits_for_permission(leashed: Leashed) -> None:
-    leashed.send(1, 8.0)
-    leashed.run(0.5, "starting")
-    assert leashed.device.calls == ["open"]
-    leashed.run(0.1)
-    assert leashed.device.calls == ["open", "go 8"]
+def test_a_command_waits_for_permission(permitted: Permitted) -> None:
+    permitted.send(1, 8.0)
+    permitted.run(0.5, "starting")
+    assert permitted.device.calls == ["open"]
+    permitted.run(0.1)
+    assert permitted.device.calls == ["open", "go 8"]
 
 
-def test_it_is_settled_when_the_ring_says_so_and_not_when_it_was_predicted(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.send(1, 8.0)
-    leashed.run(5.0)
-    assert leashed.words == [(1, False)]
-    leashed.device.settled = True
-    leashed.run(0.1)
-    assert leashed.words == [(1, False), (1, True)]
+def test_it_is_settled_when_the_ring_says_so_and_not_when_it_was_predicted(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.send(1, 8.0)
+    permitted.run(5.0)
+    assert permitted.words == [(1, False)]
+    permitted.device.settled = True
+    permitted.run(0.1)
+    assert permitted.words == [(1, False), (1, True)]
 
 
-def test_commands_are_followed_one_after_another(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.send(0, 0.0, rehome=True)
-    leashed.send(1, 16.0)
-    leashed.run(0.1)
-    assert leashed.device.calls[1:] == ["rehome"]
-    leashed.device.settled = True
-    leashed.run(0.1)
-    assert leashed.device.calls[1:] == ["rehome", "go 16"]
+def test_commands_are_followed_one_after_another(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.send(0, 0.0, rehome=True)
+    permitted.send(1, 16.0)
+    permitted.run(0.1)
+    assert permitted.device.calls[1:] == ["rehome"]
+    permitted.device.settled = True
+    permitted.run(0.1)
+    assert permitted.device.calls[1:] == ["rehome", "go 16"]
 
 
-def test_at_a_trip_it_holds_and_afterwards_goes_on(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.send(1, 8.0)
-    leashed.run(0.1)
-    leashed.run(0.5, "latched")
-    assert leashed.device.calls[1:] == ["go 8", "stop"]
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.device.calls[-1] == "acknowledge"
-    leashed.run(0.1, "ready", count=1)
-    assert leashed.device.calls[-1] == "go 8"
+def test_at_a_trip_it_holds_and_afterwards_goes_on(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.send(1, 8.0)
+    permitted.run(0.1)
+    permitted.run(0.5, "latched")
+    assert permitted.device.calls[1:] == ["go 8", "stop"]
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.device.calls[-1] == "acknowledge"
+    permitted.run(0.1, "ready", count=1)
+    assert permitted.device.calls[-1] == "go 8"
 
 
-def test_it_holds_without_a_heartbeat(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.send(1, 8.0)
-    leashed.run(0.1)
-    leashed.bench.advance(0.1)
-    assert leashed.device.calls[-1] == "stop"
+def test_it_holds_without_a_heartbeat(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.send(1, 8.0)
+    permitted.run(0.1)
+    permitted.bench.advance(0.1)
+    assert permitted.device.calls[-1] == "stop"
 
 
-def test_a_refused_command_is_said_and_tried_again(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.device.refuses = True
-    leashed.device.condition = Condition.STALLED
-    leashed.send(1, 8.0)
-    leashed.run(0.1)
-    assert leashed.bench.sent(RigActuator.report)[-1].condition == "stalled"
-    leashed.device.refuses = False
-    leashed.run(0.1)
-    assert leashed.device.calls[-1] == "go 8"
+def test_a_refused_command_is_said_and_tried_again(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.device.refuses = True
+    permitted.device.condition = Condition.STALLED
+    permitted.send(1, 8.0)
+    permitted.run(0.1)
+    assert permitted.bench.sent(RigActuator.report)[-1].condition == "stalled"
+    permitted.device.refuses = False
+    permitted.run(0.1)
+    assert permitted.device.calls[-1] == "go 8"
 
 
-def test_a_lost_link_is_opened_again_after_the_acknowledgement(leashed: Leashed) -> None:
-    leashed.run(0.1)
-    leashed.device.condition = Condition.LINK_LOST
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.device.calls[-3:] == ["close", "open", "acknowledge"]
+def test_a_lost_link_is_opened_again_after_the_acknowledgement(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.device.condition = Condition.LINK_LOST
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.device.calls[-3:] == ["close", "open", "acknowledge"]
 
 
-def test_a_lost_link_at_the_end_is_no_failure(leashed: Leashed) -> None:
-    leashed.device.broken = True
-    leashed.bench.executor.transition(Transition.DEACTIVATE)
-    assert leashed.device.calls[-2:] == ["stop", "close"]
+def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:
+    permitted.device.broken = True
+    permitted.bench.executor.transition(Transition.DEACTIVATE)
+    assert permitted.device.calls[-2:] == ["stop", "close"]
 
 
 def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_after_the_next(
-    leashed: Leashed,
+    permitted: Permitted,
 ) -> None:
-    leashed.run(0.1)
-    leashed.device.condition, leashed.device.gone = Condition.LINK_LOST, True
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    report = leashed.bench.sent(RigActuator.report)[-1]
+    permitted.run(0.1)
+    permitted.device.condition, permitted.device.gone = Condition.LINK_LOST, True
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    report = permitted.bench.sent(RigActuator.report)[-1]
     assert (report.condition, report.text) == ("link lost", "ring: nobody answers")
     assert report.acknowledged_count == 1
-    leashed.send(1, 8.0)
-    leashed.run(0.1, "ready", count=1)
-    assert leashed.device.calls[-1] == "open"
-    leashed.device.condition, leashed.device.gone = Condition.OK, False
-    leashed.run(0.1, "starting", count=2)
-    assert leashed.device.calls[-3:] == ["close", "open", "acknowledge"]
-    assert leashed.bench.sent(RigActuator.report)[-1].condition == "ok"
-    leashed.run(0.1, "ready", count=2)
-    assert leashed.device.calls[-1] == "go 8"
+    permitted.send(1, 8.0)
+    permitted.run(0.1, "ready", count=1)
+    assert permitted.device.calls[-1] == "open"
+    permitted.device.condition, permitted.device.gone = Condition.OK, False
+    permitted.run(0.1, "starting", count=2)
+    assert permitted.device.calls[-3:] == ["close", "open", "acknowledge"]
+    assert permitted.bench.sent(RigActuator.report)[-1].condition == "ok"
+    permitted.run(0.1, "ready", count=2)
+    assert permitted.device.calls[-1] == "go 8"

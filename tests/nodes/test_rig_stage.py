@@ -1,4 +1,4 @@
-"""The real stage's node: on the leash of the safety node, whatever its device says."""
+"""The real stage's node: by permission of the safety node, whatever its device says."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nodes.rig_stage import RigStage, RigStageParams
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import HEALTHY, Condition, Health
+from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
 from palp_core.palpation.devices.sim.stage import SimStage
 
 FROM_M, TO_M = -0.015, 0.020
@@ -44,9 +44,9 @@ class ScriptedStage:
     def close(self) -> None:
         self.calls.append("close")
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         self.now_ns = now_ns
-        return HEALTHY if self.condition is Condition.OK else Health(self.condition, 0, "scripted")
+        return HEALTHY if self.condition is Condition.OK else DeviceHealth(self.condition, 0, "scripted")
 
     @property
     def moving(self) -> bool:
@@ -81,7 +81,7 @@ class ScriptedStage:
         return self.sim.stop(now_ns, state)
 
 
-class Leashed:
+class Permitted:
     """A bench with a safety node that speaks every 10 ms."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,141 +114,141 @@ class Leashed:
 
 
 @pytest.fixture
-def leashed(monkeypatch: pytest.MonkeyPatch) -> Leashed:
-    return Leashed(monkeypatch)
+def permitted(monkeypatch: pytest.MonkeyPatch) -> Permitted:
+    return Permitted(monkeypatch)
 
 
-def test_nothing_moves_not_even_to_home_before_it_is_permitted(leashed: Leashed) -> None:
-    leashed.bench.feed(RigStage.goal, GOAL)
-    leashed.bench.advance(1.0)
-    leashed.run(1.0, "starting")
-    assert leashed.device.calls == []
-    assert leashed.condition == "closed"
-    leashed.run(0.1)
-    assert leashed.device.calls == ["open", "return"]
+def test_nothing_moves_not_even_to_home_before_it_is_permitted(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, GOAL)
+    permitted.bench.advance(1.0)
+    permitted.run(1.0, "starting")
+    assert permitted.device.calls == []
+    assert permitted.condition == "closed"
+    permitted.run(0.1)
+    assert permitted.device.calls == ["open", "return"]
 
 
-def test_a_goal_is_swept_and_the_interval_is_measured(leashed: Leashed) -> None:
-    leashed.bench.feed(RigStage.goal, GOAL)
-    leashed.run(12.0)
-    assert leashed.words == ["ready", "sweeping", "swept", "ready"]
-    swept = leashed.bench.sent(RigStage.status)[2]
+def test_a_goal_is_swept_and_the_interval_is_measured(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, GOAL)
+    permitted.run(12.0)
+    assert permitted.words == ["ready", "sweeping", "swept", "ready"]
+    swept = permitted.bench.sent(RigStage.status)[2]
     assert (swept.leave_ns - swept.enter_ns) * 1e-9 == pytest.approx((TO_M - FROM_M) / 0.020, abs=1e-3)
     assert swept.sample_count == 0
-    position_m = np.concatenate([pose.position_m for pose in leashed.bench.sent(RigStage.pose)])
+    position_m = np.concatenate([pose.position_m for pose in permitted.bench.sent(RigStage.pose)])
     assert np.min(position_m) <= FROM_M + 1e-4
     assert np.max(position_m) >= TO_M - 1e-4
 
 
-def test_it_waits_for_the_device_and_not_for_its_prediction(leashed: Leashed) -> None:
-    leashed.bench.feed(RigStage.goal, GOAL)
-    leashed.run(0.1)
-    arrival_ns = leashed.device.end_ns
-    leashed.run(arrival_ns * 1e-9 - leashed.bench.clock.now_ns() * 1e-9 - 0.015)
-    assert leashed.device.calls[-1] == "return"
-    leashed.run(0.1)
-    assert leashed.device.calls[-1] == "sweep"
+def test_it_waits_for_the_device_and_not_for_its_prediction(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, GOAL)
+    permitted.run(0.1)
+    arrival_ns = permitted.device.end_ns
+    permitted.run(arrival_ns * 1e-9 - permitted.bench.clock.now_ns() * 1e-9 - 0.015)
+    assert permitted.device.calls[-1] == "return"
+    permitted.run(0.1)
+    assert permitted.device.calls[-1] == "sweep"
 
 
-def test_between_sweeps_the_probe_is_raised(leashed: Leashed) -> None:
-    leashed.bench.feed(RigStage.goal, GOAL)
-    leashed.run(12.0)
-    assert leashed.device.calls == ["open", "return", "sweep", "retreat 0.02"]
+def test_between_sweeps_the_probe_is_raised(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, GOAL)
+    permitted.run(12.0)
+    assert permitted.device.calls == ["open", "return", "sweep", "retreat 0.02"]
 
 
-def sweeping(leashed: Leashed) -> None:
-    leashed.bench.feed(RigStage.goal, GOAL)
-    while "sweeping" not in leashed.words:
-        leashed.run(0.05)
+def sweeping(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, GOAL)
+    while "sweeping" not in permitted.words:
+        permitted.run(0.05)
 
 
-def test_without_a_heartbeat_it_stops_after_50_ms(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.bench.advance(0.045)
-    assert "stop" not in leashed.device.calls
-    leashed.bench.advance(0.016)
-    assert leashed.device.calls[-1] == "stop"
-    assert leashed.words[-1] == "cancelled"
-    assert leashed.condition == "unheard"
+def test_without_a_heartbeat_it_stops_after_50_ms(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.bench.advance(0.045)
+    assert "stop" not in permitted.device.calls
+    permitted.bench.advance(0.016)
+    assert permitted.device.calls[-1] == "stop"
+    assert permitted.words[-1] == "cancelled"
+    assert permitted.condition == "unheard"
 
 
-def test_at_a_trip_it_stops_at_once_and_stays(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.beat("stopping")
-    assert leashed.device.calls[-1] == "stop"
-    leashed.run(3.0, "latched")
-    assert leashed.device.calls[-1] == "stop"
-    assert leashed.words[-1] == "cancelled"
+def test_at_a_trip_it_stops_at_once_and_stays(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.beat("stopping")
+    assert permitted.device.calls[-1] == "stop"
+    permitted.run(3.0, "latched")
+    assert permitted.device.calls[-1] == "stop"
+    assert permitted.words[-1] == "cancelled"
 
 
-def test_after_the_acknowledgement_it_raises_the_probe_slowly_and_is_ready(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.device.calls[-2:] == ["stop", "acknowledge"]
-    assert leashed.condition == "ok"
-    assert leashed.bench.sent(RigStage.report)[-1].acknowledged_count == 1
-    leashed.run(1.2, "ready", count=1)
-    assert leashed.device.calls[-1] == "retreat 0.002"
-    assert leashed.words[-1] == "ready"
+def test_after_the_acknowledgement_it_raises_the_probe_slowly_and_is_ready(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.device.calls[-2:] == ["stop", "acknowledge"]
+    assert permitted.condition == "ok"
+    assert permitted.bench.sent(RigStage.report)[-1].acknowledged_count == 1
+    permitted.run(1.2, "ready", count=1)
+    assert permitted.device.calls[-1] == "retreat 0.002"
+    assert permitted.words[-1] == "ready"
 
 
-def test_a_cause_that_persists_is_said_again(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.device.condition = Condition.E_STOP
-    leashed.run(0.1)
-    assert leashed.condition == "e-stop"
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.condition == "e-stop"
+def test_a_cause_that_persists_is_said_again(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.device.condition = Condition.E_STOP
+    permitted.run(0.1)
+    assert permitted.condition == "e-stop"
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.condition == "e-stop"
 
 
-def test_a_controller_that_refuses_the_acknowledgement_is_said_to(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.device.broken = True
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.condition == "device fault"
-    leashed.device.broken = False
-    leashed.run(0.1, "latched", count=1)
-    leashed.run(0.1, "starting", count=2)
-    assert leashed.condition == "ok"
+def test_a_controller_that_refuses_the_acknowledgement_is_said_to(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.device.broken = True
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.condition == "device fault"
+    permitted.device.broken = False
+    permitted.run(0.1, "latched", count=1)
+    permitted.run(0.1, "starting", count=2)
+    assert permitted.condition == "ok"
 
 
-def test_a_lost_link_is_opened_again_after_the_acknowledgement(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.device.broken, leashed.device.condition = True, Condition.LINK_LOST
-    leashed.run(0.1, "latched")
-    leashed.run(0.1, "starting", count=1)
-    assert leashed.device.calls[-1] == "close"
-    leashed.device.broken, leashed.device.condition = False, Condition.OK
-    leashed.run(0.1, "ready", count=1)
-    assert leashed.device.calls[-1] == "open"
-    assert leashed.words[-1] == "ready"
+def test_a_lost_link_is_opened_again_after_the_acknowledgement(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.device.broken, permitted.device.condition = True, Condition.LINK_LOST
+    permitted.run(0.1, "latched")
+    permitted.run(0.1, "starting", count=1)
+    assert permitted.device.calls[-1] == "close"
+    permitted.device.broken, permitted.device.condition = False, Condition.OK
+    permitted.run(0.1, "ready", count=1)
+    assert permitted.device.calls[-1] == "open"
+    assert permitted.words[-1] == "ready"
 
 
-def test_goals_wait_while_it_is_halted(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.run(0.1, "latched")
-    leashed.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=2, from_m=FROM_M, to_m=TO_M))
-    leashed.run(0.5, "latched")
-    leashed.run(20.0, "ready", count=1)
-    assert leashed.words[-3:] == ["sweeping", "swept", "ready"]
-    assert leashed.bench.sent(RigStage.status)[-1].goal_id == 2
+def test_goals_wait_while_it_is_halted(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.run(0.1, "latched")
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=2, from_m=FROM_M, to_m=TO_M))
+    permitted.run(0.5, "latched")
+    permitted.run(20.0, "ready", count=1)
+    assert permitted.words[-3:] == ["sweeping", "swept", "ready"]
+    assert permitted.bench.sent(RigStage.status)[-1].goal_id == 2
 
 
-def test_a_goal_can_be_cancelled(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True))
-    leashed.run(1.0)
-    assert leashed.words[-2:] == ["cancelled", "ready"]
+def test_a_goal_can_be_cancelled(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True))
+    permitted.run(1.0)
+    assert permitted.words[-2:] == ["cancelled", "ready"]
 
 
-def test_a_lost_link_at_the_end_is_no_failure(leashed: Leashed) -> None:
-    sweeping(leashed)
-    leashed.device.broken = True
-    leashed.bench.executor.transition(Transition.DEACTIVATE)
-    assert leashed.device.calls[-2:] == ["stop", "close"]
+def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.device.broken = True
+    permitted.bench.executor.transition(Transition.DEACTIVATE)
+    assert permitted.device.calls[-2:] == ["stop", "close"]
 
 
 def test_a_lift_that_leaves_the_probe_in_the_gel_is_refused_at_the_start(tmp_path: Path) -> None:

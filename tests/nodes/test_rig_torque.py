@@ -11,8 +11,8 @@ from nodes import rig_torque
 from nodes.rig_torque import RigTorque
 from palp_core import Bench
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import HEALTHY, Health
-from palp_core.palpation.devices.protocols import TorqueBlock
+from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
+from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.wrench_state import bias_from
 
 MS = 1_000_000
@@ -22,7 +22,7 @@ class ScriptedSensor:
     """Delivers what it is given."""
 
     def __init__(self) -> None:
-        self.waiting: list[TorqueBlock] = []
+        self.waiting: list[TorqueSamples] = []
         self.is_open = False
 
     def open(self, *_: Any) -> None:
@@ -31,21 +31,21 @@ class ScriptedSensor:
     def close(self) -> None:
         self.is_open = False
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         return HEALTHY
 
-    def drain(self, now_ns: int, state: Any, rng: Any) -> TorqueBlock:
+    def drain(self, now_ns: int, state: Any, rng: Any) -> TorqueSamples:
         return self.waiting.pop(0) if self.waiting else samples([], [])
 
-    def tare(self, block: TorqueBlock, state: Any) -> None:
+    def tare(self, block: TorqueSamples, state: Any) -> None:
         bias_from(block, state)
 
 
-def samples(times_ms: list[float], torque: list[float], **counts: Any) -> TorqueBlock:
+def samples(times_ms: list[float], torque: list[float], **counts: Any) -> TorqueSamples:
     wrench = np.zeros((len(times_ms), 6))
     wrench[:, 3] = torque
     wrench[:, 1] = 2.0
-    return TorqueBlock(
+    return TorqueSamples(
         (np.array(times_ms) * MS).astype(np.int64),
         np.array(torque, dtype=float),
         counts.get("saturated", 0),

@@ -38,7 +38,7 @@ class ScriptedStop:
         self.calls.append("abort")
         return 1
 
-    def rest(self, written_ns: int) -> StopTimes:
+    def finish_stop(self, written_ns: int) -> StopTimes:
         self._need_link()
         self.calls.append("disable")
         self.report = replace(self.report, enabled=False)
@@ -48,7 +48,7 @@ class ScriptedStop:
         return self.reports()
 
     def trip(self) -> StopTimes:
-        return self.rest(self.abort())
+        return self.finish_stop(self.abort())
 
     def close(self) -> None:
         self.calls.append("close")
@@ -375,8 +375,8 @@ def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watche
 def test_a_trip_is_not_left_while_a_process_of_the_graph_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, watch_processes=True)
     stopped: list[int] = []
-    for name, found in (("find", 1), ("stopped", stopped), ("ended", [])):
-        monkeypatch.setattr(watched.bench.node.siblings, name, lambda found=found: found)
+    for name, found in (("refresh", 1), ("stopped", stopped), ("ended", [])):
+        monkeypatch.setattr(watched.bench.node.processes, name, lambda found=found: found)
     sweeping(watched)
     stopped.append(4713)
     watched.run(0.02)
@@ -444,9 +444,9 @@ def test_a_limit_that_never_trips_or_warns_is_refused_before_the_start_and_at_it
 
 def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, watch_processes=True)
-    monkeypatch.setattr(watched.bench.node.siblings, "find", lambda: 1)
+    monkeypatch.setattr(watched.bench.node.processes, "refresh", lambda: 1)
     found: list[int] = []
-    monkeypatch.setattr(watched.bench.node.siblings, "stopped", lambda: found)
+    monkeypatch.setattr(watched.bench.node.processes, "stopped", lambda: found)
     sweeping(watched)
     found.append(4711)
     watched.run(0.02)
@@ -457,8 +457,8 @@ def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -
 def test_a_process_of_the_graph_that_ends_in_a_sweep_trips(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, watch_processes=True)
     gone: list[int] = [4712]
-    for name, found in (("find", 1), ("stopped", []), ("ended", gone)):
-        monkeypatch.setattr(watched.bench.node.siblings, name, lambda found=found: found)
+    for name, found in (("refresh", 1), ("stopped", []), ("ended", gone)):
+        monkeypatch.setattr(watched.bench.node.processes, name, lambda found=found: found)
     watched.run(0.1)
     assert watched.trips() == []  # at rest it is the launcher's business
     watched.moving = True

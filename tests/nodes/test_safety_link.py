@@ -60,14 +60,14 @@ def test_a_connection_is_tried_until_there_is_one_and_given_to_one() -> None:
         return ScriptedStop()
 
     again = Reconnection(connect, pause_s=0.0)
-    assert again.take() is None
-    assert again.begin()
-    assert not again.begin()
+    assert again.fetch() is None
+    assert again.start()
+    assert not again.start()
     assert made.wait(LONG_S)
     found = None
     while found is None:
-        found = again.take()
-    assert again.take() is None
+        found = again.fetch()
+    assert again.fetch() is None
     assert found.calls == []
 
 
@@ -82,9 +82,9 @@ def test_a_connection_that_comes_after_the_end_is_closed() -> None:
         return late
 
     again = Reconnection(connect)
-    again.begin()
+    again.start()
     assert asked.wait(LONG_S)
     again.close()
     answers.set()
     assert closed.wait(LONG_S)
-    assert not again.begin()
+    assert not again.start()

@@ -1,16 +1,16 @@
-"""A reactor whose time the test turns by hand: what an emulator does when is then exact."""
+"""A loop whose time the test turns by hand: what an emulator does when is then exact."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
 
-from palp_core.palpation.devices.emulator.reactor import Reactor, Readable
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop, Readable
 
 __all__ = ["ManualReactor"]
 
 
-class ManualReactor(Reactor):
+class ManualReactor(EmulatorLoop):
     """Call back at the times of the test, without a thread."""
 
     def __init__(self, begin_ns: int = 0) -> None:
@@ -18,7 +18,7 @@ class ManualReactor(Reactor):
         super().stop()
         self._time_ns = begin_ns
 
-    def now_ns(self) -> int:  # type: ignore[override]  # the reactor's own needs no instance
+    def now_ns(self) -> int:  # type: ignore[override]  # the loop's own needs no instance
         return self._time_ns
 
     def readers(self) -> dict[Readable, Callable[[], None]]:

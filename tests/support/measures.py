@@ -28,12 +28,7 @@ APART = {"Message", "Params", "Protocol", "State"}
 
 SAME_NAME: dict[str, str] = {
     "Belief": "the message msgs.estimation:Belief carries it",
-    "EmgBlock": "the message msgs.emg:EmgBlock carries it",
-    "Mount": "the message msgs.experiment:Mount orders it",
     "Phantom": "the node nodes.phantom:Phantom is it in the simulated rig",
-    "RingState": "the message msgs.actuator:RingState reports it",
-    "StageState": "nodes.stage:StageState is what a swap hands over of it",
-    "TorqueBlock": "the message msgs.torque:TorqueBlock carries it",
 }
 """Top-level classes that share a name, with the cause."""
 

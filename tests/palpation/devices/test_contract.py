@@ -22,20 +22,20 @@ from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.ring.maestro import MaestroState
-from palp_core.palpation.devices.sim.emg import EmgState
-from palp_core.palpation.devices.sim.ring import RingState
-from palp_core.palpation.devices.sim.stage import StageState
-from palp_core.palpation.devices.sim.torque import TorqueState
+from palp_core.palpation.devices.sim.emg import SimEmgState
+from palp_core.palpation.devices.sim.ring import SimRingState
+from palp_core.palpation.devices.sim.stage import SimStageState
+from palp_core.palpation.devices.sim.torque import SimTorqueState
 from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from tests.support.hardware import Hardware
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
 STATES: dict[tuple[str, str], type[Any]] = {
-    ("stage", "sim"): StageState,
-    ("ring", "sim"): RingState,
-    ("torque", "sim"): TorqueState,
-    ("emg", "sim"): EmgState,
+    ("stage", "sim"): SimStageState,
+    ("ring", "sim"): SimRingState,
+    ("torque", "sim"): SimTorqueState,
+    ("emg", "sim"): SimEmgState,
     ("stage", "aerotech"): AerotechState,
     ("ring", "maestro"): MaestroState,
     ("torque", "ati"): WrenchState,

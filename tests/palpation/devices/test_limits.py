@@ -97,7 +97,7 @@ def test_no_window_holds_more_running_than_the_share(runs: list[tuple[float, flo
         run_ns = round(run_s * 1e9)
         start_ns = duty.start_ns(now_ns, run_ns)
         assert start_ns >= now_ns
-        duty.ran(start_ns, start_ns + run_ns)
+        duty.add_run(start_ns, start_ns + run_ns)
         done.append((start_ns, start_ns + run_ns))
         now_ns = start_ns + run_ns
     for _, end_ns in done:
@@ -120,7 +120,7 @@ def test_many_short_runs_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> No
         return used_ns(cycle, at_ns)
 
     for i in range(1000):
-        duty.ran(i * 100_000_000, i * 100_000_000 + 50_000_000)
+        duty.add_run(i * 100_000_000, i * 100_000_000 + 50_000_000)
     monkeypatch.setattr(DutyCycle, "_used_ns", look)
     now_ns = 100_000_000_000
     assert duty.start_ns(now_ns, 5_000_000_000) == now_ns

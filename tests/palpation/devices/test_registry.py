@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import (
-    EmgSource,
+    EmgDevice,
     RingDevice,
     StageDevice,
     TorqueSensor,
@@ -27,10 +27,10 @@ from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.registry import device_mistakes
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
-from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
-from palp_core.palpation.devices.sim.ring import RingState, SimRing
-from palp_core.palpation.devices.sim.stage import SimStage, StageState
-from palp_core.palpation.devices.sim.torque import SimTorque, TorqueState
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
+from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
+from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
+from palp_core.palpation.devices.sim.torque import SimTorque, SimTorqueState
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.torque.netft import NetFtTorque
@@ -40,10 +40,10 @@ CHAIN = [[0.2] * 5] * 5
 
 
 def test_the_simulated_devices_satisfy_the_protocols() -> None:
-    stage: StageDevice[StageState] = SimStage()
-    ring: RingDevice[RingState] = SimRing()
-    torque: TorqueSensor[TorqueState] = SimTorque()
-    emg: EmgSource[EmgState] = SimEmg(matrix=CHAIN)
+    stage: StageDevice[SimStageState] = SimStage()
+    ring: RingDevice[SimRingState] = SimRing()
+    torque: TorqueSensor[SimTorqueState] = SimTorque()
+    emg: EmgDevice[SimEmgState] = SimEmg(matrix=CHAIN)
     for device in (stage, ring, torque, emg):
         device.close()
     assert emg.rate_hz == 1500.0
@@ -117,7 +117,7 @@ def test_the_drivers_satisfy_the_protocols_and_are_known_by_name() -> None:
     stage: StageDevice[AerotechState] = AerotechStage("socket://127.0.0.1:1")
     ring: RingDevice[MaestroState] = MaestroRing("/nowhere")
     torque: list[TorqueSensor[WrenchState]] = [AtiTorque(), NetFtTorque("127.0.0.1")]
-    emg: list[EmgSource[EmgSourceState]] = [
+    emg: list[EmgDevice[EmgSourceState]] = [
         NoraxonEmg("127.0.0.1"),
         LslEmg("nothing"),
         SpikerShieldEmg("/nowhere"),

@@ -17,17 +17,17 @@ from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
 from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
 from palp_core.palpation.devices.emulator.ports import Speaker, TcpPort
-from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.world import World, WorldSettings
-from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
-from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.torque.netft import NetFtTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
@@ -66,11 +66,11 @@ class Script:
 
 
 @pytest.fixture
-def reactor() -> Iterator[Reactor]:
-    reactor = Reactor()
-    yield reactor
-    failures = reactor.failures
-    reactor.stop()
+def loop() -> Iterator[EmulatorLoop]:
+    loop = EmulatorLoop()
+    yield loop
+    failures = loop.failures
+    loop.stop()
     assert failures == []
 
 
@@ -81,9 +81,9 @@ def world() -> Iterator[World]:
     world.close()
 
 
-def listen(reactor: Reactor, make: Callable[[], Speaker]) -> TcpPort:
-    port = TcpPort(reactor, 0, make, Faults())
-    reactor.call(port.plug)
+def listen(loop: EmulatorLoop, make: Callable[[], Speaker]) -> TcpPort:
+    port = TcpPort(loop, 0, make, Faults())
+    loop.call(port.plug)
     return port
 
 
@@ -145,35 +145,35 @@ def test_an_emulator_set_to_accept_and_fault_accepts_and_faults(world: World) ->
 
 
 @pytest.mark.parametrize("always_end", [True, False])
-def test_the_stages_driver_says_and_understands_the_transcript(reactor: Reactor, always_end: bool) -> None:
+def test_the_stages_driver_says_and_understands_the_transcript(loop: EmulatorLoop, always_end: bool) -> None:
     def ending(answer: bytes) -> bytes:
         return answer if always_end or len(answer) > 2 else answer[:1]
 
     script = Script(
         [(b"NONE\n", ending(b"!\n")), *((sent, ending(answer)) for _, sent, answer, _, _ in STAGE)]
     )
-    port = listen(reactor, lambda: script)
+    port = listen(loop, lambda: script)
     link = AerotechLink(port.address, 115200, 30.0)
     for _, sent, _, say, expected in STAGE:
         assert say(link) == expected, sent
     link.close()
-    reactor.call(port.unplug)
+    loop.call(port.unplug)
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_the_stages_driver_understands_limits_and_the_emergency_stop(reactor: Reactor) -> None:
+def test_the_stages_driver_understands_limits_and_the_emergency_stop(loop: EmulatorLoop) -> None:
     script = Script([(b"NONE\n", b"!\n"), *((sent, answer) for _, sent, answer in [*BEYOND, *E_STOP])])
-    port = listen(reactor, lambda: script)
+    port = listen(loop, lambda: script)
     link = AerotechLink(port.address, 115200, 30.0)
-    with pytest.raises(Refused, match="could not be executed"):
+    with pytest.raises(CommandRefused, match="could not be executed"):
         link.do(aerotech.move("X", 99.0, 20.0))
     assert aerotech.Fault(link.bits("AXISFAULT(X)")).words == "cw soft limit"
     assert aerotech.Fault(link.bits("AXISFAULT(X)")) is aerotech.Fault.E_STOP
     assert link.bits("AXISSTATUS(X)") == 0x80000002
-    with pytest.raises(Refused):
+    with pytest.raises(CommandRefused):
         link.do(aerotech.command("ENABLE X"))
     link.close()
-    reactor.call(port.unplug)
+    loop.call(port.unplug)
     assert (script.wrong, script.part) == ([], [])
 
 
@@ -229,14 +229,14 @@ def test_the_rings_emulator_answers_the_transcript(world: World, crc: bool) -> N
 
 
 @pytest.mark.parametrize("crc", [True, False])
-def test_the_rings_driver_says_and_understands_the_transcript(reactor: Reactor, crc: bool) -> None:
+def test_the_rings_driver_says_and_understands_the_transcript(loop: EmulatorLoop, crc: bool) -> None:
     script = Script([(sent_bytes(m, c, crc), bytes.fromhex(a)) for _, m, c, a, _, _ in RING])
-    port = listen(reactor, lambda: script)
+    port = listen(loop, lambda: script)
     link = MaestroLink(port.address, crc, 30.0)
     for _, message, _, _, say, expected in RING:
         assert say(link) == expected, message
     link.close()
-    reactor.call(port.unplug)
+    loop.call(port.unplug)
     assert (script.wrong, script.part) == ([], [])
 
 
@@ -319,8 +319,8 @@ class KnownSensor(Netcanoem):
         return [frame(a) for a in known] if known else super().answer(identifier, data, now_ns)
 
 
-def first_sample(reactor: Reactor, world: World, sample: list[str]) -> Any:
-    port = listen(reactor, lambda: SocketCand(KnownSensor(world, sample), 0))
+def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
+    port = listen(loop, lambda: SocketCand(KnownSensor(world, sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
     sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, verified=("*",))
     state, rng = WrenchState(), np.random.default_rng(0)
@@ -332,11 +332,11 @@ def first_sample(reactor: Reactor, world: World, sample: list[str]) -> Any:
                 return block
     finally:
         sensor.close()
-        reactor.call(port.unplug)
+        loop.call(port.unplug)
 
 
-def test_the_sensors_driver_makes_forces_of_the_transcript(reactor: Reactor, world: World) -> None:
-    block = first_sample(reactor, world, SENSOR["200#"])
+def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop, world: World) -> None:
+    block = first_sample(loop, world, SENSOR["200#"])
     np.testing.assert_allclose(block.wrench[0], WRENCH, atol=1e-6)
     assert block.torque_n_m[0] == pytest.approx(WRENCH[3], abs=1e-9)
     assert not block.faulty[0]
@@ -344,9 +344,9 @@ def test_the_sensors_driver_makes_forces_of_the_transcript(reactor: Reactor, wor
 
 @pytest.mark.parametrize(("sample", "saturated"), [(SUPPLY_LOW, 0), (SATURATED, 1)])
 def test_the_sensors_driver_does_not_trust_a_bad_sample(
-    reactor: Reactor, world: World, sample: list[str], saturated: int
+    loop: EmulatorLoop, world: World, sample: list[str], saturated: int
 ) -> None:
-    block = first_sample(reactor, world, sample)
+    block = first_sample(loop, world, sample)
     assert bool(block.faulty[0])
     assert min(block.saturated_count, 1) == saturated
     assert abs(block.torque_n_m[0]) <= 0.120
@@ -356,7 +356,7 @@ RECORD = bytes.fromhex("0000000100000007 00000000 000F4240 FFD9DA60 00000000 000
 
 
 def test_the_network_sensor_speaks_as_the_transcript_does(
-    reactor: Reactor, world: World, monkeypatch: pytest.MonkeyPatch
+    loop: EmulatorLoop, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert rdt.request(rdt.START) == bytes.fromhex("1234000200000000")
     assert rdt.request(rdt.STOP) == bytes.fromhex("1234000000000000")
@@ -365,12 +365,12 @@ def test_the_network_sensor_speaks_as_the_transcript_does(
     assert (record["counts"] / 1e6).tolist() == [1.0, -2.5, 0.0, 0.015625, -0.015625, 0.0]
     truth = np.array([1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0])
     monkeypatch.setattr(world, "wrench", lambda now_ns: truth.copy())
-    sensor = NetFt(reactor, world, Faults(), 1000.0)
+    sensor = NetFt(loop, world, Faults(), 1000.0)
     assert sensor.record(1, 7, 0) == RECORD
 
 
-def test_the_network_sensors_driver_says_and_understands_the_transcript(reactor: Reactor) -> None:
-    page = listen(reactor, lambda: Http(lambda path, _: configuration_page(path), "text/xml"))
+def test_the_network_sensors_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
+    page = listen(loop, lambda: Http(lambda path, _: configuration_page(path), "text/xml"))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
         device.bind(("127.0.0.1", 0))
         device.settimeout(20.0)
@@ -390,7 +390,7 @@ def test_the_network_sensors_driver_says_and_understands_the_transcript(reactor:
         block = sensor.drain(0, state, rng)
         sensor.close()
         asked.append(device.recv(64))
-    reactor.call(page.unplug)
+    loop.call(page.unplug)
     assert asked == [bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")]
     np.testing.assert_allclose(block.wrench, [[1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0]])
     assert not block.faulty.any()
@@ -415,7 +415,7 @@ def test_noraxons_emulator_answers_the_transcript(world: World) -> None:
     assert len(fds["samples"]) == len(edc["samples"]) == 30
 
 
-def test_noraxons_driver_understands_the_transcript(reactor: Reactor) -> None:
+def test_noraxons_driver_understands_the_transcript(loop: EmulatorLoop) -> None:
     asked: list[str] = []
 
     def page(path: str, now_ns: int) -> bytes:
@@ -430,7 +430,7 @@ def test_noraxons_driver_understands_the_transcript(reactor: Reactor) -> None:
             )
         return b'{"channels":[{"index":0,"samples":[1.5,-2.0]},{"index":1,"samples":[3.0,4.0]}]}'
 
-    port = listen(reactor, lambda: Http(page, "application/json"))
+    port = listen(loop, lambda: Http(page, "application/json"))
     source = NoraxonEmg(port.host, port.port, timeout_s=30.0, verified=("*",))
     state, rng = EmgSourceState(), np.random.default_rng(0)
     source.open(0, state, rng)
@@ -438,7 +438,7 @@ def test_noraxons_driver_understands_the_transcript(reactor: Reactor) -> None:
     while not len(block.times_ns):
         block = source.drain(0, state, rng)
     source.close()
-    reactor.call(port.unplug)
+    loop.call(port.unplug)
     assert asked[:5] == ["/headers", "/disable/all", "/enable/0", "/enable/1", "/samples"]
     np.testing.assert_allclose(block.fds_v, [1.5e-6, -2e-6])
     np.testing.assert_allclose(block.edc_v, [3e-6, 4e-6])
@@ -454,12 +454,12 @@ def test_the_spikershield_speaks_as_the_transcript_does(
     assert (values.tolist(), dropped) == ([[512.0, 515.0]], False)
     assert spikershield.configuration(10000, 2) == b"conf s:10000;c:2;\n"
     box = SpikerShield(world)
-    block = EmgBlock(np.array([0]), np.array([0.0]), np.array([3 * 4e-6]))
+    block = EmgSamples(np.array([0]), np.array([0.0]), np.array([3 * 4e-6]))
     monkeypatch.setattr(box._muscles, "since", lambda now_ns: block)
     assert box.stream(0) == b"StartUp!\r\n" + FRAME
 
 
-def test_the_spikershields_driver_says_and_understands_the_transcript(reactor: Reactor) -> None:
+def test_the_spikershields_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
     script = Script([(b"conf s:10000;c:2;\n", FRAME * 4)])
 
     class Booting(Script):
@@ -467,7 +467,7 @@ def test_the_spikershields_driver_says_and_understands_the_transcript(reactor: R
             self.ready_ns = now_ns + 2 * S  # the driver throws away what came before its configuration
             return script.receive(data, now_ns)
 
-    port = listen(reactor, lambda: Booting([]))
+    port = listen(loop, lambda: Booting([]))
     source = SpikerShieldEmg(port.address, verified=("*",))
     state, rng = EmgSourceState(), np.random.default_rng(0)
     source.open(0, state, rng)
@@ -475,7 +475,7 @@ def test_the_spikershields_driver_says_and_understands_the_transcript(reactor: R
     while not len(block.times_ns):
         block = source.drain(0, state, rng)
     source.close()
-    reactor.call(port.unplug)
+    loop.call(port.unplug)
     assert (script.wrong, script.part) == ([], [])
     np.testing.assert_allclose(block.fds_v, 0.0)
     np.testing.assert_allclose(block.edc_v, 3 * 4e-6)

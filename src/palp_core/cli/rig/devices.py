@@ -48,12 +48,12 @@ def probe(
     as_json: JsonOption = False,
 ) -> None:
     """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
-    from palp_core.cli.rig.device_probe import identify, unverified
+    from palp_core.cli.rig.device_discovery import discover, unverified
 
     given = _options(options)
     try:
         with until_ctrl_c():
-            found = identify(device, given)
+            found = discover(device, given)
             open_points = unverified(device, given)
     except DeviceError as error:
         if as_json:
@@ -110,7 +110,7 @@ def monitor(
     as_json: JsonOption = False,
 ) -> None:
     """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
-    from palp_core.cli.rig.device_probe import unverified, watch
+    from palp_core.cli.rig.device_discovery import unverified, watch
 
     given, said = _options(options), False
     with until_ctrl_c():

@@ -24,7 +24,7 @@ class Condition(StrEnum):
 
 
 @dataclass(frozen=True)
-class Health:
+class DeviceHealth:
     """A condition, the time at which it began and its cause in words (empty if all is well)."""
 
     condition: Condition
@@ -37,11 +37,11 @@ class Health:
         return self.condition is Condition.OK
 
 
-HEALTHY = Health(Condition.OK)
+HEALTHY = DeviceHealth(Condition.OK)
 """What a simulated device always is."""
 
 
-class Watch:
+class HealthMonitor:
     """Keep a device's health; written by the driver's thread, read by the caller's.
 
     A condition that is reported stays until another is. ``stale`` is not reported but follows from silence:
@@ -54,17 +54,17 @@ class Watch:
     def __init__(self, stale_s: float) -> None:
         self._stale_ns = round(stale_s * 1e9)
         self._lock = threading.Lock()
-        self._health = Health(Condition.CLOSED)
+        self._health = DeviceHealth(Condition.CLOSED)
         self._fresh_ns = 0
         self._well = False
 
-    def fresh(self, now_ns: int) -> None:
+    def note_data(self, now_ns: int) -> None:
         """Note that good data arrived; ends every condition that ends by itself."""
         self._fresh_ns = now_ns
         if not self._well:
             self.report(Condition.OK, now_ns)
 
-    def touch(self, now_ns: int) -> None:
+    def note_contact(self, now_ns: int) -> None:
         """Note that the device spoke, without a word on how it is."""
         self._fresh_ns = now_ns
 
@@ -72,12 +72,14 @@ class Watch:
         """Enter a condition; the same one again keeps its beginning."""
         with self._lock:
             if condition is not self._health.condition:
-                self._health = Health(condition, now_ns, cause)
+                self._health = DeviceHealth(condition, now_ns, cause)
                 self._well = condition is Condition.OK
 
-    def read(self, now_ns: int) -> Health:
+    def read(self, now_ns: int) -> DeviceHealth:
         """Return the present health."""
         health, silent_ns = self._health, now_ns - self._fresh_ns
         if health.ok and 0 < self._stale_ns < silent_ns:
-            return Health(Condition.STALE, self._fresh_ns, f"nothing heard for {silent_ns * 1e-6:.1f} ms")
+            return DeviceHealth(
+                Condition.STALE, self._fresh_ns, f"nothing heard for {silent_ns * 1e-6:.1f} ms"
+            )
         return health

@@ -194,15 +194,15 @@ class DutyCycle:
         """Begin and end of the runs noted, for whoever takes over: the motor is as warm for him."""
         return list(self._runs)
 
-    def recall(self, runs: Iterable[tuple[int, int]]) -> None:
+    def restore(self, runs: Iterable[tuple[int, int]]) -> None:
         """Note what ran before, and nothing else."""
         self._runs = deque(runs)
 
-    def ran(self, start_ns: int, end_ns: int) -> None:
+    def add_run(self, start_ns: int, end_ns: int) -> None:
         """Note a run."""
         self._runs.append((start_ns, end_ns))
 
-    def cut(self, now_ns: int) -> None:
+    def end_run(self, now_ns: int) -> None:
         """End the last run now, or take it back if it has not begun: another command replaced it."""
         if self._runs and self._runs[-1][1] > now_ns:
             start_ns, _ = self._runs.pop()

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palp_core.palpation.devices.health import Health
+from palp_core.palpation.devices.health import DeviceHealth
 from palp_core.units import Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -90,7 +90,7 @@ class RingReading:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueBlock:
+class TorqueSamples:
     """Torque about x, arrays of shape (n,); a saturated sample is clipped to the range and counted.
 
     Attributes:
@@ -115,10 +115,10 @@ class TorqueBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class EmgBlock:
+class EmgSamples:
     """Raw EMG of the finger flexor (FDS) and extensor (EDC), arrays of shape (n,).
 
-    ``index``, ``gap`` and ``clock`` are as in :class:`TorqueBlock`.
+    ``index``, ``gap`` and ``clock`` are as in :class:`TorqueSamples`.
     """
 
     times_ns: Int64Array
@@ -134,7 +134,7 @@ class StageDevice(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
-    def health(self, now_ns: int) -> Health: ...
+    def health(self, now_ns: int) -> DeviceHealth: ...
 
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep over [from_m, to_m] has the room to reach its speed, in m."""
@@ -156,7 +156,7 @@ class RingDevice(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
-    def health(self, now_ns: int) -> Health: ...
+    def health(self, now_ns: int) -> DeviceHealth: ...
 
     def command(self, target_m: float, now_ns: int, state: S, rng: np.random.Generator) -> int:
         """Go to ``target_m``; return the time at which it will have settled, in ns."""
@@ -175,16 +175,16 @@ class TorqueSensor(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
-    def health(self, now_ns: int) -> Health: ...
+    def health(self, now_ns: int) -> DeviceHealth: ...
 
-    def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> TorqueBlock:
+    def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> TorqueSamples:
         """Return every sample received since the last call; a simulated sensor is unloaded here."""
 
-    def tare(self, block: TorqueBlock, state: S) -> None:
+    def tare(self, block: TorqueSamples, state: S) -> None:
         """Make the mean of ``block``, read unloaded, the new zero."""
 
 
-class EmgSource(Protocol[S]):
+class EmgDevice(Protocol[S]):
     """Deliver the raw EMG of two muscles."""
 
     @property
@@ -192,7 +192,7 @@ class EmgSource(Protocol[S]):
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
-    def health(self, now_ns: int) -> Health: ...
+    def health(self, now_ns: int) -> DeviceHealth: ...
 
-    def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> EmgBlock:
+    def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> EmgSamples:
         """Return every sample since the last call up to and including ``now_ns``."""

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_type_hints, overload
 import msgspec
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import EmgSource, RingDevice, StageDevice, TorqueSensor
+from palp_core.palpation.devices.protocols import EmgDevice, RingDevice, StageDevice, TorqueSensor
 
 _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
     "stage": {
@@ -53,7 +53,7 @@ def open_device(kind: Literal["ring"], name: str, **options: Any) -> RingDevice[
 @overload
 def open_device(kind: Literal["torque"], name: str, **options: Any) -> TorqueSensor[Any]: ...
 @overload
-def open_device(kind: Literal["emg"], name: str, **options: Any) -> EmgSource[Any]: ...
+def open_device(kind: Literal["emg"], name: str, **options: Any) -> EmgDevice[Any]: ...
 def open_device(kind: str, name: str, **options: Any) -> Any:
     """Build a device back end; its link opens with the device's own ``open``.
 

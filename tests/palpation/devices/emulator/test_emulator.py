@@ -35,7 +35,7 @@ def now() -> int:
 @pytest.mark.parametrize(("code", "ring_m", "y_m"), [("A", 0.016, 0.002), ("C", 0.004, -0.02)])
 def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: float) -> None:
     world = World(WorldSettings(code=code, repeatability_m=0.0))
-    world.extend(ring_m + 0.001, 6.5e-3, 0)
+    world.move_rod(ring_m + 0.001, 6.5e-3, 0)
     world.axes["y"].move(y_m, 0.05, 0)
     probe = Probe()
     model, _ = contact_model(PAPER_PHANTOMS[code], probe.tip_radius_m, indentation_m=0.004)

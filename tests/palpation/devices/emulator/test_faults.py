@@ -16,9 +16,9 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emulator import DEVICES, EmulatedRig
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
-from palp_core.palpation.devices.safety.watchdog import Load, Stage, Watchdog, WatchLimits
+from palp_core.palpation.devices.safety.watchdog import Watchdog, WatchedLoad, WatchedStage, WatchLimits
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.torque import netft
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
@@ -60,14 +60,14 @@ def now() -> int:
 def named(monkeypatch: pytest.MonkeyPatch) -> list[Condition]:
     """Every condition that drivers report, in order: one that passes soon is not missed."""
     reported: list[Condition] = []
-    report = Watch.report
+    report = HealthMonitor.report
 
-    def note(watch: Watch, condition: Condition, now_ns: int, cause: str = "") -> None:
+    def note(watch: HealthMonitor, condition: Condition, now_ns: int, cause: str = "") -> None:
         assert condition is Condition.OK or condition is Condition.CLOSED or cause
         reported.append(condition)
         report(watch, condition, now_ns, cause)
 
-    monkeypatch.setattr(Watch, "report", note)
+    monkeypatch.setattr(HealthMonitor, "report", note)
     return reported
 
 
@@ -136,12 +136,14 @@ def test_the_watchdog_names_the_trip_of_every_fault_of_stage_ring_and_sensor(fau
     dog, kind = Watchdog(WatchLimits()), KINDS[fault.device]
     for state in fault.states:
         if kind == "stage":
-            found = dog.stage(Stage(S, 0.0, 0.0, 0.0, True, condition=state))
+            found = dog.check_stage(WatchedStage(S, 0.0, 0.0, 0.0, True, condition=state))
         elif kind == "ring":
-            found = dog.ring(S, state)
+            found = dog.check_ring(S, state)
         else:
-            load = Load(S, 0.0, 0.0, state == Condition.SATURATED, state == Condition.DEVICE_FAULT, state, S)
-            found = dog.load(load) or dog.late(2 * S)  # without samples
+            load = WatchedLoad(
+                S, 0.0, 0.0, state == Condition.SATURATED, state == Condition.DEVICE_FAULT, state, S
+            )
+            found = dog.check_load(load) or dog.overdue(2 * S)  # without samples
     names = [finding.cause.value for finding in found]
     assert fault.trip in names
 

@@ -75,12 +75,12 @@ def test_host_time_is_the_callers_time_with_the_least_delay() -> None:
     clock = iter([1000, 2005, 3001, 9000])
     host = HostTime(lambda: next(clock))
     for now_ns in (990, 2000, 3000):
-        host.hear(now_ns)
+        host.observe(now_ns)
     assert host.now_ns() == 8999
 
 
 def push(line: SampleLine, count: int, host_ns: int) -> None:
-    line.push(np.zeros((count, 1)), host_ns)
+    line.append(np.zeros((count, 1)), host_ns)
 
 
 def test_a_late_chunk_is_no_loss_and_a_lasting_deficit_is() -> None:
@@ -93,7 +93,7 @@ def test_a_late_chunk_is_no_loss_and_a_lasting_deficit_is() -> None:
     assert line.lost_count == 0
     for k in range(61, 121):
         push(line, 20, k * period_ns + 100_000_000)  # from here on 100 samples are missing for good
-    stretch = line.take()
+    stretch = line.drain()
     assert line.lost_count == pytest.approx(100, abs=20)
     assert stretch.gap.sum() == 1
     assert np.all((np.diff(stretch.index) == 1) | stretch.gap[1:])
@@ -101,9 +101,9 @@ def test_a_late_chunk_is_no_loss_and_a_lasting_deficit_is() -> None:
 
 def test_a_sequence_number_that_jumps_is_a_gap_of_that_size() -> None:
     line = SampleLine(RATE_HZ, 1)
-    line.push(np.zeros((5, 1)), 5_000_000, 0)
-    line.push(np.zeros((5, 1)), 15_000_000, 8)
-    stretch = line.take()
+    line.append(np.zeros((5, 1)), 5_000_000, 0)
+    line.append(np.zeros((5, 1)), 15_000_000, 8)
+    stretch = line.drain()
     assert stretch.index.tolist() == [0, 1, 2, 3, 4, 8, 9, 10, 11, 12]
     assert np.flatnonzero(stretch.gap).tolist() == [5]
     assert (line.received_count, line.lost_count) == (10, 3)
@@ -116,9 +116,9 @@ def test_nothing_received_is_lost_however_it_is_drained(sizes: list[int], drains
     for k, size in enumerate(sizes):
         values = np.column_stack([np.arange(sent, sent + size, dtype=np.float64), np.zeros(size)])
         sent += size
-        line.push(values, sent * 1_000_000)
+        line.append(values, sent * 1_000_000)
         if k in drains:
-            got.append(line.take())
-    got.append(line.take())
+            got.append(line.drain())
+    got.append(line.drain())
     np.testing.assert_array_equal(np.concatenate([g.values[:, 0] for g in got]), np.arange(sent))
     np.testing.assert_array_equal(np.concatenate([g.index for g in got]), np.arange(sent))

@@ -59,8 +59,8 @@ def test_a_spikershields_clock_is_found(world: World, clock_ppm: float) -> None:
     for sent_ns, host_ns in polls(begin_ns):
         values, dropped = decoder.feed(box.stream(sent_ns))
         assert not dropped
-        line.push(values, host_ns)
-    check(line.take().clock, clock_ppm, begin_ns, line, 5000.0)
+        line.append(values, host_ns)
+    check(line.drain().clock, clock_ppm, begin_ns, line, 5000.0)
 
 
 @pytest.mark.parametrize("clock_ppm", [-300.0, 150.0])
@@ -69,28 +69,28 @@ def test_noraxons_clock_is_found(world: World, clock_ppm: float) -> None:
     amplifier.page("/samples", begin_ns)
     for sent_ns, host_ns in polls(begin_ns):
         channels: list[dict[str, Any]] = json.loads(amplifier.page("/samples", sent_ns) or b"")["channels"]
-        line.push(np.column_stack([channel["samples"] for channel in channels]), host_ns)
-    check(line.take().clock, clock_ppm, begin_ns, line, 1500.0)
+        line.append(np.column_stack([channel["samples"] for channel in channels]), host_ns)
+    check(line.drain().clock, clock_ppm, begin_ns, line, 1500.0)
 
 
 @pytest.mark.parametrize("clock_ppm", [-300.0, 150.0])
 def test_a_network_sensors_clock_is_found(
     world: World, clock_ppm: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reactor, line, begin_ns = ManualReactor(7 * S), SampleLine(1000.0, 1), 7 * S
-    sensor = NetFt(reactor, world, Faults(), 1000.0, clock_ppm=clock_ppm)
+    loop, line, begin_ns = ManualReactor(7 * S), SampleLine(1000.0, 1), 7 * S
+    sensor = NetFt(loop, world, Faults(), 1000.0, clock_ppm=clock_ppm)
     rng, arrived_ns = np.random.default_rng(5), 0
 
     def arrive(data: bytes, delay_ns: int) -> None:
         nonlocal arrived_ns
         (record,) = rdt.records(data)
-        arrived_ns = max(arrived_ns, reactor.now_ns() + round(rng.exponential(NETWORK_JITTER_S) * 1e9))
-        line.push(np.zeros((1, 1)), arrived_ns, int(record["rdt"]) - 1)
+        arrived_ns = max(arrived_ns, loop.now_ns() + round(rng.exponential(NETWORK_JITTER_S) * 1e9))
+        line.append(np.zeros((1, 1)), arrived_ns, int(record["rdt"]) - 1)
 
     monkeypatch.setattr(sensor, "_emit", arrive)
     monkeypatch.setattr(world, "wrench", lambda now_ns: np.zeros(6))
     sensor.plug()
     sensor.answer(rdt.request(rdt.START), ("127.0.0.1", 1))
-    reactor.run_until(begin_ns + SECONDS * S)
+    loop.run_until(begin_ns + SECONDS * S)
     sensor.unplug()
-    check(line.take().clock, clock_ppm, begin_ns, line, 1000.0)
+    check(line.drain().clock, clock_ppm, begin_ns, line, 1000.0)

@@ -13,7 +13,7 @@ STEP_NS = round(CHUNK / RATE_HZ * S)
 
 
 def push(line: SampleLine, host_ns: int, first_index: int | None = None) -> None:
-    line.push(np.zeros((CHUNK, 1)), host_ns, first_index)
+    line.append(np.zeros((CHUNK, 1)), host_ns, first_index)
 
 
 def worst_ns(line: SampleLine, begin_ns: int, end_ns: int, first_index: int | None = None) -> int:
@@ -22,7 +22,7 @@ def worst_ns(line: SampleLine, begin_ns: int, end_ns: int, first_index: int | No
     for host_ns in range(begin_ns, end_ns, STEP_NS):
         push(line, host_ns, first_index)
         first_index = None if first_index is None else first_index + CHUNK
-        worst = max(worst, abs(int(line.take().times_ns[-1]) - host_ns))
+        worst = max(worst, abs(int(line.drain().times_ns[-1]) - host_ns))
     return worst
 
 
@@ -31,10 +31,10 @@ def test_a_source_that_numbers_anew_after_an_outage_has_stamps_of_today(outage_s
     line = SampleLine(RATE_HZ, 1)
     assert worst_ns(line, S, 21 * S, 0) < 1_000_000
     back_ns = 21 * S + round(outage_s * S)
-    first = line.rejoin(CHUNK, back_ns)
+    first = line.restart_numbering(CHUNK, back_ns)
     assert first == pytest.approx((20.0 + outage_s) * RATE_HZ, abs=2 * CHUNK)
     push(line, back_ns, first)
-    stretch = line.take()
+    stretch = line.drain()
     assert stretch.gap[0]
     assert worst_ns(line, back_ns + STEP_NS, back_ns + 30 * S, first + CHUNK) < 1_000_000
     assert line.lost_count == pytest.approx(outage_s * RATE_HZ, abs=2 * CHUNK)
@@ -42,9 +42,9 @@ def test_a_source_that_numbers_anew_after_an_outage_has_stamps_of_today(outage_s
 
 def test_the_first_session_numbers_from_0_whenever_it_comes() -> None:
     line = SampleLine(RATE_HZ, 1)
-    assert line.rejoin(CHUNK, 100 * S) == 0
+    assert line.restart_numbering(CHUNK, 100 * S) == 0
     push(line, 100 * S, 0)
-    assert not line.take().gap.any()
+    assert not line.drain().gap.any()
     assert line.lost_count == 0
 
 

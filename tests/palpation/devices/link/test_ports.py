@@ -52,23 +52,23 @@ def readable(descriptor: int, timeout_s: float) -> bool:
 
 @pytest.mark.parametrize("baud", [9600, 115200, 230400])
 def test_a_terminal_takes_ten_bits_for_every_byte_both_ways(tmp_path: Path, baud: int) -> None:
-    reactor, device = ManualReactor(), Answering()
-    port = PtyPort(reactor, tmp_path / "tty", lambda: device, Faults(), baud)
+    loop, device = ManualReactor(), Answering()
+    port = PtyPort(loop, tmp_path / "tty", lambda: device, Faults(), baud)
     port.plug()
-    (far_end,) = (key for key in reactor.readers() if isinstance(key, int))
+    (far_end,) = (key for key in loop.readers() if isinstance(key, int))
     near_end = os.open(port.address, os.O_RDWR | os.O_NOCTTY)
     sent_ns, answered_ns = 20 * 10 * S // baud, 50 * 10 * S // baud
     try:
         os.write(near_end, b"x" * 20)
         assert readable(far_end, 120.0)
-        reactor.run_until(sent_ns - 1000)
+        loop.run_until(sent_ns - 1000)
         assert device.heard_ns == []  # the last byte is still on its way
-        reactor.run_until(sent_ns + 1000)
+        loop.run_until(sent_ns + 1000)
         (heard_ns,) = device.heard_ns
         assert heard_ns == pytest.approx(sent_ns, abs=100)
-        reactor.run_until(sent_ns + answered_ns - 1000)
+        loop.run_until(sent_ns + answered_ns - 1000)
         assert not readable(near_end, 0.0)
-        reactor.run_until(sent_ns + answered_ns + 1000)
+        loop.run_until(sent_ns + answered_ns + 1000)
         assert readable(near_end, 120.0)
         assert os.read(near_end, 100) == ANSWER
     finally:
@@ -77,12 +77,12 @@ def test_a_terminal_takes_ten_bits_for_every_byte_both_ways(tmp_path: Path, baud
 
 
 def test_a_stream_is_no_faster_than_its_terminal(tmp_path: Path) -> None:
-    world, reactor = World(WorldSettings()), ManualReactor(S)
-    port = PtyPort(reactor, tmp_path / "tty", lambda: SpikerShield(world), Faults(), 230400, streams=True)
+    world, loop = World(WorldSettings()), ManualReactor(S)
+    port = PtyPort(loop, tmp_path / "tty", lambda: SpikerShield(world), Faults(), 230400, streams=True)
     written: list[tuple[int, int]] = []
-    port._write = lambda data: written.append((reactor.now_ns(), len(data)))  # type: ignore[method-assign]
+    port._write = lambda data: written.append((loop.now_ns(), len(data)))  # type: ignore[method-assign]
     port.plug()
-    reactor.run_until(3 * S)
+    loop.run_until(3 * S)
     port.unplug()
     world.close()
     sent = 0
@@ -108,9 +108,9 @@ def test_two_clients_of_the_stage_command_the_same_axes_and_both_come_back(quick
     for _ in range(2):
         one, two = (AerotechLink(rig.addresses["aerotech"], 115200, 30.0) for _ in range(2))
         one.do(aerotech.command("ENABLE X"))
-        assert two.bits("AXISSTATUS(X)") & aerotech.Status.ENABLED
+        assert two.bits("AXISSTATUS(X)") & aerotech.AxisStatus.ENABLED
         two.do(aerotech.command("DISABLE X"))
-        assert not one.bits("AXISSTATUS(X)") & aerotech.Status.ENABLED
+        assert not one.bits("AXISSTATUS(X)") & aerotech.AxisStatus.ENABLED
         rig.disconnect("aerotech")
         for link in (one, two):
             with pytest.raises(DeviceError, match="lost"):

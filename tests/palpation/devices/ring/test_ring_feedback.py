@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.ring import maestro
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
@@ -35,7 +35,7 @@ class Line:
     def errors(self) -> wire.Error:
         return wire.Error(0)
 
-    def distrust(self) -> None:
+    def mark_out_of_step(self) -> None:
         self.distrusted += 1
 
 
@@ -44,8 +44,8 @@ class Rig:
 
     def __init__(self) -> None:
         self.now_ns = 0
-        self.line, self.watch = Line(), Watch(0.25)
-        self.watch.fresh(0)
+        self.line, self.watch = Line(), HealthMonitor(0.25)
+        self.watch.note_data(0)
         host = HostTime(lambda: self.now_ns)
         self.motion = RodMotion(self.line, RING, host, self.watch)  # type: ignore[arg-type]
         self.poll(HERE)

@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 import pytest
 
-from palp_core.palpation.devices.safety.process_watch import Siblings
+from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 
 
 @pytest.fixture
@@ -24,42 +24,42 @@ def sleeper() -> Iterator[subprocess.Popen[bytes]]:
 
 
 def test_a_stopped_child_is_noticed_until_it_continues(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
-    siblings = Siblings(parent=os.getpid(), own=0)
-    siblings.find()
-    assert sleeper.pid not in siblings.stopped()
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    assert sleeper.pid not in processes.stopped()
     sleeper.send_signal(signal.SIGSTOP)
     wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_STOPPED)
-    assert sleeper.pid in siblings.stopped()
+    assert sleeper.pid in processes.stopped()
     sleeper.send_signal(signal.SIGCONT)
-    wait.until(lambda: sleeper.pid not in siblings.stopped())
+    wait.until(lambda: sleeper.pid not in processes.stopped())
 
 
 def test_a_child_that_has_ended_is_not_stopped(sleeper: subprocess.Popen[bytes]) -> None:
-    siblings = Siblings(parent=os.getpid(), own=0)
-    siblings.find()
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
     sleeper.kill()
     sleeper.wait()
-    assert sleeper.pid not in siblings.stopped()
+    assert sleeper.pid not in processes.stopped()
 
 
 def test_a_child_that_ends_is_missed(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
-    siblings = Siblings(parent=os.getpid(), own=0)
-    siblings.find()
-    assert siblings.ended() == []
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    assert processes.ended() == []
     sleeper.kill()
     wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
-    assert siblings.ended() == [sleeper.pid]
-    assert siblings.ended() == []
+    assert processes.ended() == [sleeper.pid]
+    assert processes.ended() == []
 
 
 def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Popen[bytes]) -> None:
-    siblings = Siblings(parent=os.getpid(), own=0)
-    siblings.find()
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
     following = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    siblings.find()
+    processes.refresh()
     sleeper.kill()
     sleeper.wait()
-    assert siblings.ended() == []
+    assert processes.ended() == []
     following.kill()
     following.communicate()
-    assert siblings.ended() == [following.pid]
+    assert processes.ended() == [following.pid]

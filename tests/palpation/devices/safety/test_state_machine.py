@@ -71,10 +71,10 @@ def test_the_table_says_what_the_rules_say_and_nothing_else() -> None:
 def test_every_cause_latches() -> None:
     for cause in Cause:
         machine = SafetyMachine(SafetyState.MOVING)
-        machine.take(Event.TRIP, cause, "why")
-        machine.take(Event.STOPPED)
+        machine.handle(Event.TRIP, cause, "why")
+        machine.handle(Event.STOPPED)
         for event in set(Event) - {Event.ACKNOWLEDGE}:
-            machine.take(event, Cause.OPERATOR, "another")
+            machine.handle(event, Cause.OPERATOR, "another")
             assert machine.tripped
             assert (machine.cause, machine.text) == (cause, "why")
 
@@ -91,7 +91,7 @@ class SafetyWalk(RuleBasedStateMachine):
         self.acknowledged = 0
 
     def take(self, event: Event, cause: Cause | None = None) -> None:
-        actions = self.machine.take(event, cause, "why")
+        actions = self.machine.handle(event, cause, "why")
         if Action.STOP in actions:
             self.moving = self.enabled = False
         if Action.RELEASE in actions:

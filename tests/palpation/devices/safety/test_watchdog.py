@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.limits import TravelLimits
-from palp_core.palpation.devices.safety.motion_permit import Leash
+from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.safety.state_machine import Cause
-from palp_core.palpation.devices.safety.watchdog import Load, Stage, Watchdog, WatchLimits
+from palp_core.palpation.devices.safety.watchdog import Watchdog, WatchedLoad, WatchedStage, WatchLimits
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 
 MS = 1_000_000
 WINDOW = TravelLimits.around(-0.03, 0.05, 0.004, 0.020)
-FINE = Load(1 * MS, 0.010, 0.5)
-PLACE = Stage(1 * MS, 0.0, 0.0, 0.020, moving=True)
+FINE = WatchedLoad(1 * MS, 0.010, 0.5)
+PLACE = WatchedStage(1 * MS, 0.0, 0.0, 0.020, moving=True)
 
 
 def watchdog() -> Watchdog:
@@ -38,8 +38,8 @@ def watchdog() -> Watchdog:
         (replace(FINE, force_n=float("inf")), Cause.SENSOR_FAULT),
     ],
 )
-def test_a_load_that_must_not_be_names_its_cause(load: Load, cause: Cause) -> None:
-    assert [finding.cause for finding in watchdog().load(load)] == [cause]
+def test_a_load_that_must_not_be_names_its_cause(load: WatchedLoad, cause: Cause) -> None:
+    assert [finding.cause for finding in watchdog().check_load(load)] == [cause]
 
 
 @pytest.mark.parametrize(
@@ -56,72 +56,72 @@ def test_a_load_that_must_not_be_names_its_cause(load: Load, cause: Cause) -> No
         (replace(PLACE, condition="unheard"), Cause.HEARTBEAT),
     ],
 )
-def test_a_stage_that_is_not_as_it_should_be_names_its_cause(place: Stage, cause: Cause) -> None:
-    assert [finding.cause for finding in watchdog().stage(place)] == [cause]
+def test_a_stage_that_is_not_as_it_should_be_names_its_cause(place: WatchedStage, cause: Cause) -> None:
+    assert [finding.cause for finding in watchdog().check_stage(place)] == [cause]
 
 
 def test_the_driver_stops_before_the_watch_does() -> None:
     for y_m in WINDOW.y_m:
-        assert watchdog().stage(replace(PLACE, y_m=y_m)) == []
+        assert watchdog().check_stage(replace(PLACE, y_m=y_m)) == []
 
 
 def test_a_stalled_ring_and_one_that_is_gone_differ() -> None:
-    assert [f.cause for f in watchdog().ring(MS, "stalled")] == [Cause.RING_FAULT]
-    assert [f.cause for f in watchdog().ring(MS, "link lost")] == [Cause.LINK_LOST]
-    assert watchdog().ring(MS, "ok") == []
+    assert [f.cause for f in watchdog().check_ring(MS, "stalled")] == [Cause.RING_FAULT]
+    assert [f.cause for f in watchdog().check_ring(MS, "link lost")] == [Cause.LINK_LOST]
+    assert watchdog().check_ring(MS, "ok") == []
 
 
 def test_an_axis_is_judged_by_its_fault_and_by_how_it_follows() -> None:
-    assert [f.cause for f in watchdog().axis("X", "e stop", 0.0)] == [Cause.AXIS_FAULT]
-    assert [f.cause for f in watchdog().axis("X", "", 0.6e-3)] == [Cause.FOLLOWING]
-    assert watchdog().axis("X", "", 0.4e-3) == []
+    assert [f.cause for f in watchdog().check_axis("X", "e stop", 0.0)] == [Cause.AXIS_FAULT]
+    assert [f.cause for f in watchdog().check_axis("X", "", 0.6e-3)] == [Cause.FOLLOWING]
+    assert watchdog().check_axis("X", "", 0.4e-3) == []
 
 
 def heard(dog: Watchdog, ms: int) -> None:
-    dog.load(replace(FINE, sample_ns=ms * MS))
-    dog.stage(replace(PLACE, stamp_ns=ms * MS))
-    dog.ring(ms * MS, "ok")
+    dog.check_load(replace(FINE, sample_ns=ms * MS))
+    dog.check_stage(replace(PLACE, stamp_ns=ms * MS))
+    dog.check_ring(ms * MS, "ok")
 
 
 def test_nothing_is_late_while_all_speak_in_time() -> None:
     dog = watchdog()
-    assert {finding.cause for finding in dog.late(1)} == {Cause.STALE, Cause.HEARTBEAT}
+    assert {finding.cause for finding in dog.overdue(1)} == {Cause.STALE, Cause.HEARTBEAT}
     heard(dog, 100)
-    assert dog.late(125 * MS) == []
+    assert dog.overdue(125 * MS) == []
 
 
 def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
     dog = watchdog()
     heard(dog, 100)
-    dog.load(replace(FINE, sample_ns=100 * MS, stamp_ns=126 * MS))
-    assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
-    assert [f.cause for f in dog.late(151 * MS)] == [Cause.STALE, Cause.HEARTBEAT, Cause.HEARTBEAT]
+    dog.check_load(replace(FINE, sample_ns=100 * MS, stamp_ns=126 * MS))
+    assert [f.cause for f in dog.overdue(126 * MS)] == [Cause.STALE]
+    assert [f.cause for f in dog.overdue(151 * MS)] == [Cause.STALE, Cause.HEARTBEAT, Cause.HEARTBEAT]
 
 
 def test_a_sensor_whose_node_is_silent_is_not_called_stale() -> None:
     dog = watchdog()
     heard(dog, 100)
-    assert dog.late(126 * MS)[0].cause is Cause.HEARTBEAT
-    assert "report of the sensor" in dog.late(126 * MS)[0].text
+    assert dog.overdue(126 * MS)[0].cause is Cause.HEARTBEAT
+    assert "report of the sensor" in dog.overdue(126 * MS)[0].text
 
 
 def test_a_report_without_a_sample_does_not_make_the_sensor_fresh() -> None:
     dog = watchdog()
     heard(dog, 100)
-    dog.load(replace(FINE, sample_ns=0, stamp_ns=125 * MS))
-    dog.load(replace(FINE, sample_ns=90 * MS, stamp_ns=126 * MS))
-    assert [f.cause for f in dog.late(126 * MS)] == [Cause.STALE]
+    dog.check_load(replace(FINE, sample_ns=0, stamp_ns=125 * MS))
+    dog.check_load(replace(FINE, sample_ns=90 * MS, stamp_ns=126 * MS))
+    assert [f.cause for f in dog.overdue(126 * MS)] == [Cause.STALE]
 
 
 def test_a_watch_on_time_judges() -> None:
     dog = watchdog()
-    assert [dog.run(k * 10 * MS, 0.010) for k in range(1, 20)] == [[]] * 19
+    assert [dog.check_itself(k * 10 * MS, 0.010) for k in range(1, 20)] == [[]] * 19
 
 
 def test_a_late_watch_hears_first_and_then_judges_however_late_it_goes_on_to_be() -> None:
     dog = watchdog()
-    dog.run(10 * MS, 0.010)
-    judged = [dog.run(ms * MS, 0.010) for ms in range(45, 400, 35)]
+    dog.check_itself(10 * MS, 0.010)
+    judged = [dog.check_itself(ms * MS, 0.010) for ms in range(45, 400, 35)]
     assert judged[0] is None
     assert None not in judged[1::2]
     assert all(late in (None, []) for late in judged)
@@ -129,8 +129,8 @@ def test_a_late_watch_hears_first_and_then_judges_however_late_it_goes_on_to_be(
 
 def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() -> None:
     dog = watchdog()
-    dog.run(10 * MS, 0.010)
-    found = dog.run(75 * MS, 0.010)
+    dog.check_itself(10 * MS, 0.010)
+    found = dog.check_itself(75 * MS, 0.010)
     assert found is not None
     assert [finding.cause for finding in found] == [Cause.LATE]
     assert "55 ms" in found[0].text
@@ -139,9 +139,9 @@ def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() ->
 def test_a_stage_that_homes_may_be_silent_but_nothing_else_may() -> None:
     dog = watchdog()
     heard(dog, 100)
-    dog.stage(replace(PLACE, stamp_ns=101 * MS, bring_up=True))
-    dog.load(replace(FINE, sample_ns=5000 * MS))
-    assert [f.text.split(":")[0] for f in dog.late(5001 * MS)] == ["last report of the ring"]
+    dog.check_stage(replace(PLACE, stamp_ns=101 * MS, bring_up=True))
+    dog.check_load(replace(FINE, sample_ns=5000 * MS))
+    assert [f.text.split(":")[0] for f in dog.overdue(5001 * MS)] == ["last report of the ring"]
 
 
 def test_a_stage_that_has_not_taken_note_of_the_release_is_not_heard() -> None:
@@ -150,19 +150,19 @@ def test_a_stage_that_has_not_taken_note_of_the_release_is_not_heard() -> None:
     dog.arm()
     heard(dog, 110)
     dog.arm()
-    dog.load(replace(FINE, sample_ns=120 * MS))
-    dog.ring(120 * MS, "ok")
-    assert dog.stage(replace(PLACE, stamp_ns=120 * MS, released=False, condition="disabled")) == []
-    assert [f.text.split(":")[0] for f in dog.late(121 * MS)] == ["last report of the stage"]
+    dog.check_load(replace(FINE, sample_ns=120 * MS))
+    dog.check_ring(120 * MS, "ok")
+    assert dog.check_stage(replace(PLACE, stamp_ns=120 * MS, released=False, condition="disabled")) == []
+    assert [f.text.split(":")[0] for f in dog.overdue(121 * MS)] == ["last report of the stage"]
 
 
 def test_a_warning_comes_before_the_stop() -> None:
     dog = watchdog()
-    assert dog.load(replace(FINE, torque_n_m=0.085)) == []
+    assert dog.check_load(replace(FINE, torque_n_m=0.085)) == []
     assert "85 N mm" in dog.warning
-    dog.load(replace(FINE, torque_n_m=0.0))  # no sample since: silence does not take a load away
+    dog.check_load(replace(FINE, torque_n_m=0.0))  # no sample since: silence does not take a load away
     assert "85 N mm" in dog.warning
-    dog.load(replace(FINE, sample_ns=2 * MS))
+    dog.check_load(replace(FINE, sample_ns=2 * MS))
     assert dog.warning == ""
 
 
@@ -170,24 +170,24 @@ def test_a_warning_comes_before_the_stop() -> None:
 @given(torque=st.floats(allow_nan=True, allow_infinity=True), force=st.floats())
 def test_no_load_at_or_over_a_stop_limit_passes(torque: float, force: float) -> None:
     safe = 0.0 <= abs(torque) < 0.100 and 0.0 <= abs(force) < 10.0
-    assert bool(watchdog().load(Load(MS, torque, force))) != safe
+    assert bool(watchdog().check_load(WatchedLoad(MS, torque, force))) != safe
 
 
-def test_a_leash_ends_by_itself() -> None:
-    leash = Leash(0.050)
-    assert not leash.permits(0)
-    leash.renew(100 * MS, permits=True)
-    assert leash.permits(150 * MS)
-    assert not leash.permits(151 * MS)
-    leash.renew(152 * MS, permits=False)
-    assert leash.alive(153 * MS)
-    assert not leash.permits(153 * MS)
+def test_a_permit_ends_by_itself() -> None:
+    permit = MotionPermit(0.050)
+    assert not permit.permits(0)
+    permit.renew(100 * MS, permits=True)
+    assert permit.permits(150 * MS)
+    assert not permit.permits(151 * MS)
+    permit.renew(152 * MS, permits=False)
+    assert permit.alive(153 * MS)
+    assert not permit.permits(153 * MS)
 
 
 def test_a_beat_that_waited_in_a_queue_renews_nothing() -> None:
-    leash = Leash(0.050)
-    leash.renew(100 * MS, permits=True)
-    assert not leash.permits(400 * MS)
+    permit = MotionPermit(0.050)
+    permit.renew(100 * MS, permits=True)
+    assert not permit.permits(400 * MS)
 
 
 def test_a_place_is_passed_between_two_polls() -> None:
@@ -206,24 +206,24 @@ def test_the_window_is_the_path_and_a_margin() -> None:
 
 
 def test_a_permission_that_was_overtaken_by_a_trip_is_none() -> None:
-    leash = Leash(0.050)
-    leash.renew(100 * MS, permits=False)
-    leash.renew(95 * MS, permits=True)
-    assert not leash.permits(110 * MS)
+    permit = MotionPermit(0.050)
+    permit.renew(100 * MS, permits=False)
+    permit.renew(95 * MS, permits=True)
+    assert not permit.permits(110 * MS)
 
 
 def test_a_beat_from_the_future_renews_nothing() -> None:
-    leash = Leash(0.050)
-    leash.renew(10_000 * MS, permits=True)
-    assert not leash.permits(100 * MS)
+    permit = MotionPermit(0.050)
+    permit.renew(10_000 * MS, permits=True)
+    assert not permit.permits(100 * MS)
 
 
 def test_stamps_from_the_future_do_not_hide_silence() -> None:
     dog = watchdog()
     heard(dog, 100)
-    dog.load(replace(FINE, sample_ns=10_000 * MS, stamp_ns=100 * MS))
-    dog.ring(10_000 * MS, "ok")
-    assert [f.text.split(":")[0] for f in dog.late(110 * MS)] == [
+    dog.check_load(replace(FINE, sample_ns=10_000 * MS, stamp_ns=100 * MS))
+    dog.check_ring(10_000 * MS, "ok")
+    assert [f.text.split(":")[0] for f in dog.overdue(110 * MS)] == [
         "last torque sample",
         "last report of the ring",
     ]

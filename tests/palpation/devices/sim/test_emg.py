@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.signal import welch
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import EmgBlock
-from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.devices.protocols import EmgSamples
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 
 UNIFORM = np.full((5, 5), 0.2)
 CYCLE = np.roll(np.eye(5), 1, axis=0)
@@ -22,13 +22,13 @@ S = 10**9
 few = settings(deadline=None, max_examples=25)
 
 
-def started(source: SimEmg) -> EmgState:
-    state = EmgState()
+def started(source: SimEmg) -> SimEmgState:
+    state = SimEmgState()
     source.open(0, state, np.random.default_rng(0))
     return state
 
 
-def joined(blocks: list[EmgBlock]) -> tuple[Any, ...]:
+def joined(blocks: list[EmgSamples]) -> tuple[Any, ...]:
     return tuple(
         np.concatenate([getattr(block, name) for block in blocks]) for name in ("times_ns", "fds_v", "edc_v")
     )
@@ -43,7 +43,7 @@ def test_the_size_of_the_blocks_does_not_change_the_samples(gaps_ns: list[int], 
     rng, blocks, now_ns = np.random.default_rng(seed), [], 0
     for gap_ns in gaps_ns:
         now_ns += gap_ns
-        state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=EmgState)
+        state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=SimEmgState)
         source.open(now_ns, state, rng)
         blocks.append(source.drain(now_ns, state, rng))
     for part, expected in zip(joined(blocks), joined([whole]), strict=True):
@@ -56,7 +56,7 @@ def test_the_size_of_the_blocks_does_not_change_the_samples(gaps_ns: list[int], 
 def test_every_sample_that_is_due_is_delivered_once_and_none_is_early(
     start_ns: int, span_ns: int, rate_hz: float
 ) -> None:
-    source, state, rng = SimEmg(matrix=UNIFORM, rate_hz=rate_hz), EmgState(), np.random.default_rng(0)
+    source, state, rng = SimEmg(matrix=UNIFORM, rate_hz=rate_hz), SimEmgState(), np.random.default_rng(0)
     source.open(start_ns, state, rng)
     block = source.drain(start_ns + span_ns, state, rng)
     following = source.drain(start_ns + span_ns + S, state, rng)
@@ -199,6 +199,6 @@ def test_a_matrix_that_is_not_one_of_transitions_is_refused(matrix: Any) -> None
 def test_a_source_that_was_not_opened_or_a_state_of_another_chain_is_refused() -> None:
     source, rng = SimEmg(matrix=UNIFORM), np.random.default_rng(0)
     with pytest.raises(DeviceError, match="not started"):
-        source.drain(0, EmgState(), rng)
+        source.drain(0, SimEmgState(), rng)
     with pytest.raises(DeviceError, match="use a fresh state"):
-        source.open(0, EmgState(started=True, level=7), rng)
+        source.open(0, SimEmgState(started=True, level=7), rng)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.sim.mount import ALWAYS_THE_SAME, BY_HAND, Mount, MountVariation
+from palp_core.palpation.devices.sim.mount import ALWAYS_THE_SAME, BY_HAND, Mounting, MountVariation
 
 
 def test_a_phantom_that_never_differs_stays_where_it_is() -> None:
-    assert ALWAYS_THE_SAME.draw(np.random.default_rng(0)) == Mount(0.0, 0.0)
+    assert ALWAYS_THE_SAME.draw(np.random.default_rng(0)) == Mounting(0.0, 0.0)
 
 
 def test_mounts_spread_as_stated() -> None:

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.sim.ring import RingState, SimRing
+from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 
 targets = st.sampled_from([0.0, 0.004, 0.008, 0.012, 0.016])
 few = settings(deadline=None, max_examples=40)
 
 
-def opened(ring: SimRing, rng: np.random.Generator) -> RingState:
-    state = RingState()
+def opened(ring: SimRing, rng: np.random.Generator) -> SimRingState:
+    state = SimRingState()
     ring.open(0, state, rng)
     return state
 
@@ -141,7 +141,7 @@ def test_the_state_survives_the_wire_in_the_middle_of_a_move(target: float, afte
     state = opened(ring, rng)
     ring.command(target, 0, state, rng)
     ring.rehome(after_ns // 2, state, rng)
-    heir = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=RingState)
+    heir = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=SimRingState)
     ring.open(after_ns, heir, rng)
     assert heir == state
     for t in range(after_ns, after_ns + 10**10, 10**9):
@@ -162,9 +162,9 @@ def test_a_target_beyond_the_stroke_is_refused_and_changes_nothing(target: float
 def test_an_actuator_that_was_not_opened_refuses_to_move() -> None:
     ring, rng = SimRing(), np.random.default_rng(0)
     with pytest.raises(DeviceError, match="not homed"):
-        ring.command(0.004, 0, RingState(), rng)
+        ring.command(0.004, 0, SimRingState(), rng)
     with pytest.raises(DeviceError, match="not homed"):
-        ring.rehome(0, RingState(), rng)
+        ring.rehome(0, SimRingState(), rng)
 
 
 def test_a_speed_beyond_the_data_sheet_or_an_unknown_distribution_is_refused() -> None:

@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.sim.stage import SimStage, StageState
+from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
 
 FROM_M, TO_M = -0.025, 0.025
 few = settings(deadline=None, max_examples=40)
 
 
-def at_the_start(stage: SimStage, from_m: float = FROM_M, to_m: float = TO_M) -> tuple[StageState, int]:
-    state = StageState()
+def at_the_start(stage: SimStage, from_m: float = FROM_M, to_m: float = TO_M) -> tuple[SimStageState, int]:
+    state = SimStageState()
     stage.open(0, state, np.random.default_rng(0))
     return state, stage.return_to(stage.sweep_start(from_m, to_m), 0, state)
 
 
-def where(stage: SimStage, now_ns: int, state: StageState) -> tuple[float, float]:
+def where(stage: SimStage, now_ns: int, state: SimStageState) -> tuple[float, float]:
     reading = stage.read(np.array([now_ns]), state)
     return float(reading.y_m[0]), float(reading.z_m[0])
 
@@ -77,7 +77,7 @@ def test_positions_come_in_steps_of_the_resolution() -> None:
 @given(st.integers(0, 6 * 10**9))
 def test_a_stop_never_jumps_and_brakes_within_the_acceleration(after_ns: int) -> None:
     stage = SimStage(resolution_m=0.0)
-    state = StageState()
+    state = SimStageState()
     stage.open(0, state, np.random.default_rng(0))
     stage.return_to(0.04, 0, state)
     before = where(stage, after_ns, state)
@@ -109,7 +109,7 @@ def test_the_state_survives_the_wire_in_the_middle_of_a_move(after_ns: int, stop
     now_ns += after_ns
     if stopping:
         stage.stop(now_ns, state)
-    heir = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=StageState)
+    heir = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=SimStageState)
     SimStage(accel_m_per_s2=2.0).open(now_ns, heir, np.random.default_rng(1))
     times = now_ns + np.arange(0, 4 * 10**9, 10**7)
     assert np.array_equal(stage.read(times, heir).y_m, stage.read(times, state).y_m)
@@ -118,7 +118,7 @@ def test_the_state_survives_the_wire_in_the_middle_of_a_move(after_ns: int, stop
 
 def test_commands_that_cannot_be_followed_are_refused_and_change_nothing() -> None:
     stage = SimStage()
-    state = StageState()
+    state = SimStageState()
     with pytest.raises(DeviceError, match="not homed"):
         stage.return_to(0.0, 0, state)
     state, now_ns = at_the_start(stage)
@@ -141,7 +141,7 @@ def test_commands_that_cannot_be_followed_are_refused_and_change_nothing() -> No
 
 def test_a_raised_stage_does_not_sweep() -> None:
     stage = SimStage()
-    state = StageState()
+    state = SimStageState()
     stage.open(0, state, np.random.default_rng(0))
     with pytest.raises(DeviceError, match="return_to"):
         stage.sweep(0.01, 0.02, 0, state)

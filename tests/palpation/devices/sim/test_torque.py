@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import TorqueBlock
-from palp_core.palpation.devices.sim.torque import SimTorque, TorqueState
+from palp_core.palpation.devices.protocols import TorqueSamples
+from palp_core.palpation.devices.sim.torque import SimTorque, SimTorqueState
 
 STEP_N_M = 1e-3 / 64
 few = settings(deadline=None, max_examples=40)
 
 
-def started(sensor: SimTorque) -> TorqueState:
-    state = TorqueState()
+def started(sensor: SimTorque) -> SimTorqueState:
+    state = SimTorqueState()
     sensor.open(0, state, np.random.default_rng(0))
     return state
 
@@ -61,7 +61,7 @@ def test_the_size_of_the_blocks_does_not_change_the_samples(
     whole = sensor.read(truth, times, whole_state, np.random.default_rng(seed))
     rng, parts = np.random.default_rng(seed), []
     for part in np.split(np.arange(count), np.cumsum(sizes)[:-1]):
-        state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=TorqueState)
+        state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=SimTorqueState)
         parts.append(sensor.read(truth[part], times[part], state, rng).torque_n_m)
     assert np.array_equal(np.concatenate(parts), whole.torque_n_m)
     assert state == whole_state
@@ -105,7 +105,7 @@ def test_a_tare_makes_the_unloaded_mean_the_zero() -> None:
     )
     sensor.tare(sensor.read(np.zeros(200), stamps(200, 401), state, rng), state)
     assert state.tare_n_m == pytest.approx(3e-3, abs=5e-6)
-    for block in (TorqueBlock(stamps(0), np.empty(0), 0), TorqueBlock(stamps(1), np.array([0.12]), 1)):
+    for block in (TorqueSamples(stamps(0), np.empty(0), 0), TorqueSamples(stamps(1), np.array([0.12]), 1)):
         with pytest.raises(DeviceError, match="cannot tare"):
             sensor.tare(block, state)
 
@@ -114,7 +114,7 @@ def test_what_cannot_be_read_is_refused() -> None:
     sensor, rng = SimTorque(bias_drift_n_m_per_sqrt_s=1e-6), np.random.default_rng(0)
     state = started(sensor)
     with pytest.raises(DeviceError, match="not started"):
-        sensor.read(np.zeros(1), stamps(1), TorqueState(), rng)
+        sensor.read(np.zeros(1), stamps(1), SimTorqueState(), rng)
     with pytest.raises(DeviceError, match="one torque per time"):
         sensor.read(np.zeros(2), stamps(1), state, rng)
     for wrong in (np.nan, np.inf):

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.health import Watch
+from palp_core.palpation.devices.health import HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.stage import aerotech_link, aerotech_stop
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
@@ -45,7 +45,7 @@ def test_a_position_that_is_no_number_is_garbled_and_never_a_place(
     assert link.garbled_count == 1
 
 
-def motion_on(link: Any, watch: Watch) -> Motion:
+def motion_on(link: Any, watch: HealthMonitor) -> Motion:
     """Return the motion of two axes on a scripted link."""
     host = HostTime()
     return Motion(link, ControllerAxes(link, ("X", "Y"), host), host, watch, 50.0)
@@ -73,7 +73,7 @@ class DeafLink:
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_move_that_is_taken_behind_an_abort_is_aborted_too(answers: bool) -> None:
     link = DeafLink(answers=answers)
-    motion = motion_on(link, Watch(1.0))
+    motion = motion_on(link, HealthMonitor(1.0))
     link.motion = motion
     with pytest.raises(DeviceError, match="stopped while a move began" if answers else "no answer"):
         motion.follow([Leg("X", 0.0, 80.0, 20.0, 0.080)])
@@ -94,7 +94,7 @@ class TakingLink:
 
 def test_a_path_that_does_not_end_in_its_time_is_aborted_and_not_left_to_itself() -> None:
     link = TakingLink()
-    motion = motion_on(link, Watch(1.0))
+    motion = motion_on(link, HealthMonitor(1.0))
     motion.follow([Leg("X", 0.0, 80.0, 20.0, 0.080)])
     assert not motion.wait(0.001)
     assert [words.split()[0] for words in link.sent] == [b"MOVEABS", b"ABORT"]
@@ -144,9 +144,9 @@ class HealthyLink:
 
 def test_an_input_level_of_a_healthy_axis_is_no_emergency_stop() -> None:
     assert wire.mask(b"-1791485433") == 0x95381A07
-    watch = Watch(1.0)
+    watch = HealthMonitor(1.0)
     motion = motion_on(HealthyLink(), watch)
-    watch.fresh(HostTime().now_ns())
+    watch.note_data(HostTime().now_ns())
     for _ in range(4):
         motion._poll()
     assert watch.read(HostTime().now_ns()).ok

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from palp_core.errors import DeviceTimeout
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem
 from palp_core.palpation.devices.emulator.world import World, WorldSettings
-from palp_core.palpation.devices.health import Watch
+from palp_core.palpation.devices.health import HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 from palp_core.palpation.devices.torque import ati_session
 from palp_core.palpation.devices.torque.ati_session import AtiSession, RawSample
 
@@ -109,13 +109,15 @@ class Polled:
         self.bus = bus = LateBus(world, late_ns)
         monkeypatch.setattr(ati_session, "_open_bus", lambda _: bus)
         monkeypatch.setattr(ati_session, "_SILENT_S", 0.25)  # on the bus's time no host is busy
-        monkeypatch.setattr(ati_session, "Patience", partial(Patience, clock=lambda: bus.now_ns * 1e-9))
+        monkeypatch.setattr(
+            ati_session, "ReplyTimeout", partial(ReplyTimeout, clock=lambda: bus.now_ns * 1e-9)
+        )
         self.samples: deque[RawSample] = deque()
-        self.watch = Watch(0.025)
+        self.watch = HealthMonitor(0.025)
         self.session = AtiSession(
             {}, BASE >> 4, 0, rate_hz, 0.003, self.samples, self.watch, BusHost(bus), 0, False
         )
-        self.watch.fresh(bus.now_ns)
+        self.watch.note_data(bus.now_ns)
         self.ages_ns: dict[int, int] = {}
         self._time = BusTime(bus)
 
@@ -182,11 +184,11 @@ def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(
 
 def test_time_in_which_the_reader_did_not_run_is_not_waited() -> None:
     now = [0.0]
-    patience = Patience(0.1, 0.04, lambda: now[0])
+    timeout = ReplyTimeout(0.1, 0.04, lambda: now[0])
     now[0] += 5.0  # stopped for 5 s, and the answer in the buffer since
-    assert not patience.over()
+    assert not timeout.expired()
     looks = 0
-    while not patience.over():
+    while not timeout.expired():
         now[0] += 0.02
         looks += 1
     assert looks == 4

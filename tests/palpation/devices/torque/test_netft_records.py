@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palp_core.palpation.devices.emulator import EmulatedRig
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.torque import netft
@@ -33,9 +33,9 @@ class Stream:
 
     def __init__(self) -> None:
         self.now_ns = 0
-        self.line, self.watch = SampleLine(1000.0, 7), Watch(1.0)
-        self.netft = netft._Stream.__new__(netft._Stream)  # without a socket
-        self.netft._line, self.netft._watch = self.line, self.watch
+        self.line, self.watch = SampleLine(1000.0, 7), HealthMonitor(1.0)
+        self.netft = netft._NetFtStream.__new__(netft._NetFtStream)  # without a socket
+        self.netft._line, self.netft._monitor = self.line, self.watch
         self.netft._time, self.netft._base, self.netft._number = HostTime(lambda: self.now_ns), 0, 0
 
     def deliver(self, *sequences: int) -> list[int]:
@@ -43,7 +43,7 @@ class Stream:
         for sequence in sequences:
             self.now_ns += MS
             self.netft._take(record(sequence))
-        return [int(number) for number in self.line.take().index]
+        return [int(number) for number in self.line.drain().index]
 
 
 @pytest.fixture

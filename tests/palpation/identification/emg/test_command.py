@@ -17,7 +17,7 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.schema import json_schema, schema_of
-from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5
@@ -29,7 +29,7 @@ TRIAL_S = 12.0
 def subject(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a simulated subject's MVC with the rests around it, and a trial; volts, shape (2, n) each."""
     source = SimEmg(figure5.matrices().mean(axis=0))
-    state, rng = EmgState(), np.random.default_rng(seed)
+    state, rng = SimEmgState(), np.random.default_rng(seed)
     source.open(0, state, rng)
     begin_ns = source.palpation_ns(state)
     block = source.drain(begin_ns + round(TRIAL_S * 1e9), state, rng)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.rig.markov import app
 from palp_core.errors import PalpError
-from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.markov_fit import source_of
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5
@@ -32,7 +32,7 @@ def recording(
     matrix: np.ndarray, seed: int, palpation_s: float, **subject: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a simulated subject's MVC, and a trial; volts, shape (2, n) each."""
-    source, state, rng = SimEmg(matrix, **subject), EmgState(), np.random.default_rng(seed)  # type: ignore[arg-type]
+    source, state, rng = SimEmg(matrix, **subject), SimEmgState(), np.random.default_rng(seed)  # type: ignore[arg-type]
     source.open(0, state, rng)
     begin_ns = source.palpation_ns(state)
     block = source.drain(begin_ns + round(palpation_s * 1e9), state, rng)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState, EmgStream
-from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.protocols import EmgSamples
 
 _VOLT = {"microvolts": 1e-6, "uV": 1e-6, "millivolts": 1e-3, "mV": 1e-3, "volts": 1.0, "V": 1.0, "": 1e-6}
 _PULL_S = 0.1
@@ -46,7 +46,7 @@ class LslEmg:
     def __post_init__(self) -> None:
         check_range("lsl", "find_s", self.find_s, 0.1, 600.0)
         check_range("lsl", "gap_s", self.gap_s, 1e-4, 10.0)
-        self._emg = EmgStream("lsl", self._connect, self.rate_hz, self.stale_s)
+        self._emg = EmgReceiver("lsl", self._connect, self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
         """Find the stream and subscribe.
@@ -60,24 +60,24 @@ class LslEmg:
         """Unsubscribe."""
         self._emg.close()
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         return self._emg.health(now_ns)
 
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgBlock:
+    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample received since the last call."""
         return self._emg.drain(now_ns, state)
 
-    def _connect(self, line: SampleLine, watch: Watch, host: HostTime) -> _Session:
-        return _Session(self, line, watch, host)
+    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _LslSession:
+        return _LslSession(self, line, monitor, host)
 
 
-class _Session:
-    def __init__(self, source: LslEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
+class _LslSession:
+    def __init__(self, source: LslEmg, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> None:
         try:
             lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError) as error:
             raise DeviceError(f"lsl: pylsl cannot be used: {error}; pip install 'palp[lsl]'") from error
-        self._source, self._line, self._watch, self._host = source, line, watch, host
+        self._source, self._line, self._monitor, self._host = source, line, monitor, host
         found = lsl.resolve_byprop("name", source.stream, 1, source.find_s)
         if not found:
             raise DeviceError(
@@ -107,18 +107,18 @@ class _Session:
         now_ns = self._host.now_ns()
         values = np.asarray(samples, dtype=np.float64)[:, list(self._source.channels)] * self._volt
         if not np.all(np.isfinite(values)):
-            self._line.broken()
-            self._watch.report(Condition.GARBLED, now_ns, "samples that are not finite")
+            self._line.mark_gap()
+            self._monitor.report(Condition.GARBLED, now_ns, "samples that are not finite")
             return
         period_s = 1.0 / self._source.rate_hz
         if self._next_s is None:
-            self._index = self._line.rejoin(len(stamps), now_ns)
+            self._index = self._line.restart_numbering(len(stamps), now_ns)
         for begin, end, missing in _runs(np.asarray(stamps), self._next_s, period_s, self._source.gap_s):
             self._index += missing
-            self._line.push(values[begin:end], now_ns, self._index)
+            self._line.append(values[begin:end], now_ns, self._index)
             self._index += end - begin
         self._next_s = float(stamps[-1]) + period_s
-        self._watch.fresh(now_ns)
+        self._monitor.note_data(now_ns)
 
     def close(self) -> None:
         self._inlet.close_stream()

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState, EmgStream
-from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.unverified import warn_unverified
 
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
@@ -60,7 +60,7 @@ class NoraxonEmg:
         check_range("noraxon", "poll_hz", self.poll_hz, 1.0, 1000.0)
         if self.units not in _VOLT:
             raise DeviceError(f"noraxon: no unit '{self.units}'; known: {', '.join(_VOLT)}")
-        self._stream = EmgStream("noraxon", self._connect, self.rate_hz, self.stale_s)
+        self._stream = EmgReceiver("noraxon", self._connect, self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
         """Choose the channels and begin to poll.
@@ -75,20 +75,20 @@ class NoraxonEmg:
         """Disconnect."""
         self._stream.close()
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         return self._stream.health(now_ns)
 
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgBlock:
+    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample received since the last call."""
         return self._stream.drain(now_ns, state)
 
-    def _connect(self, line: SampleLine, watch: Watch, host: HostTime) -> _Session:
-        return _Session(self, line, watch, host)
+    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _NoraxonSession:
+        return _NoraxonSession(self, line, monitor, host)
 
 
-class _Session:
-    def __init__(self, source: NoraxonEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
-        self._source, self._line, self._watch, self._host = source, line, watch, host
+class _NoraxonSession:
+    def __init__(self, source: NoraxonEmg, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> None:
+        self._source, self._line, self._monitor, self._host = source, line, monitor, host
         self._connection = http.client.HTTPConnection(source.host, source.port, timeout=source.timeout_s)
         self._garbled = 0
         try:
@@ -115,18 +115,18 @@ class _Session:
             if not np.all(np.isfinite(values)):
                 raise ValueError("samples that are not finite")
         except (ValueError, KeyError, TypeError) as error:
-            self._line.broken()
+            self._line.mark_gap()
             self._garbled += 1
             if self._garbled >= _TRIES:
                 raise DeviceError(
                     f"noraxon: {self._garbled} answers in a row are no samples: {error!r}"
                 ) from error
-            self._watch.report(Condition.GARBLED, now_ns, repr(error))
+            self._monitor.report(Condition.GARBLED, now_ns, repr(error))
             return
         self._garbled = 0
         if count:
-            self._line.push(values, now_ns)
-            self._watch.fresh(now_ns)
+            self._line.append(values, now_ns)
+            self._monitor.note_data(now_ns)
 
     def close(self) -> None:
         self._connection.close()

@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState, EmgStream
-from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.link.serial_link import SerialLink
-from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import spikershield as wire
 
@@ -49,7 +49,7 @@ class SpikerShieldEmg:
     def __post_init__(self) -> None:
         check_range("spikershield", "volt_per_count", self.volt_per_count, 1e-12, 1.0)
         check_range("spikershield", "rate_hz", self.rate_hz, 1.0, 5000.0)
-        self._stream = EmgStream("spikershield", self._connect, self.rate_hz, self.stale_s)
+        self._stream = EmgReceiver("spikershield", self._connect, self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
         """Connect, set the rate and begin to receive.
@@ -64,20 +64,22 @@ class SpikerShieldEmg:
         """Disconnect."""
         self._stream.close()
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         return self._stream.health(now_ns)
 
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgBlock:
+    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample received since the last call."""
         return self._stream.drain(now_ns, state)
 
-    def _connect(self, line: SampleLine, watch: Watch, host: HostTime) -> _Session:
-        return _Session(self, line, watch, host)
+    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _SpikerShieldSession:
+        return _SpikerShieldSession(self, line, monitor, host)
 
 
-class _Session:
-    def __init__(self, source: SpikerShieldEmg, line: SampleLine, watch: Watch, host: HostTime) -> None:
-        self._source, self._line, self._watch, self._host = source, line, watch, host
+class _SpikerShieldSession:
+    def __init__(
+        self, source: SpikerShieldEmg, line: SampleLine, monitor: HealthMonitor, host: HostTime
+    ) -> None:
+        self._source, self._line, self._monitor, self._host = source, line, monitor, host
         self._link = SerialLink("spikershield", source.url, wire.BAUD)
         self._decoder = wire.Decoder(2)
         self._begun = False
@@ -95,15 +97,15 @@ class _Session:
             return
         counts, dropped = self._decoder.feed(data.replace(_BOOT_LINE, b""))
         if dropped and self._begun:
-            self._line.broken()
-            self._watch.report(
+            self._line.mark_gap()
+            self._monitor.report(
                 Condition.GARBLED, now_ns, f"{self._decoder.dropped_count} bytes were no frames"
             )
         if len(counts):
             self._begun = True
-            self._line.push((counts - self._source.middle) * self._source.volt_per_count, now_ns)
+            self._line.append((counts - self._source.middle) * self._source.volt_per_count, now_ns)
             if not dropped:
-                self._watch.fresh(now_ns)
+                self._monitor.note_data(now_ns)
 
     def close(self) -> None:
         self._link.close()

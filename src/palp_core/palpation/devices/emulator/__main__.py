@@ -95,7 +95,7 @@ def _obey(rig: EmulatedRig, words: list[str]) -> str:
             offset_m = float(height_mm) * 1e-3
             rig.on_world(lambda world, _: world.mount(code, offset_m))
         case ["load", n_mm]:
-            rig.on_world(lambda world, _: world.put_on(float(n_mm) * 1e-3))
+            rig.on_world(lambda world, _: world.apply_load(float(n_mm) * 1e-3))
         case ["axes"]:
             return json.dumps(rig.on_world(_axes))
         case ["log", since_ns]:

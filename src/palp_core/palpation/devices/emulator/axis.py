@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palp_core.palpation.devices.motion_profile import MotionProfile
-from palp_core.palpation.devices.wire.aerotech import Fault, Status
+from palp_core.palpation.devices.wire.aerotech import AxisStatus, Fault
 
 
 @dataclass(frozen=True)
@@ -130,27 +130,27 @@ class Axis:
         """Return the AXISSTATUS word as the signed number that the controller prints."""
         word, velocity = 0, self.velocity_m_per_s(now_ns)
         if self.enabled:
-            word |= Status.ENABLED
+            word |= AxisStatus.ENABLED
         if self.homing(now_ns):
-            word |= Status.HOMING | Status.MOVING
+            word |= AxisStatus.HOMING | AxisStatus.MOVING
         elif self.enabled and not self.moving(now_ns):
-            word |= Status.IN_POSITION
+            word |= AxisStatus.IN_POSITION
         if self.homed and not self.homing(now_ns):
-            word |= Status.HOMED
+            word |= AxisStatus.HOMED
         if now_ns < self._profile.end_ns:
-            word |= Status.MOVING | self._phase(now_ns)
+            word |= AxisStatus.MOVING | self._phase(now_ns)
             if velocity > 0.0 or (velocity == 0.0 and self._profile.end_m > self._profile.start_m):
-                word |= Status.DIRECTION
+                word |= AxisStatus.DIRECTION
         if self.estop:
-            word |= Status.ESTOP_INPUT
+            word |= AxisStatus.ESTOP_INPUT
         return word - (1 << 32) if word >= 1 << 31 else int(word)
 
     def _phase(self, now_ns: int) -> int:
         later_ns = min(now_ns + 1_000_000, self._profile.end_ns - 1)
         change = abs(self.velocity_m_per_s(later_ns)) - abs(self.velocity_m_per_s(now_ns))
         if change > 1e-9:
-            return Status.ACCELERATING
-        return Status.DECELERATING if change < -1e-9 else 0
+            return AxisStatus.ACCELERATING
+        return AxisStatus.DECELERATING if change < -1e-9 else 0
 
     def _slow_down(self, rate_m_per_s2: float, now_ns: int) -> None:
         here_m, velocity = self.position_m(now_ns), self.velocity_m_per_s(now_ns)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from palp_core.palpation.devices.emulator.world import World
-from palp_core.palpation.devices.protocols import EmgBlock
-from palp_core.palpation.devices.sim.emg import EmgState
+from palp_core.palpation.devices.protocols import EmgSamples
+from palp_core.palpation.devices.sim.emg import SimEmgState
 
 
 class Muscles:
@@ -27,10 +27,10 @@ class Muscles:
         self._speed = 1.0 + clock_ppm * 1e-6
         self._begin_ns: int | None = None
         self.source = replace(world.emg, rate_hz=rate_hz)
-        self._state = EmgState()
+        self._state = SimEmgState()
         self._rng = np.random.default_rng((world.settings.seed, 2))
 
-    def since(self, now_ns: int) -> EmgBlock:
+    def since(self, now_ns: int) -> EmgSamples:
         """Return the samples since the last call, at times of the device's clock."""
         begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
         device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)

@@ -33,7 +33,7 @@ class Faults:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
 
-    def begin(self, name: str, count: int, delay_s: float) -> None:
+    def inject(self, name: str, count: int, delay_s: float) -> None:
         """Start a fault for ``count`` replies.
 
         Raises:
@@ -45,13 +45,13 @@ class Faults:
         self.left[name] = count
         self.delay_s = delay_s
 
-    def end(self) -> None:
+    def clear(self) -> None:
         """Make the wire good again."""
         self.left.clear()
 
     def spoil_request(self, data: bytes) -> bytes:
         """Return what arrives of what the host sent."""
-        if data and self._spend("checksum"):
+        if data and self._use_up("checksum"):
             return data[:-1] + bytes([data[-1] ^ 0x01])
         return data
 
@@ -59,16 +59,16 @@ class Faults:
         """Return what is left of a reply and by how many ns it is held back."""
         if not data or not self.left:
             return data, 0
-        delay_ns = round(self.delay_s * 1e9) if self._spend("delay") else 0
-        if self._spend("silence"):
+        delay_ns = round(self.delay_s * 1e9) if self._use_up("delay") else 0
+        if self._use_up("silence"):
             return b"", delay_ns
-        if self._spend("truncation"):
+        if self._use_up("truncation"):
             data = data[: len(data) // 2]
-        if self._spend("garbage"):
+        if self._use_up("garbage"):
             data = self._rng.bytes(len(data))
         return data, delay_ns
 
-    def _spend(self, name: str) -> bool:
+    def _use_up(self, name: str) -> bool:
         left = self.left.get(name, 0)
         if left <= 0:
             return False

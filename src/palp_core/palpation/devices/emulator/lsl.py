@@ -9,8 +9,8 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.emg import Muscles
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.world import World
 
 _CHUNK_NS = 10_000_000
@@ -28,7 +28,7 @@ class LslOutlet:
 
     def __init__(
         self,
-        reactor: Reactor,
+        loop: EmulatorLoop,
         world: World,
         faults: Faults,
         name: str,
@@ -39,11 +39,11 @@ class LslOutlet:
             self._lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError) as error:
             raise DeviceError(f"emulator: no LSL: {error}; pip install 'palp[lsl]'") from error
-        self._reactor, self._faults, self._name, self._rate_hz = reactor, faults, name, rate_hz
+        self._loop, self._faults, self._name, self._rate_hz = loop, faults, name, rate_hz
         self._muscles = Muscles(world, rate_hz, clock_ppm)
         self._outlet: Any = None
         self._run = 0
-        self._clock_s = self._lsl.local_clock() - reactor.now_ns() * 1e-9
+        self._clock_s = self._lsl.local_clock() - loop.now_ns() * 1e-9
 
     def plug(self) -> None:
         """Offer the stream."""
@@ -66,7 +66,7 @@ class LslOutlet:
     def _push(self, run: int) -> None:
         if run != self._run:
             return
-        now_ns = self._reactor.now_ns()
+        now_ns = self._loop.now_ns()
         block = self._muscles.since(now_ns)
         values = np.column_stack([block.fds_v, block.edc_v]).astype(np.float32) * np.float32(1e6)
         kept, delay_ns = self._faults.spoil_reply(values.tobytes())
@@ -74,4 +74,4 @@ class LslOutlet:
         if len(values):
             stamp_s = self._clock_s + (int(block.times_ns[-1]) - delay_ns) * 1e-9
             self._outlet.push_chunk(values.tolist(), stamp_s)
-        self._reactor.at(now_ns + _CHUNK_NS, lambda: self._push(run))
+        self._loop.at(now_ns + _CHUNK_NS, lambda: self._push(run))

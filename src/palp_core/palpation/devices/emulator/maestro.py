@@ -119,7 +119,7 @@ class Maestro:
         m_per_us = self._world.ring.stroke_m / (settings.extended_us - settings.retracted_us)
         speed_m_per_s = self._speed * SPEED_UNIT_US_PER_S * m_per_us if self._speed else _L12_M_PER_S
         extension_m = (self._target_us - settings.retracted_us) * m_per_us
-        self._world.extend(extension_m, min(speed_m_per_s, _L12_M_PER_S), now_ns)
+        self._world.move_rod(extension_m, min(speed_m_per_s, _L12_M_PER_S), now_ns)
 
     def _pulse_us(self, now_ns: int) -> float:
         """Return the pulse after the speed limit."""

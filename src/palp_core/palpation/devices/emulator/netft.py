@@ -8,8 +8,8 @@ import struct
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire.rdt import SATURATION
 
@@ -32,14 +32,14 @@ class NetFt:
 
     def __init__(
         self,
-        reactor: Reactor,
+        loop: EmulatorLoop,
         world: World,
         faults: Faults,
         rate_hz: float,
         host: str = "127.0.0.1",
         clock_ppm: float = 0.0,
     ) -> None:
-        self._reactor, self._world, self._faults = reactor, world, faults
+        self._loop, self._world, self._faults = loop, world, faults
         self._period_ns = 1e9 / (rate_hz * (1.0 + clock_ppm * 1e-6))
         self.host, self.port = host, 0
         self._socket: socket.socket | None = None
@@ -63,13 +63,13 @@ class NetFt:
             raise DeviceError(f"emulator: no UDP on {self.host}:{self.port}: {error.strerror}") from error
         self._socket.setblocking(False)
         self.port = self._socket.getsockname()[1]
-        self._reactor.add(self._socket, self._arrive)
+        self._loop.add(self._socket, self._on_readable)
 
     def unplug(self) -> None:
         """Pull the cable."""
         if self._socket is not None:
             self._run += 1
-            self._reactor.remove(self._socket)
+            self._loop.remove(self._socket)
             self._socket.close()
             self._socket = self._client = None
 
@@ -88,7 +88,7 @@ class NetFt:
             *np.rint(counts * _COUNTS).astype(int),
         )
 
-    def _arrive(self) -> None:
+    def _on_readable(self) -> None:
         if self._socket is None:
             return
         try:
@@ -103,7 +103,7 @@ class NetFt:
         header, command, count = struct.unpack(">HHI", datagram)
         if header != 0x1234:
             return
-        now_ns = self._reactor.now_ns()
+        now_ns = self._loop.now_ns()
         if command == 42:
             self._bias = self._world.true_wrench(now_ns)
         elif command in (0, 2):
@@ -117,7 +117,7 @@ class NetFt:
         """Send every record that is due; asleep for a slice in between."""
         if run != self._run or self._socket is None or self._client is None:
             return
-        now_ns = self._reactor.now_ns()
+        now_ns = self._loop.now_ns()
         while self._left and self._begin_ns + (self._sequence + 1) * self._period_ns <= now_ns:
             self._sequence += 1
             self._left -= 1
@@ -126,13 +126,13 @@ class NetFt:
                 self._emit(data, delay_ns)
         if self._left:
             due_ns = self._begin_ns + round((self._sequence + 1) * self._period_ns)
-            self._reactor.at(
+            self._loop.at(
                 max(due_ns, now_ns + min(_SLICE_NS, round(self._period_ns)) // 4), lambda: self._send(run)
             )
 
     def _emit(self, data: bytes, delay_ns: int) -> None:
         if delay_ns:
-            self._reactor.at(self._reactor.now_ns() + delay_ns, lambda: self._emit(data, 0))
+            self._loop.at(self._loop.now_ns() + delay_ns, lambda: self._emit(data, 0))
         elif self._socket is not None and self._client is not None:
             try:
                 self._socket.sendto(data, self._client)

@@ -12,8 +12,8 @@ from typing import Protocol
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.arrival import receive, stamp_arrivals
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.reactor import Reactor
 
 _STREAM_SLICE_NS = 1_000_000
 
@@ -49,7 +49,7 @@ class PtyPort:
 
     def __init__(
         self,
-        reactor: Reactor,
+        loop: EmulatorLoop,
         path: Path,
         make: Callable[[], Speaker],
         faults: Faults,
@@ -57,7 +57,7 @@ class PtyPort:
         bits: int = 10,
         streams: bool = False,
     ) -> None:
-        self._reactor, self._path, self._make, self._faults = reactor, path, make, faults
+        self._loop, self._path, self._make, self._faults = loop, path, make, faults
         self._ns_per_byte = round(bits * 1e9 / baud) if baud else 0
         self._streams, self._plugged = streams, 0
         self._master = self._slave = -1
@@ -73,7 +73,7 @@ class PtyPort:
         self._path.unlink(missing_ok=True)
         self._path.symlink_to(os.ttyname(self._slave))
         self._plugged += 1
-        self._reactor.add(self._master, self._arrive)
+        self._loop.add(self._master, self._on_readable)
         if self._streams:
             self._stream()
 
@@ -82,30 +82,30 @@ class PtyPort:
         if self._master < 0:
             return
         self._plugged += 1
-        self._reactor.remove(self._master)
+        self._loop.remove(self._master)
         self._path.unlink(missing_ok=True)
         os.close(self._master)
         os.close(self._slave)
         self._master = self._slave = -1
 
-    def _arrive(self) -> None:
+    def _on_readable(self) -> None:
         with suppress(BlockingIOError):
             data = os.read(self._master, 65536)
-            now_ns = self._reactor.now_ns()
+            now_ns = self._loop.now_ns()
             if not self._ns_per_byte:
-                self._hear(data, now_ns)
+                self._handle_bytes(data, now_ns)
                 return
             self._in_free_ns = max(self._in_free_ns, now_ns) + len(data) * self._ns_per_byte
             plugged = self._plugged
-            self._reactor.at(
+            self._loop.at(
                 self._in_free_ns,
-                lambda: self._hear(data, self._reactor.now_ns()) if plugged == self._plugged else None,
+                lambda: self._handle_bytes(data, self._loop.now_ns()) if plugged == self._plugged else None,
             )
 
-    def _hear(self, data: bytes, now_ns: int) -> None:
-        self._say(self._speaker.receive(self._faults.spoil_request(data), now_ns), now_ns)
+    def _handle_bytes(self, data: bytes, now_ns: int) -> None:
+        self._reply(self._speaker.receive(self._faults.spoil_request(data), now_ns), now_ns)
 
-    def _say(self, reply: bytes, now_ns: int) -> None:
+    def _reply(self, reply: bytes, now_ns: int) -> None:
         reply, delay_ns = self._faults.spoil_reply(reply)
         if not reply:
             return
@@ -115,7 +115,7 @@ class PtyPort:
             self._write(reply)
             return
         plugged = self._plugged
-        self._reactor.at(self._out_free_ns, lambda: self._write(reply) if plugged == self._plugged else None)
+        self._loop.at(self._out_free_ns, lambda: self._write(reply) if plugged == self._plugged else None)
 
     def _write(self, data: bytes) -> None:
         with suppress(BlockingIOError):  # nobody reads: a UART would drop it too
@@ -123,12 +123,10 @@ class PtyPort:
 
     def _stream(self) -> None:
         """Send what is due unasked, as often as a slice, no faster than the baud rate."""
-        now_ns, plugged = self._reactor.now_ns(), self._plugged
+        now_ns, plugged = self._loop.now_ns(), self._plugged
         if self._out_free_ns <= now_ns + _STREAM_SLICE_NS:
-            self._say(self._speaker.stream(now_ns), now_ns)
-        self._reactor.at(
-            now_ns + _STREAM_SLICE_NS, lambda: self._stream() if plugged == self._plugged else None
-        )
+            self._reply(self._speaker.stream(now_ns), now_ns)
+        self._loop.at(now_ns + _STREAM_SLICE_NS, lambda: self._stream() if plugged == self._plugged else None)
 
 
 class TcpPort:
@@ -140,13 +138,13 @@ class TcpPort:
 
     def __init__(
         self,
-        reactor: Reactor,
+        loop: EmulatorLoop,
         port: int,
         make: Callable[[], Speaker],
         faults: Faults,
         host: str = "127.0.0.1",
     ) -> None:
-        self._reactor, self._make, self._faults = reactor, make, faults
+        self._loop, self._make, self._faults = loop, make, faults
         self.host, self.port = host, port
         self._listener: socket.socket | None = None
         self._clients: dict[socket.socket, Speaker] = {}
@@ -171,13 +169,13 @@ class TcpPort:
             ) from error
         self._listener.setblocking(False)
         self.port = self._listener.getsockname()[1]
-        self._reactor.add(self._listener, self._accept)
+        self._loop.add(self._listener, self._accept)
 
     def unplug(self) -> None:
         """Close the port and drop every client."""
         if self._listener is None:
             return
-        self._reactor.remove(self._listener)
+        self._loop.remove(self._listener)
         self._listener.close()
         self._listener = None
         for client in list(self._clients):
@@ -192,10 +190,10 @@ class TcpPort:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         speaker = self._make()
         self._clients[client] = speaker
-        self._reactor.add(client, lambda: self._arrive(client))
-        self._say(client, speaker.stream(self._reactor.now_ns()))
+        self._loop.add(client, lambda: self._on_readable(client))
+        self._reply(client, speaker.stream(self._loop.now_ns()))
 
-    def _arrive(self, client: socket.socket) -> None:
+    def _on_readable(self, client: socket.socket) -> None:
         data, arrived_ns = b"", 0
         with suppress(OSError):
             data, arrived_ns = receive(client, 65536)
@@ -203,16 +201,16 @@ class TcpPort:
             self._drop(client)
             return
         reply = self._clients[client].receive(self._faults.spoil_request(data), arrived_ns)
-        self._say(client, reply)
+        self._reply(client, reply)
 
-    def _say(self, client: socket.socket, reply: bytes) -> None:
+    def _reply(self, client: socket.socket, reply: bytes) -> None:
         reply, delay_ns = self._faults.spoil_reply(reply)
         if not reply:
             return
-        now_ns = self._reactor.now_ns()
+        now_ns = self._loop.now_ns()
         due_ns = max(now_ns, self._clients[client].ready_ns) + delay_ns
         if due_ns > now_ns:
-            self._reactor.at(due_ns, lambda: self._send(client, reply))
+            self._loop.at(due_ns, lambda: self._send(client, reply))
         else:
             self._send(client, reply)
 
@@ -224,6 +222,6 @@ class TcpPort:
                 self._drop(client)
 
     def _drop(self, client: socket.socket) -> None:
-        self._reactor.remove(client)
+        self._loop.remove(client)
         self._clients.pop(client, None)
         client.close()

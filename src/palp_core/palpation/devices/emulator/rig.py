@@ -14,6 +14,7 @@ from typing import Any, Protocol, Self
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
 from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.lsl import LslOutlet
@@ -21,7 +22,6 @@ from palp_core.palpation.devices.emulator.maestro import Maestro
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
 from palp_core.palpation.devices.emulator.ports import PtyPort, Speaker, TcpPort
-from palp_core.palpation.devices.emulator.reactor import Reactor
 from palp_core.palpation.devices.emulator.settings import RigSettings
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
@@ -81,11 +81,11 @@ class EmulatedRig:
                 undo.callback(shutil.rmtree, self._folder)
             self.world = World(self.settings.world)
             undo.callback(self.world.close)
-            self.reactor = Reactor()
-            undo.callback(self.reactor.stop)
+            self.loop = EmulatorLoop()
+            undo.callback(self.loop.stop)
             undo.callback(self._unplug_all)
             for name in self._devices:
-                self.reactor.call(lambda name=name: self._begin(name))  # type: ignore[misc]
+                self.loop.call(lambda name=name: self._start_device(name))  # type: ignore[misc]
             self._undo = undo.pop_all()
         return self
 
@@ -101,7 +101,7 @@ class EmulatedRig:
             DeviceError: An emulated device failed on the way.
         """
         self._undo.close()
-        failures = self.reactor.failures
+        failures = self.loop.failures
         if failures:
             raise DeviceError(
                 f"emulator: {len(failures)} failures, the first: {failures[0]!r}"
@@ -135,9 +135,9 @@ class EmulatedRig:
         if name == "disconnect":
             self.disconnect(device)
         elif name in WIRE_FAULTS + CHECKED_FAULTS:
-            self.reactor.call(lambda: self._faults[device].begin(name, count, value))
+            self.loop.call(lambda: self._faults[device].inject(name, count, value))
         else:
-            self.reactor.call(lambda: self._break(name, value))
+            self.loop.call(lambda: self._inject_fault(name, value))
 
     def faults_of(self, device: str) -> list[str]:
         """Return the names of a device's faults."""
@@ -148,8 +148,8 @@ class EmulatedRig:
     def clear(self, device: str) -> None:
         """Mend a device: its wire, its plug and what broke inside; a latched fault stays latched."""
         self.faults_of(device)  # refuses an unknown device
-        self.reactor.call(self._faults[device].end)
-        self.reactor.call(lambda: self._mend(device))
+        self.loop.call(self._faults[device].clear)
+        self.loop.call(lambda: self._undo_fault(device))
         if device in self._unplugged:
             self.connect(device)
 
@@ -157,26 +157,26 @@ class EmulatedRig:
         """Pull a device's cable."""
         self._unplugged.add(device)
         for plug in self._plugs.get(device, []):
-            self.reactor.call(plug.unplug)
+            self.loop.call(plug.unplug)
 
     def connect(self, device: str) -> None:
         """Plug a device in again, at the same address."""
         self.disconnect(device)
         self._unplugged.discard(device)
         for plug in self._plugs[device]:
-            self.reactor.call(plug.plug)
+            self.loop.call(plug.plug)
 
     def on_world(self, function: Callable[[World, int], Any]) -> Any:
         """Look at or change the truth, at a time, on the emulator's thread."""
-        return self.reactor.call(lambda: function(self.world, self.reactor.now_ns()))
+        return self.loop.call(lambda: function(self.world, self.loop.now_ns()))
 
     def _unplug_all(self) -> None:
         for name in self._devices:
             self.disconnect(name)
         if self._second is not None:
-            self.reactor.call(self._second.unplug)
+            self.loop.call(self._second.unplug)
 
-    def _begin(self, name: str) -> None:
+    def _start_device(self, name: str) -> None:
         make = getattr(self, f"_make_{name}")
         self._plugs[name] = make(self._faults[name])
         for plug in self._plugs[name]:
@@ -186,14 +186,14 @@ class EmulatedRig:
         self.addresses[name] = str(next(iter(self.options[name].values())))
 
     def _tcp(self, port: int, speaker: Callable[[], Speaker], faults: Faults) -> TcpPort:
-        return TcpPort(self.reactor, port, speaker, faults, self.settings.host)
+        return TcpPort(self.loop, port, speaker, faults, self.settings.host)
 
     def _make_aerotech(self, faults: Faults) -> list[Plug]:
         speaker = partial(Aerotech, self.world, always_end=self.settings.stage_always_ends)
         self._stage: PtyPort | TcpPort
         if self.settings.stage_serial:
             path = self._folder / "aerotech"
-            self._stage = PtyPort(self.reactor, path, speaker, faults, self.settings.stage_baud)
+            self._stage = PtyPort(self.loop, path, speaker, faults, self.settings.stage_baud)
         else:
             self._stage = self._tcp(self.settings.aerotech_port, speaker, faults)
             self._second = self._tcp(self.settings.aerotech_stop_port, speaker, Faults())
@@ -209,10 +209,10 @@ class EmulatedRig:
         self.options["maestro"] = {"url": str(path), "crc": settings.crc, "verified": ("*",)}
 
         def speaker() -> Maestro:
-            return Maestro(self.world, settings, self.reactor.now_ns())
+            return Maestro(self.world, settings, self.loop.now_ns())
 
         streams = settings.timeout_s > 0.0
-        return [PtyPort(self.reactor, path, speaker, faults, self.settings.maestro_baud, streams=streams)]
+        return [PtyPort(self.loop, path, speaker, faults, self.settings.maestro_baud, streams=streams)]
 
     def _make_ati(self, faults: Faults) -> list[Plug]:
         sensor = Netcanoem(self.world)
@@ -227,7 +227,7 @@ class EmulatedRig:
     def _make_netft(self, faults: Faults) -> list[Plug]:
         given = self.settings
         rate_hz, host, clock_ppm = given.netft_rate_hz, given.host, given.clock_ppm
-        self._netft = NetFt(self.reactor, self.world, faults, rate_hz, host, clock_ppm)
+        self._netft = NetFt(self.loop, self.world, faults, rate_hz, host, clock_ppm)
         self._netft_page = self._tcp(
             0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
         )
@@ -256,17 +256,17 @@ class EmulatedRig:
         name = self._folder.name
         self.options["lsl"] = {"stream": name, "rate_hz": self.settings.emg_rate_hz}
         rate_hz, clock_ppm = self.settings.emg_rate_hz, self.settings.clock_ppm
-        return [LslOutlet(self.reactor, self.world, faults, name, rate_hz, clock_ppm)]
+        return [LslOutlet(self.loop, self.world, faults, name, rate_hz, clock_ppm)]
 
     def _make_spikershield(self, faults: Faults) -> list[Plug]:
         path = self._folder / "spikershield"
         self.options["spikershield"] = {"url": str(path), "volt_per_count": 4e-6, "verified": ("*",)}
         baud = spikershield_wire.BAUD
         speaker = partial(SpikerShield, self.world, clock_ppm=self.settings.clock_ppm)
-        return [PtyPort(self.reactor, path, speaker, faults, baud, streams=True)]
+        return [PtyPort(self.loop, path, speaker, faults, baud, streams=True)]
 
-    def _break(self, name: str, value: float) -> None:
-        world, now_ns = self.world, self.reactor.now_ns()
+    def _inject_fault(self, name: str, value: float) -> None:
+        world, now_ns = self.world, self.loop.now_ns()
         axes = world.axes.values()
         match name:
             case "limit":
@@ -287,7 +287,7 @@ class EmulatedRig:
             case "status":
                 world.sensor_status = int(value) if value >= 1.0 else 0x8020
 
-    def _mend(self, device: str) -> None:
+    def _undo_fault(self, device: str) -> None:
         if device == "aerotech":
             for axis in self.world.axes.values():
                 axis.estop = axis.stuck = False

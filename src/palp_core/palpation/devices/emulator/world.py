@@ -18,7 +18,7 @@ import numpy as np
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.axis import Axis, AxisSettings
 from palp_core.palpation.devices.sim.emg import SimEmg
-from palp_core.palpation.devices.sim.ring import RingState, SimRing
+from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.nano17 import FORCE_RESOLUTION_N, RESOLUTION_N_M
@@ -95,10 +95,10 @@ class World:
         self.ring = SimRing(
             speed_m_per_s=5e-3, zero_m=0.0, repeatability_m=settings.repeatability_m, settle_s=0.0
         )
-        self.ring_state = RingState()
+        self.ring_state = SimRingState()
         self.ring_stalled = False
         self.saturated_gauges: tuple[int, ...] = ()
-        self.put_on(0.0)
+        self.apply_load(0.0)
         self.sensor_status = 0
         self._met: GuardMet | None = None
         self._rng = np.random.default_rng(settings.seed)
@@ -131,7 +131,7 @@ class World:
         self._model = self._rig.model(code)
         self._solve()
 
-    def extend(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
+    def move_rod(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
         """Send the actuator to an extension; the true landing error is drawn here."""
         if self.ring_stalled:
             return
@@ -146,7 +146,7 @@ class World:
         ring.command(min(max(extension_m, 0.0), ring.stroke_m), now_ns, self.ring_state, self._rng)
         self._solve()
 
-    def put_on(self, load_n_m: float) -> None:
+    def apply_load(self, load_n_m: float) -> None:
         """Put a torque on the sensor beside the phantom's; 0 takes it off."""
         self.load_n_m, self.felt_ns, self.felt_y_m = load_n_m, 0, 0.0
 

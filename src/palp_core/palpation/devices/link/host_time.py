@@ -22,7 +22,7 @@ class HostTime:
         self._behind_ns: int | None = None
         self._offset_ns = 0
 
-    def hear(self, now_ns: int) -> None:
+    def observe(self, now_ns: int) -> None:
         """Take note of the caller's time."""
         behind_ns = self._clock() - now_ns
         if self._behind_ns is None or behind_ns < self._behind_ns:

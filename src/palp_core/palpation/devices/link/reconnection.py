@@ -19,7 +19,7 @@ C = TypeVar("C", bound=Closable)
 
 
 class Reconnection(Generic[C]):
-    """Try until it succeeds; the connection is fetched by :meth:`take`.
+    """Try until it succeeds; the connection is fetched by :meth:`fetch`.
 
     An address that nobody refuses takes seconds to fail, in which nobody would be heard.
 
@@ -34,7 +34,7 @@ class Reconnection(Generic[C]):
         self._thread: threading.Thread | None = None
         self._found: C | None = None
 
-    def begin(self) -> bool:
+    def start(self) -> bool:
         """Begin to try; tell whether it did not already."""
         with self._lock:
             if self._thread is not None or self._closing.is_set():
@@ -43,7 +43,7 @@ class Reconnection(Generic[C]):
             self._thread.start()
             return True
 
-    def take(self) -> C | None:
+    def fetch(self) -> C | None:
         """Return the connection once there is one, and to the first who asks."""
         with self._lock:
             found, self._found = self._found, None
@@ -54,7 +54,7 @@ class Reconnection(Generic[C]):
     def close(self) -> None:
         """End the attempts; a connection that is made after this is closed at once. Waits for nothing."""
         self._closing.set()
-        if (found := self.take()) is not None:
+        if (found := self.fetch()) is not None:
             found.close()
 
     def _run(self) -> None:

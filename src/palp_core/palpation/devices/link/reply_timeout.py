@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 
-class Patience:
+class ReplyTimeout:
     """How long an answer may still be in coming.
 
     A process that is kept from running (a busy host, a stop signal) finds the clock far ahead and the answer
@@ -25,7 +25,7 @@ class Patience:
         self._left_s, self._step_s, self._clock = timeout_s, step_s, clock
         self._seen_s = clock()
 
-    def over(self) -> bool:
+    def expired(self) -> bool:
         """Tell whether the time is used up; read once more before believing it."""
         now_s = self._clock()
         self._left_s -= min(now_s - self._seen_s, self._step_s)

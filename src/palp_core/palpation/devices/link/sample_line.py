@@ -16,7 +16,7 @@ _NS = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What was received since the last take: arrays (n,), values (n, channels)."""
+    """What was received since the last drain: arrays (n,), values (n, channels)."""
 
     times_ns: Int64Array
     index: Int64Array
@@ -31,7 +31,7 @@ class SampleLine:
     A device with a sequence number gives the number of its first sample with each chunk. One without has
     only its rate: the line compares how many samples came with how many the time allows. A chunk may be late
     without loss, so samples count as lost only when even the earliest arrival over ``patience_s`` is later
-    than the model by ``gap_s``; reported loss (:meth:`broken`) counts at once. Nothing that is that late
+    than the model by ``gap_s``; reported loss (:meth:`mark_gap`) counts at once. Nothing that is that late
     teaches the clock model, or one silence would spoil a minute of stamps.
 
     Args:
@@ -56,7 +56,7 @@ class SampleLine:
         self.received_count = 0
         self.lost_count = 0
 
-    def push(self, values: Float64Array, host_ns: int, first_index: int | None = None) -> None:
+    def append(self, values: Float64Array, host_ns: int, first_index: int | None = None) -> None:
         """Append samples, shape (n, channels), whose last was received at ``host_ns``."""
         count = len(values)
         if not count:
@@ -76,7 +76,7 @@ class SampleLine:
             if self._earliest_ns is None:
                 self._clock.observe((self._next - 1) / self._rate_hz, host_ns)
 
-    def rejoin(self, count: int, host_ns: int) -> int:
+    def restart_numbering(self, count: int, host_ns: int) -> int:
         """Return the number of the next sample, of a device that numbers its samples anew from here.
 
         What the time would have given since the last one is lost; the clock is learnt again.
@@ -94,12 +94,12 @@ class SampleLine:
                 self._clock.restart()
             return self._next
 
-    def broken(self) -> None:
+    def mark_gap(self) -> None:
         """Mark that something was lost before the next sample."""
         with self._lock:
             self._broken = self.received_count > 0
 
-    def take(self) -> Stretch:
+    def drain(self) -> Stretch:
         """Return everything since the last call."""
         with self._lock:
             chunks, self._chunks = self._chunks, []

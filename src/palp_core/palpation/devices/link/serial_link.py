@@ -11,7 +11,7 @@ from typing import Any
 import serial
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 
 _LOST = (OSError, TypeError, termios.error)  # TypeError: pyserial on a port that another thread closed
 _SLICE_S = 0.02  # how long one read waits; changing a port's own time-out is costly, so it is set once
@@ -84,9 +84,9 @@ class SerialLink:
             DeviceTimeout: They did not come in time.
             DeviceError: The link is lost.
         """
-        data, patience = b"", Patience(timeout_s)
+        data, timeout = b"", ReplyTimeout(timeout_s)
         while len(data) < count:
-            over = patience.over()
+            over = timeout.expired()
             try:
                 data += self._port.read(count - len(data))
             except _LOST as error:

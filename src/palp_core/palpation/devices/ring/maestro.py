@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import DutyCycle, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.protocols import RingReading
@@ -117,7 +117,7 @@ class MaestroRing:
                 "ring: retracted and extended end have the same pulse or counts; calibrate them"
             )
         self._host = HostTime()
-        self._watch = Watch(max(self.stale_s, 5.0 / self.poll_hz))
+        self._monitor = HealthMonitor(max(self.stale_s, 5.0 / self.poll_hz))
         self._duty = DutyCycle(self.duty, self.duty_window_s)
         self._motion: RodMotion | None = None
 
@@ -132,12 +132,12 @@ class MaestroRing:
         Raises:
             DeviceError: No answer, an error the Maestro reports, or no arrival at 0.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is not None:
             raise DeviceError("ring: open already; close it first")
         warn_unverified("ring", self.UNVERIFIED, self.verified)
         link = MaestroLink(self.url, self.crc, self.timeout_s, self.servo)
-        motion = RodMotion(link, self, self._host, self._watch)
+        motion = RodMotion(link, self, self._host, self._monitor)
         try:
             link.errors()  # what happened before this connection
             link.command(wire.set_speed(self.servo, self._speed_steps))
@@ -146,7 +146,7 @@ class MaestroRing:
             link.close()
             raise
         self._motion = motion
-        self._duty.recall(state.runs)
+        self._duty.restore(state.runs)
         if not state.homed:
             self._go([0.0], state)
             if not motion.wait((state.settled_ns - self._host.now_ns()) * 1e-9 + 2.0 * self.stall_s):
@@ -164,9 +164,9 @@ class MaestroRing:
             self._motion.stop_polling()
             self._motion = None
 
-    def health(self, now_ns: int) -> Health:
-        self._host.hear(now_ns)
-        return self._watch.read(self._host.now_ns())
+    def health(self, now_ns: int) -> DeviceHealth:
+        self._host.observe(now_ns)
+        return self._monitor.read(self._host.now_ns())
 
     def command(self, target_m: float, now_ns: int, state: MaestroState, rng: np.random.Generator) -> int:
         """Go to ``target_m``; return the predicted time of rest in ns.
@@ -176,7 +176,7 @@ class MaestroRing:
         Raises:
             DeviceError: A target beyond the limits, or a ring that is not up or not in health.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         motion = self._ready(state)
         check_range("ring", "target_m", target_m, *self.limits_m)
         if target_m == state.target_m and not motion.holding:
@@ -185,21 +185,21 @@ class MaestroRing:
 
     def rehome(self, now_ns: int, state: MaestroState, rng: np.random.Generator) -> int:
         """Drive to the retracted margin and back to the target; return the predicted time of rest in ns."""
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         self._ready(state)
         return self._go([self.margin_m - self.zero_m, state.target_m], state)
 
     def stop(self, now_ns: int, state: MaestroState) -> None:
         """Hold where the rod is, at once."""
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is not None:
             self._motion.hold()
-            self._duty.cut(self._host.now_ns())
+            self._duty.end_run(self._host.now_ns())
             state.runs = self._duty.runs
 
     def acknowledge(self, now_ns: int, state: MaestroState) -> None:
         """Leave a stall or a reported error behind: the operator's step, when the cause is gone."""
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is None:
             raise DeviceError("ring: not open; open it first")
         self._motion.acknowledge()
@@ -210,7 +210,7 @@ class MaestroRing:
         Raises:
             DeviceError: The ring is not open.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is None:
             raise DeviceError("ring: not open; open it first")
         settled = state.homed and self._motion.arrived and self._host.now_ns() >= state.settled_ns
@@ -240,7 +240,7 @@ class MaestroRing:
     def _ready(self, state: MaestroState) -> RodMotion:
         if self._motion is None or not state.homed:
             raise DeviceError("ring: not up; open it first")
-        health = self._watch.read(self._host.now_ns())
+        health = self._monitor.read(self._host.now_ns())
         if not health.ok:
             raise DeviceError(
                 f"ring: {health.condition}: {health.cause}; clear the cause and acknowledge before a move"
@@ -252,9 +252,9 @@ class MaestroRing:
         places = [self._motion.measured_m, *targets_m]
         ways_m = [abs(b - a) for a, b in pairwise(places)]
         run_ns = round(sum(ways_m) / self.true_speed_m_per_s * 1e9)
-        self._duty.cut(self._host.now_ns())
+        self._duty.end_run(self._host.now_ns())
         start_ns = self._duty.start_ns(self._host.now_ns(), run_ns)
-        self._duty.ran(start_ns, start_ns + run_ns)
+        self._duty.add_run(start_ns, start_ns + run_ns)
         state.runs = self._duty.runs
         self._motion.follow(targets_m, start_ns)
         state.target_m = targets_m[-1]

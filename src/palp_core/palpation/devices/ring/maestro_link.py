@@ -58,7 +58,7 @@ class MaestroLink:
             self._late = False
             return int.from_bytes(reply, "little")
 
-    def distrust(self) -> None:
+    def mark_out_of_step(self) -> None:
         """Get back in step before the next question: an answer made no sense."""
         self._late = True
 

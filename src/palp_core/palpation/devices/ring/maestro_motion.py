@@ -7,7 +7,7 @@ from collections import deque
 from typing import Protocol
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.serial_link import LinkLost
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
@@ -42,11 +42,11 @@ class RodMotion:
         link: Open link; closed by :meth:`stop_polling`.
         rod: Parameters.
         host: Time.
-        watch: Told of stalls, errors and loss.
+        monitor: Told of stalls, errors and loss.
     """
 
-    def __init__(self, link: MaestroLink, rod: Rod, host: HostTime, watch: Watch) -> None:
-        self._link, self._rod, self._host, self._watch = link, rod, host, watch
+    def __init__(self, link: MaestroLink, rod: Rod, host: HostTime, monitor: HealthMonitor) -> None:
+        self._link, self._rod, self._host, self._monitor = link, rod, host, monitor
         self._targets: deque[float] = deque()
         self._active_m: float | None = None
         self._start_ns = 0
@@ -63,8 +63,8 @@ class RodMotion:
 
     def start(self) -> None:
         """Read a first position and begin to poll."""
-        self._see()
-        self._watch.fresh(self._host.now_ns())
+        self._read_position()
+        self._monitor.note_data(self._host.now_ns())
         self._thread.start()
 
     def stop_polling(self) -> None:
@@ -72,7 +72,7 @@ class RodMotion:
         self._stop.set()
         self._thread.join()
         self._link.close()
-        self._watch.report(Condition.CLOSED, self._host.now_ns())
+        self._monitor.report(Condition.CLOSED, self._host.now_ns())
 
     def follow(self, targets_m: list[float], start_ns: int) -> None:
         """Go to each target in turn, not before a time."""
@@ -115,7 +115,7 @@ class RodMotion:
             DeviceError: No answer.
         """
         self._link.errors()
-        self._watch.fresh(self._host.now_ns())
+        self._monitor.note_data(self._host.now_ns())
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -132,26 +132,26 @@ class RodMotion:
             self._stop.wait(max(0.0, 1.0 / self._rod.poll_hz - (self._host.now_ns() - began_ns) * 1e-9))
 
     def _poll(self) -> None:
-        self._see()
+        self._read_position()
         now_ns = self._host.now_ns()
         self._turn += 1
         error = self._link.errors() if self._turn % 5 == 0 else wire.Error(0)
         if error:
             self._halt(Condition.DEVICE_FAULT, f"the Maestro reports: {error.words}")
             return
-        if self._watch.read(now_ns).condition in (
+        if self._monitor.read(now_ns).condition in (
             Condition.OK,
             Condition.STALE,
             Condition.LINK_LOST,
             Condition.GARBLED,
         ):
-            self._watch.fresh(now_ns)
+            self._monitor.note_data(now_ns)
         else:
-            self._watch.touch(now_ns)
+            self._monitor.note_contact(now_ns)
         with self._change:
             self._advance(now_ns)
 
-    def _see(self) -> None:
+    def _read_position(self) -> None:
         """Read where the rod is; what no rod does is not believed: holding there would drive it.
 
         Raises:
@@ -168,7 +168,7 @@ class RodMotion:
         elif way_m > _JITTER_M + _FASTEST_M_PER_S * (now_ns - self._seen_ns) * 1e-9:
             why = f"{way_m * 1e3:.1f} mm from where the rod was just now; check its lead"
         if why:
-            self._link.distrust()
+            self._link.mark_out_of_step()
             raise DeviceError(f"maestro: feedback of {counts}, {why}")
         self.measured_m, self._seen_ns = place_m, now_ns
 
@@ -203,7 +203,7 @@ class RodMotion:
             self._halt(condition, cause)
 
     def _halt(self, condition: Condition, cause: str) -> None:
-        self._watch.report(condition, self._host.now_ns(), cause)
+        self._monitor.report(condition, self._host.now_ns(), cause)
         if condition is Condition.LINK_LOST:
             with self._change:
                 self._targets.clear()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palp_core.palpation.devices.limits import check_range
 
 
-class Leash:
+class MotionPermit:
     """Permission to move, which ends by itself.
 
     A beat counts from when it was sent, so that one that waited in a queue while its reader was stopped
@@ -16,7 +16,7 @@ class Leash:
     """
 
     def __init__(self, longest_s: float = 0.050) -> None:
-        check_range("leash", "longest_s", longest_s, 1e-3, 10.0)
+        check_range("motion permit", "longest_s", longest_s, 1e-3, 10.0)
         self._longest_ns = round(longest_s * 1e9)
         self._sent_ns: int | None = None
         self._permits = False

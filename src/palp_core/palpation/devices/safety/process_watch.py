@@ -18,7 +18,7 @@ _COUNTS = 10  # a node that changes hands has two processes for some of them
 _PROC = Path("/proc")
 
 
-class Siblings:
+class ProcessWatch:
     """The other children of this process's parent, that parent, and its own.
 
     Args:
@@ -33,7 +33,7 @@ class Siblings:
         self._known: list[int] = []
         self._counts: deque[int] = deque(maxlen=_COUNTS)
 
-    def find(self) -> int:
+    def refresh(self) -> int:
         """Look for living siblings anew; return their number. It reads the whole process table."""
         found = []
         for entry in _PROC.iterdir():
@@ -52,13 +52,13 @@ class Siblings:
         """
         gone = [pid for pid in self._known if _state(pid)[0] in _ENDED]
         least = min(self._counts, default=0)
-        return gone if gone and self.find() < least else []
+        return gone if gone and self.refresh() < least else []
 
     def stopped(self) -> list[int]:
-        """Return the known siblings and elders that are stopped."""
+        """Return the known siblings and their elders that are stopped."""
         return [pid for pid in (*self._known, *self._elders) if _state(pid)[0] in _STOPPED]
 
-    def trouble(self, *, moving: bool) -> dict[int, str]:
+    def stopped_or_ended(self, *, moving: bool) -> dict[int, str]:
         """Return who is stopped and, while something moves, who has ended, in words by process."""
         found = dict.fromkeys(self.stopped(), "is stopped")
         return {**found, **dict.fromkeys(self.ended() if moving else (), "has ended")}

@@ -147,7 +147,7 @@ class SafetyMachine:
         """Whether a trip waits for its acknowledgement."""
         return self.state in (SafetyState.STOPPING, SafetyState.LATCHED)
 
-    def take(self, event: Event, cause: Cause | None = None, text: str = "") -> tuple[Action, ...]:
+    def handle(self, event: Event, cause: Cause | None = None, text: str = "") -> tuple[Action, ...]:
         """Follow the table; return what to do.
 
         Args:

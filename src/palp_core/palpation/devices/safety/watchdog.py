@@ -16,7 +16,7 @@ _GOOD = ("ok", "")
 _LINK = ("link lost", "stale", "garbled")
 
 
-class Finding(NamedTuple):
+class LimitViolation(NamedTuple):
     """A limit that is passed: which, and the numbers in words."""
 
     cause: Cause
@@ -60,7 +60,7 @@ class WatchLimits:
 
 
 @dataclass(frozen=True)
-class Load:
+class WatchedLoad:
     """The largest load since the last report, when the latest sample was taken, and when that was said."""
 
     sample_ns: int
@@ -73,7 +73,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Stage:
+class WatchedStage:
     """Where the stage is, how fast, and how it does; ``released``: it has taken note of the last release."""
 
     stamp_ns: int
@@ -103,7 +103,7 @@ class Watchdog:
         self._run_ns = self._judges_ns = 0
         self._bring_up = self._hears_first = False
 
-    def load(self, load: Load) -> list[Finding]:
+    def check_load(self, load: WatchedLoad) -> list[LimitViolation]:
         """Take note of a load; return what is wrong with it."""
         limits, found = self.limits.wrench, []
         fresh = load.sample_ns > self._sample_ns  # silence does not take a load away
@@ -111,20 +111,20 @@ class Watchdog:
             self._sample_ns = max(self._sample_ns, load.sample_ns)
         self._load_ns = max(self._load_ns, load.stamp_ns or load.sample_ns)
         if load.saturated:
-            found.append(Finding(Cause.SATURATED, "a gauge of the sensor is at the end of its range"))
+            found.append(LimitViolation(Cause.SATURATED, "a gauge of the sensor is at the end of its range"))
         if load.faulty or load.condition == "device fault":
-            found.append(Finding(Cause.SENSOR_FAULT, f"the sensor says of its data: {load.condition}"))
+            found.append(LimitViolation(Cause.SENSOR_FAULT, f"the sensor says of its data: {load.condition}"))
         if not math.isfinite(load.torque_n_m) or not math.isfinite(load.force_n):
-            found.append(Finding(Cause.SENSOR_FAULT, "a load is not a number"))
+            found.append(LimitViolation(Cause.SENSOR_FAULT, "a load is not a number"))
         elif limits.level(_one(load.torque_n_m), _one(load.force_n)) is Level.STOP:
             torque = load.torque_n_m >= limits.stop_torque_n_m
             said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
-            found.append(Finding(Cause.TORQUE if torque else Cause.FORCE, said))
+            found.append(LimitViolation(Cause.TORQUE if torque else Cause.FORCE, said))
         if fresh:
             self.warning = self._warning(load)
         return found
 
-    def stage(self, stage: Stage) -> list[Finding]:
+    def check_stage(self, stage: WatchedStage) -> list[LimitViolation]:
         """Take note of the stage's report; return what is wrong with it."""
         travel, slack = self.limits.travel, self.limits.slack_m
         self._bring_up = stage.bring_up
@@ -134,18 +134,18 @@ class Watchdog:
         for axis, place, (low, high) in (("y", stage.y_m, travel.y_m), ("z", stage.z_m, travel.z_m)):
             if stage.moving and not stage.bring_up and not low - slack <= place <= high + slack:
                 window = f"outside of {low * 1e3:.1f} to {high * 1e3:.1f} mm"
-                found.append(Finding(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
+                found.append(LimitViolation(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
         fastest = travel.speed_m_per_s * self.limits.speed_share
         if not stage.bring_up and not abs(stage.speed_m_per_s) <= fastest:
             said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, the limit is {travel.speed_m_per_s * 1e3:g}"
-            found.append(Finding(Cause.SPEED, said))
+            found.append(LimitViolation(Cause.SPEED, said))
         if stage.released and stage.condition not in (*_GOOD, "closed"):
             cause = Cause.LINK_LOST if stage.condition in _LINK else Cause.AXIS_FAULT
             cause = Cause.HEARTBEAT if stage.condition == "unheard" else cause
-            found.append(Finding(cause, f"the stage says: {stage.condition}"))
+            found.append(LimitViolation(cause, f"the stage says: {stage.condition}"))
         return found
 
-    def ring(self, stamp_ns: int, condition: str, *, released: bool = True) -> list[Finding]:
+    def check_ring(self, stamp_ns: int, condition: str, *, released: bool = True) -> list[LimitViolation]:
         """Take note of the ring's report; return what is wrong with it.
 
         One that has not taken note of the last release says what was before it, and may be busy leaving it.
@@ -156,17 +156,17 @@ class Watchdog:
         if condition in (*_GOOD, "closed"):
             return []
         cause = Cause.LINK_LOST if condition in _LINK else Cause.RING_FAULT
-        return [Finding(cause, f"the ring's driver says: {condition}")]
+        return [LimitViolation(cause, f"the ring's driver says: {condition}")]
 
-    def axis(self, axis: str, fault: str, following_m: float) -> list[Finding]:
+    def check_axis(self, axis: str, fault: str, following_m: float) -> list[LimitViolation]:
         """Judge what an axis says on the safety process's own link."""
-        found = [Finding(Cause.AXIS_FAULT, f"axis {axis}: {fault}")] if fault else []
+        found = [LimitViolation(Cause.AXIS_FAULT, f"axis {axis}: {fault}")] if fault else []
         if not abs(following_m) <= self.limits.following_m:
             said = f"axis {axis} is {following_m * 1e3:.2f} mm away from where it is sent"
-            found.append(Finding(Cause.FOLLOWING, said))
+            found.append(LimitViolation(Cause.FOLLOWING, said))
         return found
 
-    def run(self, now_ns: int, period_s: float) -> list[Finding] | None:
+    def check_itself(self, now_ns: int, period_s: float) -> list[LimitViolation] | None:
         """Note that the watch runs; say whether it was kept from it, and None if it had better hear first.
 
         A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
@@ -181,7 +181,7 @@ class Watchdog:
         late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0
         if late_s > self.limits.beat_s:
             said = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
-            return [Finding(Cause.LATE, f"{said}, the limit is {self.limits.beat_s * 1e3:g} ms")]
+            return [LimitViolation(Cause.LATE, f"{said}, the limit is {self.limits.beat_s * 1e3:g} ms")]
         if late_s > period_s and not self._hears_first:
             self._hears_first, self._judges_ns = True, now_ns + round(2e9 * period_s)
         if now_ns < self._judges_ns:
@@ -189,7 +189,7 @@ class Watchdog:
         self._hears_first = False  # it judges now, before it may be excused again: it may be late for ever
         return []
 
-    def late(self, now_ns: int) -> list[Finding]:
+    def overdue(self, now_ns: int) -> list[LimitViolation]:
         """Say what has not been heard of for too long; empty while motion may go on.
 
         A sensor that is silent while its node speaks is stale; a node that does not speak has lost its
@@ -198,7 +198,9 @@ class Watchdog:
         limits = self.limits
         stage_s = limits.bring_up_s if self._bring_up else limits.beat_s
         return [
-            Finding(cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms")
+            LimitViolation(
+                cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms"
+            )
             for name, cause, last_ns, longest_s in (
                 ("last report of the sensor", Cause.HEARTBEAT, self._load_ns, limits.stale_s),
                 ("last torque sample", Cause.STALE, self._sample_ns, limits.stale_s),
@@ -212,7 +214,7 @@ class Watchdog:
     def _age(now_ns: int, last_ns: int) -> str:
         return f"{(now_ns - last_ns) * 1e-6:.0f} ms ago" if last_ns else "none yet"
 
-    def _warning(self, load: Load) -> str:
+    def _warning(self, load: WatchedLoad) -> str:
         limits = self.limits.wrench
         if load.torque_n_m >= limits.warn_torque_n_m:
             return (

@@ -18,9 +18,9 @@ from scipy.signal import butter, sosfilt
 from scipy.special import ndtr
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
-from palp_core.palpation.devices.protocols import EmgBlock
+from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.units import Float64Array
 
 _NS = 1e9
@@ -28,7 +28,7 @@ _ORDER = 2  # of the low-pass prototype: a band-pass of twice this order
 _MUSCLES = 2
 
 
-class EmgState(msgspec.Struct):
+class SimEmgState(msgspec.Struct):
     """What the source carries from block to block.
 
     Attributes:
@@ -127,15 +127,15 @@ class SimEmg:
             )
         object.__setattr__(self, "matrix", tuple(tuple(row) for row in matrix.tolist()))
 
-    def mvc_ns(self, state: EmgState) -> tuple[int, int]:
+    def mvc_ns(self, state: SimEmgState) -> tuple[int, int]:
         """Return begin and end of the MVC in ns."""
         return self._stamp_ns(self._count(self.rest_s), state), self._stamp_ns(self._mvc_end, state)
 
-    def palpation_ns(self, state: EmgState) -> int:
+    def palpation_ns(self, state: SimEmgState) -> int:
         """Return the begin of the palpation in ns."""
         return self._stamp_ns(self._palpation_begin, state)
 
-    def open(self, now_ns: int, state: EmgState, rng: np.random.Generator) -> None:
+    def open(self, now_ns: int, state: SimEmgState, rng: np.random.Generator) -> None:
         """Start a fresh source with sample 0 now; leave one that was started before as it is.
 
         Raises:
@@ -152,11 +152,11 @@ class SimEmg:
     def close(self) -> None:
         """Do nothing: there is no link."""
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         """Return that all is well."""
         return HEALTHY
 
-    def drain(self, now_ns: int, state: EmgState, rng: np.random.Generator) -> EmgBlock:
+    def drain(self, now_ns: int, state: SimEmgState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample since the last call up to and including ``now_ns``.
 
         Six numbers are drawn per sample in a fixed order, so the size of the blocks does not change the
@@ -175,7 +175,7 @@ class SimEmg:
         first, due = state.sample_count, self._due_count(now_ns, state)
         if due <= first:
             none = np.empty(0, dtype=np.int64)
-            return EmgBlock(none, np.empty(0), np.empty(0), none, none.astype(np.bool_))
+            return EmgSamples(none, np.empty(0), np.empty(0), none, none.astype(np.bool_))
         draws = rng.standard_normal((due - first, 6))
         envelope = self._envelope(first, draws[:, 4:], state)
         noise = self._noise(draws[:, :2], state)
@@ -185,7 +185,7 @@ class SimEmg:
         fds_v = self.fds_mvc_v * envelope * noise[:, 0] + sensor[:, 0]
         edc_v = self.edc_mvc_v * envelope * noise[:, 1] + sensor[:, 1]
         index = np.arange(first, due)
-        return EmgBlock(times_ns, fds_v, edc_v, index, np.zeros(due - first, dtype=np.bool_))
+        return EmgSamples(times_ns, fds_v, edc_v, index, np.zeros(due - first, dtype=np.bool_))
 
     def _count(self, duration_s: float) -> int:
         return round(duration_s * self.rate_hz)
@@ -198,17 +198,17 @@ class SimEmg:
     def _palpation_begin(self) -> int:
         return self._mvc_end + self._count(self.rest_s)
 
-    def _stamp_ns(self, index: int, state: EmgState) -> int:
+    def _stamp_ns(self, index: int, state: SimEmgState) -> int:
         return state.start_ns + round(index * _NS / self.rate_hz)
 
-    def _due_count(self, now_ns: int, state: EmgState) -> int:
+    def _due_count(self, now_ns: int, state: SimEmgState) -> int:
         """Return how many samples have a stamp up to and including ``now_ns``."""
         count = max(0, math.floor((now_ns - state.start_ns) * self.rate_hz / _NS))
         while self._stamp_ns(count, state) <= now_ns:
             count += 1
         return count
 
-    def _noise(self, draws: Float64Array, state: EmgState) -> Float64Array:
+    def _noise(self, draws: Float64Array, state: SimEmgState) -> Float64Array:
         """Return noise of unit variance within the band, shape (n, 2)."""
         sections, scale = _band_pass(self.rate_hz, *self.band_hz)
         before = np.reshape(state.band_filter, (_ORDER, 2, _MUSCLES))
@@ -216,7 +216,7 @@ class SimEmg:
         state.band_filter = after.ravel().tolist()
         return np.asarray(noise * scale, dtype=np.float64)
 
-    def _envelope(self, first: int, draws: Float64Array, state: EmgState) -> Float64Array:
+    def _envelope(self, first: int, draws: Float64Array, state: SimEmgState) -> Float64Array:
         """Return the smoothed envelope as a share of MVC, shape (n,)."""
         target = self._target(first, draws, state)
         pole = math.exp(-1.0 / (self.smooth_s * self.rate_hz)) if self.smooth_s > 0.0 else 0.0
@@ -225,7 +225,7 @@ class SimEmg:
         state.envelope_filter = after.ravel().tolist()
         return np.asarray(envelope, dtype=np.float64)
 
-    def _target(self, first: int, draws: Float64Array, state: EmgState) -> Float64Array:
+    def _target(self, first: int, draws: Float64Array, state: SimEmgState) -> Float64Array:
         """Return what the muscles aim at, sample by sample: rest, MVC, rest, then the levels of the chain."""
         count = len(draws)
         target = np.zeros(count)
@@ -243,7 +243,7 @@ class SimEmg:
             at = until
         return target
 
-    def _step_chain(self, draws: Float64Array, state: EmgState) -> None:
+    def _step_chain(self, draws: Float64Array, state: SimEmgState) -> None:
         """Draw the next level and its duration from two normal numbers; the first level is uniform."""
         k = len(self.levels)
         matrix = np.asarray(self.matrix, dtype=np.float64)

@@ -10,7 +10,7 @@ from palp_core.palpation.devices.limits import check_range
 
 
 @dataclass(frozen=True)
-class Mount:
+class Mounting:
     """One mounting: the phantom's surface above its nominal height, and its slope along the sweep.
 
     Attributes:
@@ -41,10 +41,10 @@ class MountVariation:
         check_range("mount", "height_sd_m", self.height_sd_m, 0.0, 0.1)
         check_range("mount", "tilt_sd_rad", self.tilt_sd_rad, 0.0, 0.5)
 
-    def draw(self, rng: np.random.Generator) -> Mount:
+    def draw(self, rng: np.random.Generator) -> Mounting:
         """Return a new mounting; two numbers are drawn, whatever the spreads are."""
         height, tilt = rng.standard_normal(2)
-        return Mount(self.height_sd_m * float(height), self.tilt_sd_rad * float(tilt))
+        return Mounting(self.height_sd_m * float(height), self.tilt_sd_rad * float(tilt))
 
 
 ALWAYS_THE_SAME = MountVariation()

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import RingReading
 
@@ -18,7 +18,7 @@ _NS = 1e9
 _NO_LOAD_M_PER_S = 6.5e-3  # L12-50-210-06: no-load speed of the maker's present data sheet
 
 
-class RingState(msgspec.Struct):
+class SimRingState(msgspec.Struct):
     """The move under way or, when its time is over, where the ring rests.
 
     Attributes:
@@ -92,7 +92,7 @@ class SimRing:
         """Smallest and largest target: zero, and the extended stop."""
         return 0.0, self.stroke_m - self.zero_m
 
-    def open(self, now_ns: int, state: RingState, rng: np.random.Generator) -> None:
+    def open(self, now_ns: int, state: SimRingState, rng: np.random.Generator) -> None:
         """Bring a fresh actuator to 0, with an error of its own; leave one that was homed before as it is."""
         if not state.homed:
             landing_m = self._landing(0.0, 1.0, rng)
@@ -104,11 +104,11 @@ class SimRing:
     def close(self) -> None:
         """Do nothing: there is no link."""
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         """Return that all is well."""
         return HEALTHY
 
-    def command(self, target_m: float, now_ns: int, state: RingState, rng: np.random.Generator) -> int:
+    def command(self, target_m: float, now_ns: int, state: SimRingState, rng: np.random.Generator) -> int:
         """Go to ``target_m`` with a new landing error; the present target is no move and keeps its error.
 
         Args:
@@ -131,7 +131,7 @@ class SimRing:
         direction = math.copysign(1.0, target_m - nominal_m)
         return self._go(target_m, direction, now_ns, state, [nominal_m], [true_m], rng)
 
-    def rehome(self, now_ns: int, state: RingState, rng: np.random.Generator) -> int:
+    def rehome(self, now_ns: int, state: SimRingState, rng: np.random.Generator) -> int:
         """Drive to the retracted stop and back to the target, with a new landing error.
 
         Returns:
@@ -146,7 +146,7 @@ class SimRing:
             state.target_m, 1.0, now_ns, state, [nominal_m, -self.zero_m], [true_m, -self.zero_m], rng
         )
 
-    def stop(self, now_ns: int, state: RingState) -> None:
+    def stop(self, now_ns: int, state: SimRingState) -> None:
         """Hold where it is; the next command is a move even if its target is the same."""
         if now_ns < state.start_ns + math.ceil(state.after_s[-1] * _NS):
             nominal_m, true_m = self._corners_now(now_ns, state)
@@ -154,7 +154,7 @@ class SimRing:
             state.holding = True
             state.settled_ns = now_ns
 
-    def read(self, now_ns: int, state: RingState) -> RingReading:
+    def read(self, now_ns: int, state: SimRingState) -> RingReading:
         """Return target, measured position and whether it rests at the target."""
         nominal_m, true_m = self._corners_now(now_ns, state)
         measured_m = nominal_m + self.error_seen * (true_m - nominal_m)
@@ -164,11 +164,11 @@ class SimRing:
         settled = state.homed and not state.holding and now_ns >= state.settled_ns
         return RingReading(state.target_m, measured_m, settled)
 
-    def true_position_m(self, now_ns: int, state: RingState) -> float:
+    def true_position_m(self, now_ns: int, state: SimRingState) -> float:
         """Return where the ring is, which a real actuator does not tell, in m."""
         return self._corners_now(now_ns, state)[1]
 
-    def _refuse_unless_homed(self, state: RingState) -> None:
+    def _refuse_unless_homed(self, state: SimRingState) -> None:
         if not state.homed:
             raise DeviceError("ring: not homed; open it before the first move")
 
@@ -186,7 +186,7 @@ class SimRing:
         target_m: float,
         direction: float,
         now_ns: int,
-        state: RingState,
+        state: SimRingState,
         nominal_m: list[float],
         true_m: list[float],
         rng: np.random.Generator,
@@ -200,7 +200,7 @@ class SimRing:
         state.settled_ns = now_ns + math.ceil((state.after_s[-1] + self.settle_s) * _NS)
         return state.settled_ns
 
-    def _follow(self, state: RingState, now_ns: int, nominal_m: list[float], true_m: list[float]) -> None:
+    def _follow(self, state: SimRingState, now_ns: int, nominal_m: list[float], true_m: list[float]) -> None:
         """Write a path into the state; a leg lasts as long as the longer of its two ways at full speed."""
         after_s = [0.0]
         for leg in range(1, len(true_m)):
@@ -208,7 +208,7 @@ class SimRing:
             after_s.append(after_s[-1] + way_m / self.speed_m_per_s)
         state.start_ns, state.after_s, state.nominal_m, state.true_m = now_ns, after_s, nominal_m, true_m
 
-    def _corners_now(self, now_ns: int, state: RingState) -> tuple[float, float]:
+    def _corners_now(self, now_ns: int, state: SimRingState) -> tuple[float, float]:
         """Return nominal and true position at a time, straight between the corners."""
         gone_s = (now_ns - state.start_ns) / _NS
         if gone_s <= 0.0 or len(state.after_s) == 1:

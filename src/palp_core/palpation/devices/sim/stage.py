@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
@@ -22,7 +22,7 @@ from palp_core.units import Float64Array
 _TOLERANCE_M = 1e-12  # rounding of a double, far below the resolution
 
 
-class StageState(msgspec.Struct):
+class SimStageState(msgspec.Struct):
     """The path under way or, when its time is over, the place where the stage rests at its end.
 
     Attributes:
@@ -81,7 +81,7 @@ class SimStage:
         check_range("stage", "lift_m", self.lift_m, *self.z_limits_m)
         check_range("stage", "resolution_m", self.resolution_m, 0.0, 1e-3)
 
-    def open(self, now_ns: int, state: StageState, rng: np.random.Generator) -> None:
+    def open(self, now_ns: int, state: SimStageState, rng: np.random.Generator) -> None:
         """Home a fresh stage to y = 0, raised; leave one that was homed before as it is."""
         if not state.homed:
             self._rest(state, 0.0, self.lift_m, now_ns)
@@ -90,7 +90,7 @@ class SimStage:
     def close(self) -> None:
         """Do nothing: there is no link."""
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         """Return that all is well."""
         return HEALTHY
 
@@ -102,7 +102,7 @@ class SimStage:
     def _run_up_m(self) -> float:
         return self.sweep_speed_m_per_s**2 / (2.0 * self.accel_m_per_s2) + self.lead_m
 
-    def sweep(self, from_m: float, to_m: float, now_ns: int, state: StageState) -> SweepTimes:
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: SimStageState) -> SweepTimes:
         """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``.
 
         Raises:
@@ -126,7 +126,7 @@ class SimStage:
         self._follow(state, [(y_m, z_m), (end_m, z_m)], [self.sweep_speed_m_per_s], now_ns)
         return times
 
-    def return_to(self, y_m: float, now_ns: int, state: StageState) -> int:
+    def return_to(self, y_m: float, now_ns: int, state: SimStageState) -> int:
         """Raise, go to ``y_m`` and lower to the height of the sweep; return the time of arrival in ns.
 
         Raises:
@@ -140,7 +140,7 @@ class SimStage:
         self._follow(state, corners, speeds, now_ns)
         return self.end_ns(state)
 
-    def stop(self, now_ns: int, state: StageState) -> int:
+    def stop(self, now_ns: int, state: SimStageState) -> int:
         """Decelerate to rest along the present leg; return the time of rest in ns."""
         under_way = [
             (leg, profile)
@@ -166,12 +166,12 @@ class SimStage:
         state.speeds_m_per_s = [max(speed, state.entry_speed_m_per_s)]
         return self.end_ns(state)
 
-    def read(self, times_ns: Int64Array, state: StageState) -> StageReading:
+    def read(self, times_ns: Int64Array, state: SimStageState) -> StageReading:
         """Return the positions at ``times_ns``, shape (n,), in steps of the resolution."""
         y_m, z_m = _positions(times_ns, state)
         return StageReading(self._rounded(y_m), self._rounded(z_m))
 
-    def end_ns(self, state: StageState) -> int:
+    def end_ns(self, state: SimStageState) -> int:
         """Return the time at which the stage comes, or came, to rest."""
         return max((profile.end_ns for profile in _profiles(state)), default=state.start_ns)
 
@@ -180,7 +180,7 @@ class SimStage:
             return position_m
         return np.rint(position_m / self.resolution_m) * self.resolution_m
 
-    def _resting_place(self, now_ns: int, state: StageState) -> tuple[float, float]:
+    def _resting_place(self, now_ns: int, state: SimStageState) -> tuple[float, float]:
         if not state.homed:
             raise DeviceError("stage: not homed; open it before the first move")
         if now_ns < (end_ns := self.end_ns(state)):
@@ -189,11 +189,11 @@ class SimStage:
             )
         return state.y_m[-1], state.z_m[-1]
 
-    def _rest(self, state: StageState, y_m: float, z_m: float, now_ns: int) -> None:
+    def _rest(self, state: SimStageState, y_m: float, z_m: float, now_ns: int) -> None:
         self._follow(state, [(y_m, z_m)], [], now_ns)
 
     def _follow(
-        self, state: StageState, corners: list[tuple[float, float]], speeds: list[float], now_ns: int
+        self, state: SimStageState, corners: list[tuple[float, float]], speeds: list[float], now_ns: int
     ) -> None:
         """Write a path into the state, leaving out legs of no length."""
         kept = [leg for leg, (a, b) in enumerate(pairwise(corners)) if a != b]
@@ -206,7 +206,7 @@ class SimStage:
         state.start_ns = now_ns
 
 
-def _profiles(state: StageState) -> list[MotionProfile]:
+def _profiles(state: SimStageState) -> list[MotionProfile]:
     """Return one profile per leg of the path, over the way along that leg from 0 to its length."""
     profiles: list[MotionProfile] = []
     start_ns, entry = state.start_ns, state.entry_speed_m_per_s
@@ -220,7 +220,7 @@ def _profiles(state: StageState) -> list[MotionProfile]:
     return profiles
 
 
-def _positions(times_ns: Int64Array, state: StageState) -> tuple[Float64Array, Float64Array]:
+def _positions(times_ns: Int64Array, state: SimStageState) -> tuple[Float64Array, Float64Array]:
     y_m = np.full(np.shape(times_ns), state.y_m[0])
     z_m = np.full(np.shape(times_ns), state.z_m[0])
     for leg, profile in enumerate(_profiles(state)):

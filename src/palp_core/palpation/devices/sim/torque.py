@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, Health
+from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
-from palp_core.palpation.devices.protocols import Int64Array, TorqueBlock
+from palp_core.palpation.devices.protocols import Int64Array, TorqueSamples
 from palp_core.palpation.nano17 import RANGE_N_M, RESOLUTION_N_M
 from palp_core.units import Float64Array
 
 
-class TorqueState(msgspec.Struct):
+class SimTorqueState(msgspec.Struct):
     """What the sensor carries from block to block.
 
     Attributes:
@@ -75,7 +75,7 @@ class SimTorque:
         check_range("torque", "gain_drift_per_sqrt_s", self.gain_drift_per_sqrt_s, 0.0, 1.0)
         check_range("torque", "rate_hz", self.rate_hz, 1.0, 1e5)
 
-    def open(self, now_ns: int, state: TorqueState, rng: np.random.Generator) -> None:
+    def open(self, now_ns: int, state: SimTorqueState, rng: np.random.Generator) -> None:
         """Start a fresh sensor with its bias and gain error; leave one that was started before as it is."""
         if not state.started:
             state.bias_n_m, state.gain = self.bias_n_m, 1.0 + self.gain_error
@@ -85,11 +85,11 @@ class SimTorque:
     def close(self) -> None:
         """Do nothing: there is no link."""
 
-    def health(self, now_ns: int) -> Health:
+    def health(self, now_ns: int) -> DeviceHealth:
         """Return that all is well."""
         return HEALTHY
 
-    def drain(self, now_ns: int, state: TorqueState, rng: np.random.Generator) -> TorqueBlock:
+    def drain(self, now_ns: int, state: SimTorqueState, rng: np.random.Generator) -> TorqueSamples:
         """Return the samples of the unloaded sensor since the last one, up to and including ``now_ns``."""
         period_ns = round(1e9 / self.rate_hz)
         times_ns = np.arange(state.last_ns + period_ns, now_ns + 1, period_ns, dtype=np.int64)
@@ -99,9 +99,9 @@ class SimTorque:
         self,
         true_torque_n_m: Float64Array,
         times_ns: Int64Array,
-        state: TorqueState,
+        state: SimTorqueState,
         rng: np.random.Generator,
-    ) -> TorqueBlock:
+    ) -> TorqueSamples:
         """Return what the sensor says of a true torque.
 
         Three numbers are drawn per sample in a fixed order, so neither the size of the blocks nor a drift
@@ -123,7 +123,7 @@ class SimTorque:
                 f"torque: {true_torque_n_m.shape} torques at {times_ns.shape} times; give one torque per time"
             )
         if times_ns.size == 0:
-            return TorqueBlock(times_ns, np.empty(0), 0)
+            return TorqueSamples(times_ns, np.empty(0), 0)
         if not math.isfinite(true_torque_n_m.sum()):
             raise DeviceError(f"torque: a true torque at or after {int(times_ns[0])} ns is not finite")
         draws = rng.standard_normal((times_ns.size, 3))
@@ -138,9 +138,9 @@ class SimTorque:
         index = np.arange(state.sample_count, state.sample_count + times_ns.size)
         state.sample_count += times_ns.size
         gap = np.zeros(times_ns.size, dtype=np.bool_)
-        return TorqueBlock(times_ns, torque_n_m - state.tare_n_m, saturated_count, index, gap, saturated)
+        return TorqueSamples(times_ns, torque_n_m - state.tare_n_m, saturated_count, index, gap, saturated)
 
-    def tare(self, block: TorqueBlock, state: TorqueState) -> None:
+    def tare(self, block: TorqueSamples, state: SimTorqueState) -> None:
         """Make the mean of ``block``, read unloaded, the new zero.
 
         Raises:
@@ -153,7 +153,7 @@ class SimTorque:
         state.tare_n_m += float(np.mean(block.torque_n_m))
 
     def _drift(
-        self, times_ns: Int64Array, draws: Float64Array, state: TorqueState
+        self, times_ns: Int64Array, draws: Float64Array, state: SimTorqueState
     ) -> tuple[Float64Array | float, Float64Array | float]:
         """Return bias and gain of every sample, and keep the last ones."""
         last_ns = state.last_ns

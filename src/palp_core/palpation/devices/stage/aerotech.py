@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.motion_profile import MotionProfile
@@ -107,7 +107,7 @@ class AerotechStage:
         if len(self.axes) != 2 or self.axes[0] == self.axes[1] or any(s not in (1, -1) for s in self.sign):
             raise DeviceError(f"stage: axes {self.axes}, sign {self.sign}; two names, and +1 or -1 for each")
         self._host = HostTime()
-        self._watch = Watch(self.stale_s)
+        self._monitor = HealthMonitor(self.stale_s)
         self._motion: Motion | None = None
 
     def open(self, now_ns: int, state: AerotechState, rng: np.random.Generator) -> None:
@@ -117,13 +117,13 @@ class AerotechStage:
             DeviceError: No controller, a latched fault, an axis that is not homed and must not be, or homing
                 that fails.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is not None:
             raise DeviceError("stage: open already; close it first")
         warn_unverified("stage", self.UNVERIFIED, self.verified)
         link = AerotechLink(self.url, self.baud, self.timeout_s)
         axes = ControllerAxes(link, self.axes, self._host)
-        motion = Motion(link, axes, self._host, self._watch, self.poll_hz)
+        motion = Motion(link, axes, self._host, self._monitor, self.poll_hz)
         try:
             axes.enable()
             self._accel_m_per_s2 = 1e-3 * link.number(
@@ -158,9 +158,9 @@ class AerotechStage:
             self._motion.stop_polling()
             self._motion = None
 
-    def health(self, now_ns: int) -> Health:
-        self._host.hear(now_ns)
-        return self._watch.read(self._host.now_ns())
+    def health(self, now_ns: int) -> DeviceHealth:
+        self._host.observe(now_ns)
+        return self._monitor.read(self._host.now_ns())
 
     @property
     def moving(self) -> bool:
@@ -217,7 +217,7 @@ class AerotechStage:
 
     def stop(self, now_ns: int, state: AerotechState) -> int:
         """Abort every axis at once, whatever it was doing; return the predicted time of rest in ns."""
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         if self._motion is not None:
             self._motion.abort()
         return self._host.now_ns() + round(self.settle_s * 1e9)
@@ -228,7 +228,7 @@ class AerotechStage:
         Raises:
             DeviceError: The cause persists (an emergency stop that is still pressed), or the link is lost.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         self._opened(state).acknowledge()
 
     def read(self, times_ns: Int64Array, state: AerotechState) -> StageReading:
@@ -262,7 +262,7 @@ class AerotechStage:
         Raises:
             DeviceError: It does not rest, or must not move.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         motion, health = self._opened(state), self.health(now_ns)
         if not health.ok:
             raise DeviceError(

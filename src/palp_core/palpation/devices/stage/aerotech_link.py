@@ -6,7 +6,7 @@ import math
 import threading
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
@@ -14,7 +14,7 @@ _LONGEST = 64
 _ALPHABET = b"%!#$0123456789+-.eE \r\n"
 
 
-class Refused(DeviceError):
+class CommandRefused(DeviceError):
     """The controller answered that it cannot or will not.
 
     Attributes:
@@ -67,7 +67,7 @@ class AerotechLink:
         """Send a command and wait for its acknowledgement.
 
         Raises:
-            Refused: The controller cannot or will not.
+            CommandRefused: The controller cannot or will not.
             DeviceTimeout: No answer in time.
             DeviceError: The answer is garbled, or the link is lost.
         """
@@ -107,16 +107,16 @@ class AerotechLink:
         if not self._in_step:
             self._resynchronise()
         self._link.write(sent)
-        patience = Patience(self._timeout_s)
+        timeout = ReplyTimeout(self._timeout_s)
         try:
-            reply = self._byte(patience)
+            reply = self._byte(timeout)
             while reply in b"\r\n":
-                reply = self._byte(patience)
+                reply = self._byte(timeout)
             if reply not in wire.REPLIES:
                 raise self._out_of_step(f"answered {reply!r} to {sent!r}")
             if reply != wire.ACKNOWLEDGED:
-                raise Refused(sent, reply)
-            return self._line(patience) if has_value else b""
+                raise CommandRefused(sent, reply)
+            return self._line(timeout) if has_value else b""
         except DeviceTimeout:
             self._in_step = False
             raise
@@ -125,9 +125,9 @@ class AerotechLink:
         self._rest = b""
         self._in_step = True
         self._link.write(wire.command("NONE"))
-        patience, strange = Patience(self._timeout_s), b""
+        timeout, strange = ReplyTimeout(self._timeout_s), b""
         try:
-            while (byte := self._byte(patience)) != b"!":
+            while (byte := self._byte(timeout)) != b"!":
                 strange += byte if byte not in _ALPHABET else b""
         except DeviceTimeout as error:
             self._in_step = False
@@ -138,9 +138,9 @@ class AerotechLink:
             self._in_step = False
             raise
 
-    def _byte(self, patience: Patience) -> bytes:
+    def _byte(self, timeout: ReplyTimeout) -> bytes:
         while not self._rest:
-            over = patience.over()
+            over = timeout.expired()
             self._rest = self._link.read_some()
             if not self._rest and over:
                 raise DeviceTimeout(
@@ -150,7 +150,7 @@ class AerotechLink:
         byte, self._rest = self._rest[:1], self._rest[1:]
         return byte
 
-    def _line(self, patience: Patience) -> bytes:
+    def _line(self, timeout: ReplyTimeout) -> bytes:
         line = b""
         while True:
             end = self._rest.find(b"\n")
@@ -160,7 +160,7 @@ class AerotechLink:
             line, self._rest = line + self._rest, b""
             if len(line) > _LONGEST:
                 raise self._out_of_step(f"answered {len(line)} bytes without an end")
-            self._rest = self._byte(patience) + self._rest
+            self._rest = self._byte(timeout) + self._rest
 
     def _out_of_step(self, what: str) -> DeviceError:
         self._in_step = False

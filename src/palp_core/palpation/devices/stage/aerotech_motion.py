@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.serial_link import LinkLost
 from palp_core.palpation.devices.motion_profile import MotionProfile
-from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.stage.position_history import PositionHistory
 from palp_core.palpation.devices.wire import aerotech as wire
 
@@ -108,7 +108,7 @@ class ControllerAxes:
 
     def homed(self) -> bool:
         """Tell whether every axis knows where it is."""
-        return all(self.status(axis) & wire.Status.HOMED for axis in self.names)
+        return all(self.status(axis) & wire.AxisStatus.HOMED for axis in self.names)
 
     def home(self, timeout_s: float, period_s: float) -> None:
         """Home the lifting axis, then the sweeping one.
@@ -140,7 +140,7 @@ class ControllerAxes:
         self._link.send_at_once(self._abort)
 
     def status(self, axis: str) -> int:
-        """Return the bits of :class:`wire.Status` of an axis."""
+        """Return the bits of :class:`wire.AxisStatus` of an axis."""
         return self._link.bits(f"AXISSTATUS({axis})")
 
     def fault(self, axis: str) -> wire.Fault:
@@ -149,7 +149,7 @@ class ControllerAxes:
 
     def moving(self) -> bool:
         """Tell whether an axis moves."""
-        return any(self.status(axis) & wire.Status.MOVING for axis in self.names)
+        return any(self.status(axis) & wire.AxisStatus.MOVING for axis in self.names)
 
     def poll_positions(self, history: PositionHistory) -> None:
         """Ask where both axes are, in mm, and add it, stamped in the middle of the first exchange."""
@@ -164,9 +164,11 @@ class ControllerAxes:
         pause, until_ns = threading.Event(), self._host.now_ns() + round(timeout_s * 1e9)
         while True:
             status = self.status(axis)
-            if status & wire.Status.HOMED and not status & (wire.Status.HOMING | wire.Status.MOVING):
+            if status & wire.AxisStatus.HOMED and not status & (
+                wire.AxisStatus.HOMING | wire.AxisStatus.MOVING
+            ):
                 return
-            if not status & wire.Status.ENABLED:
+            if not status & wire.AxisStatus.ENABLED:
                 raise DeviceError(f"stage: axis {axis} was disabled while it homed")
             if self._host.now_ns() > until_ns:
                 raise DeviceTimeout(f"stage: axis {axis} did not home within {timeout_s:g} s")
@@ -180,7 +182,7 @@ class Motion:
         link: Open link; closed by :meth:`stop_polling`.
         axes: The axes at the other end of it.
         host: Time.
-        watch: Told of faults and loss.
+        monitor: Told of faults and loss.
         poll_hz: Rate of the polls.
 
     Attributes:
@@ -188,9 +190,9 @@ class Motion:
     """
 
     def __init__(
-        self, link: AerotechLink, axes: ControllerAxes, host: HostTime, watch: Watch, poll_hz: float
+        self, link: AerotechLink, axes: ControllerAxes, host: HostTime, monitor: HealthMonitor, poll_hz: float
     ) -> None:
-        self._link, self._axes, self._host, self._watch = link, axes, host, watch
+        self._link, self._axes, self._host, self._monitor = link, axes, host, monitor
         self._period_s = 1.0 / poll_hz
         self.history = PositionHistory()
         self._legs: deque[Leg] = deque()
@@ -225,7 +227,7 @@ class Motion:
                 raise DeviceTimeout(f"stage: moves still {_REST_S:g} s after ABORT; check the controller")
             self._see_rest()
         self._axes.poll_positions(self.history)
-        self._watch.fresh(self._host.now_ns())
+        self._monitor.note_data(self._host.now_ns())
         self._thread.start()
 
     def stop_polling(self) -> None:
@@ -233,7 +235,7 @@ class Motion:
         self._stop.set()
         self._thread.join()
         self._link.close()
-        self._watch.report(Condition.CLOSED, self._host.now_ns())
+        self._monitor.report(Condition.CLOSED, self._host.now_ns())
 
     def acknowledge(self) -> None:
         """Clear faults, enable, and let the next good poll end the trip.
@@ -244,7 +246,7 @@ class Motion:
         with self._judging:
             self._forget_legs()
             self._axes.acknowledge()
-            self._watch.fresh(self._host.now_ns())
+            self._monitor.note_data(self._host.now_ns())
 
     def follow(self, legs: list[Leg]) -> int:
         """Send the first leg now and the others one after another; return when the first started, in ns.
@@ -285,7 +287,7 @@ class Motion:
         if not done:
             with suppress(DeviceError):
                 self.abort()
-        return done and self._watch.read(self._host.now_ns()).ok
+        return done and self._monitor.read(self._host.now_ns()).ok
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -294,7 +296,7 @@ class Motion:
                 with self._judging:
                     self._poll()
                 self._failures = 0
-            except Refused as error:
+            except CommandRefused as error:
                 self._trouble(Condition.DEVICE_FAULT, str(error))
             except DeviceTimeout as error:
                 self._failed(Condition.STALE, str(error))
@@ -311,19 +313,19 @@ class Motion:
         axis = active.axis if active else names[self._turn % 2]
         status = self._axes.status(axis)
         self._turn += 1
-        watched = names[self._turn // 2 % 2] if status & wire.Status.ENABLED else axis
+        watched = names[self._turn // 2 % 2] if status & wire.AxisStatus.ENABLED else axis
         fault = self._axes.fault(watched)
         now_ns = self._host.now_ns()
         if self._aborting:
             self._see_rest()
         if fault:
             self._trouble(_condition_of(fault), f"axis {watched}: {fault.words}")
-        elif not status & wire.Status.ENABLED:
+        elif not status & wire.AxisStatus.ENABLED:
             self._trouble(Condition.DISABLED, f"axis {axis} is disabled, and not by this driver")
         else:
-            recovers = self._watch.read(now_ns).condition in _RECOVERS
-            (self._watch.fresh if recovers else self._watch.touch)(now_ns)
-            if active is not None and not status & wire.Status.MOVING:
+            recovers = self._monitor.read(now_ns).condition in _RECOVERS
+            (self._monitor.note_data if recovers else self._monitor.note_contact)(now_ns)
+            if active is not None and not status & wire.AxisStatus.MOVING:
                 self._next(active)
 
     def _see_rest(self) -> None:
@@ -385,7 +387,7 @@ class Motion:
     def _trouble(self, condition: Condition, cause: str) -> None:
         """Enter a condition, send no further leg, and stop what is still under way."""
         was_busy = self.busy and not self._aborting
-        self._watch.report(condition, self._host.now_ns(), cause)  # first: who sees it at rest sees why
+        self._monitor.report(condition, self._host.now_ns(), cause)  # first: who sees it at rest sees why
         self._forget_legs()
         if condition is Condition.LINK_LOST:
             self._aborting = False

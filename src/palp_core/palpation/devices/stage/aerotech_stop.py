@@ -75,12 +75,12 @@ class AerotechStop:
         self._disable = wire.each("DISABLE", axes)
         self._heard: list[AxisReport | DeviceError] = []
         self._hearing, self._closing = threading.Lock(), threading.Event()
-        self._looks: threading.Thread | None = None
+        self._poller: threading.Thread | None = None
         if look_hz > 0.0:
-            self._looks = threading.Thread(
-                target=self._look_on, args=(1.0 / look_hz,), name="palp-stop", daemon=True
+            self._poller = threading.Thread(
+                target=self._keep_polling, args=(1.0 / look_hz,), name="palp-stop", daemon=True
             )
-            self._looks.start()
+            self._poller.start()
 
     def poll(self) -> list[AxisReport]:
         """Return what every axis says.
@@ -98,14 +98,14 @@ class AerotechStop:
         """
         with self._hearing:
             heard, self._heard = self._heard, []
-        if self._looks is not None and not self._looks.is_alive():
+        if self._poller is not None and not self._poller.is_alive():
             raise DeviceError("aerotech: nobody looks at the axes any more; connect anew")
         for item in heard:
             if isinstance(item, DeviceError):
                 raise item
         return [item for item in heard if isinstance(item, AxisReport)]
 
-    def look(self) -> AxisReport:
+    def poll_next(self) -> AxisReport:
         """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
         axis = self._axes[self._turn % len(self._axes)]
         self._turn += 1
@@ -142,9 +142,9 @@ class AerotechStop:
         Raises:
             DeviceError: The link is lost.
         """
-        return self.rest(self.abort())
+        return self.finish_stop(self.abort())
 
-    def rest(self, written_ns: int) -> StopTimes:
+    def finish_stop(self, written_ns: int) -> StopTimes:
         """Do the rest of a stop after ABORT was written: wait a little, then disable; errors as there."""
         while self._clock() - written_ns < self._rest_ns and self._moves():
             pass
@@ -156,15 +156,15 @@ class AerotechStop:
         """End the thread and release the link."""
         self._closing.set()
         self._link.close()
-        if self._looks is not None:
-            self._looks.join()
+        if self._poller is not None:
+            self._poller.join()
 
-    def _look_on(self, period_s: float) -> None:
+    def _keep_polling(self, period_s: float) -> None:
         """Ask about one axis after another until the link is closed."""
         while not self._closing.wait(period_s):
             heard: AxisReport | DeviceError
             try:
-                heard = self.look()
+                heard = self.poll_next()
             except DeviceError as error:
                 heard = error
             except Exception as error:  # noqa: BLE001 - or the watch would end unnoticed
@@ -176,7 +176,7 @@ class AerotechStop:
         asked_ns = self._clock()
         status = self._link.bits(f"AXISSTATUS({axis})")
         fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
-        moving, enabled = bool(status & wire.Status.MOVING), bool(status & wire.Status.ENABLED)
+        moving, enabled = bool(status & wire.AxisStatus.MOVING), bool(status & wire.AxisStatus.ENABLED)
         return AxisReport(axis, fault, moving, enabled, asked_ns=asked_ns)
 
     def _moves(self) -> bool:

@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Health, Watch
+from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.receiver import Receiver
-from palp_core.palpation.devices.protocols import EXACT, TorqueBlock
-from palp_core.palpation.devices.torque.ati_session import AtiSession, Calibration, RawSample
+from palp_core.palpation.devices.link.session_thread import SessionThread
+from palp_core.palpation.devices.protocols import EXACT, TorqueSamples
+from palp_core.palpation.devices.torque.ati_session import AtiSession, RawSample, SensorCalibration
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
@@ -74,9 +74,9 @@ class AtiTorque:
         check_range("ati", "range_n_m", self.range_n_m, 1e-9, 1e3)
         check_axis(self.axis, self.sign)
         self._host = HostTime()
-        self._watch = Watch(self.stale_s)
+        self._monitor = HealthMonitor(self.stale_s)
         self._samples: deque[RawSample] = deque()
-        self._receiver = Receiver("ati", self._connect, self._watch, self._host)
+        self._receiver = SessionThread("ati", self._connect, self._monitor, self._host)
         self._session: AtiSession | None = None
         self._first = 0
 
@@ -87,7 +87,7 @@ class AtiTorque:
             DeviceError: No bus, no sensor, or open already.
         """
         self._receiver.refuse_if_running()
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         warn_unverified("ati", self.UNVERIFIED, self.verified)
         self._samples.clear()
         self._session, self._first = None, state.sample_count
@@ -97,12 +97,12 @@ class AtiTorque:
         """End the thread and release the bus."""
         self._receiver.stop()
 
-    def health(self, now_ns: int) -> Health:
-        self._host.hear(now_ns)
-        return self._watch.read(self._host.now_ns())
+    def health(self, now_ns: int) -> DeviceHealth:
+        self._host.observe(now_ns)
+        return self._monitor.read(self._host.now_ns())
 
     @property
-    def sensor(self) -> Calibration:
+    def sensor(self) -> SensorCalibration:
         """What the sensor said of itself when it was connected last.
 
         Raises:
@@ -112,18 +112,18 @@ class AtiTorque:
             raise DeviceError("ati: not open; open it first")
         return self._session.calibration
 
-    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueBlock:
+    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueSamples:
         """Return every sample received since the last call.
 
         Raises:
             DeviceError: The sensor was never open.
         """
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         per_count = self.sensor.per_count
         raw = [self._samples.popleft() for _ in range(len(self._samples))]
         status, counts = wire.gauges(b"".join(r[3] for r in raw), b"".join(r[4] for r in raw))
         saturated = np.any((counts == wire.SATURATED[0]) | (counts == wire.SATURATED[1]), axis=1)
-        faulty = (status & (wire.CRITICAL | wire.Status.ANY_ERROR)) != 0
+        faulty = (status & (wire.CRITICAL | wire.SensorStatus.ANY_ERROR)) != 0
         times_ns = np.array([r[0] for r in raw], dtype=np.int64)
         index = np.array([r[1] for r in raw], dtype=np.int64)
         gap = np.array([r[2] for r in raw], dtype=np.bool_)
@@ -141,7 +141,7 @@ class AtiTorque:
             EXACT,
         )
 
-    def tare(self, block: TorqueBlock, state: WrenchState) -> None:
+    def tare(self, block: TorqueSamples, state: WrenchState) -> None:
         """Make the mean of ``block``, read unloaded, the new zero of forces and torques."""
         bias_from(block, state)
 
@@ -163,7 +163,7 @@ class AtiTorque:
             self.rate_hz,
             self.gap_s,
             self._samples,
-            self._watch,
+            self._monitor,
             self._host,
             first,
             before is not None,

@@ -13,9 +13,9 @@ import can
 import numpy as np
 
 from palp_core.errors import DeviceError, DeviceTimeout
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.reply_timeout import Patience
+from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 from palp_core.palpation.devices.torque.socketcand import open_socketcand
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.units import Float64Array
@@ -27,12 +27,12 @@ _SET_UP_S = 0.5
 _QUIET_S = 0.008  # after a reply that did not come in time
 _SILENT_S = 0.25  # after the second in a row; longer than any bus holds a frame back
 _LOOK_S = 0.002
-_BAD = int(wire.CRITICAL | wire.Status.ANY_ERROR)
+_BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
 _LOW, _HIGH = wire.SATURATED
 _FIRST, _SECOND = struct.Struct(">H3h").unpack, struct.Struct(">3h").unpack
 
 
-class Calibration:
+class SensorCalibration:
     """What the sensor says of itself.
 
     Attributes:
@@ -77,13 +77,13 @@ class AtiSession:
         rate_hz: float,
         gap_s: float,
         samples: deque[RawSample],
-        watch: Watch,
+        monitor: HealthMonitor,
         host: HostTime,
         first: int,
         gap: bool,
     ) -> None:
         self._id = base_id << 4
-        self._samples, self._watch, self._host, self._now_ns = samples, watch, host, host.now_ns
+        self._samples, self._monitor, self._host, self._now_ns = samples, monitor, host, host.now_ns
         self._period_ns = round(1e9 / rate_hz) if rate_hz else 0
         self._gap_ns, self._rate_hz = round(gap_s * 1e9), rate_hz
         self._prompt_s = max(1.0 / rate_hz, 0.002) if rate_hz else 0.005
@@ -119,7 +119,7 @@ class AtiSession:
             self._settle(stop)
             return
         if self._missed and not self._period_ns:  # nothing else would notice that one was late, not lost
-            self._pair(Patience(_QUIET_S, 2.0 * _LOOK_S))
+            self._pair(ReplyTimeout(_QUIET_S, 2.0 * _LOOK_S))
         self._owed = self._missed = 0
         now_ns = self._now_ns()
         self._keep((asked_ns + now_ns) // 2, *pair)
@@ -129,7 +129,7 @@ class AtiSession:
         """Ask, and return the data of both replies if they come in time."""
         self._send(self._request)
         self._owed += 1
-        return self._pair(Patience(self._prompt_s, 2.0 * _LOOK_S))
+        return self._pair(ReplyTimeout(self._prompt_s, 2.0 * _LOOK_S))
 
     def _settle(self, stop: threading.Event) -> None:
         """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet.
@@ -140,7 +140,7 @@ class AtiSession:
         heard = False
         while self._owed and not stop.is_set():
             quiet_s = _QUIET_S if self._missed == 1 else _SILENT_S
-            if self._pair(Patience(quiet_s, 2.0 * _LOOK_S), stop) is not None:
+            if self._pair(ReplyTimeout(quiet_s, 2.0 * _LOOK_S), stop) is not None:
                 self._owed, heard = self._owed - 1, True
             elif self._missed == 1:
                 return
@@ -151,12 +151,12 @@ class AtiSession:
                     f"ati: no answer within {_SILENT_S:g} s; check power, bit rate and identifier"
                 )
 
-    def _pair(self, patience: Patience, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
+    def _pair(self, timeout: ReplyTimeout, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
         """Return the data of the next two replies that belong together, if they come in time."""
         first: bytes | None = None
         receive, identifier, over = self._receive, self._id, False
         while not over and not (stop and stop.is_set()):
-            over = patience.over()
+            over = timeout.expired()
             message = receive(0.0 if over else _LOOK_S)
             if message is None:
                 continue
@@ -192,16 +192,16 @@ class AtiSession:
     def _judge(self, first: bytes, second: bytes, now_ns: int) -> None:
         status, *left = _FIRST(first)
         if status & _BAD:
-            self._watch.touch(now_ns)
-            words = wire.Status(status).words
-            self._watch.report(Condition.DEVICE_FAULT, now_ns, f"status: {words}")
+            self._monitor.note_contact(now_ns)
+            words = wire.SensorStatus(status).words
+            self._monitor.report(Condition.DEVICE_FAULT, now_ns, f"status: {words}")
             return
         values = (*left, *_SECOND(second))
         if _HIGH in values or _LOW in values:
-            self._watch.touch(now_ns)
-            self._watch.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
+            self._monitor.note_contact(now_ns)
+            self._monitor.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
             return
-        self._watch.fresh(now_ns)
+        self._monitor.note_data(now_ns)
 
     def _drop_late(self) -> None:
         while self._receive(0.0) is not None:
@@ -212,9 +212,9 @@ class AtiSession:
         identifier = self._id | operation
         replies: list[bytes] = []
         self._send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
-        patience, over = Patience(_SET_UP_S, _SET_UP_S / 5), False
+        timeout, over = ReplyTimeout(_SET_UP_S, _SET_UP_S / 5), False
         while len(replies) < len(lengths) and not over:
-            over = patience.over()
+            over = timeout.expired()
             message = self._receive(_SET_UP_S / 10)
             wanted = (identifier + len(replies), lengths[len(replies)])
             if message is not None and (message.arbitration_id, len(message.data)) == wanted:
@@ -226,7 +226,7 @@ class AtiSession:
             )
         return b"".join(replies)
 
-    def _set_up(self, number: int) -> Calibration:
+    def _set_up(self, number: int) -> SensorCalibration:
         operation = wire.Operation
         self._ask(operation.SET_CALIBRATION, bytes([number]), [1])
         major, minor, build = struct.unpack(">BBH", self._ask(operation.FIRMWARE, b"", [4]))
@@ -248,7 +248,7 @@ class AtiSession:
             raise DeviceError(
                 f"ati: calibration {number} is not a regular matrix; choose another calibration"
             )
-        return Calibration(per_count, serial_number, (major, minor, build))
+        return SensorCalibration(per_count, serial_number, (major, minor, build))
 
 
 def _open_bus(options: Mapping[str, Any]) -> Any:

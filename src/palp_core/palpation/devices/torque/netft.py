@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Condition, Health, Watch
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.receiver import Receiver
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.protocols import TorqueBlock
+from palp_core.palpation.devices.link.session_thread import SessionThread
+from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.wire import rdt
 from palp_core.palpation.nano17 import RANGE_N_M
@@ -74,8 +74,8 @@ class NetFtTorque:
         check_range("netft", "range_n_m", self.range_n_m, 1e-9, 1e3)
         check_axis(self.axis, self.sign)
         self._host = HostTime()
-        self._watch = Watch(self.stale_s)
-        self._receiver = Receiver("netft", self._connect, self._watch, self._host)
+        self._monitor = HealthMonitor(self.stale_s)
+        self._receiver = SessionThread("netft", self._connect, self._monitor, self._host)
         self._line = SampleLine(self.rate_hz, 7)
         self._scale = np.ones(6)
         self._first = 0
@@ -87,7 +87,7 @@ class NetFtTorque:
             DeviceError: The sensor does not answer, or is open already.
         """
         self._receiver.refuse_if_running()
-        self._host.hear(now_ns)
+        self._host.observe(now_ns)
         self._first = state.sample_count
         self._line = SampleLine(self.rate_hz, 7)
         self._receiver.start()
@@ -96,14 +96,14 @@ class NetFtTorque:
         """Stop the stream."""
         self._receiver.stop()
 
-    def health(self, now_ns: int) -> Health:
-        self._host.hear(now_ns)
-        return self._watch.read(self._host.now_ns())
+    def health(self, now_ns: int) -> DeviceHealth:
+        self._host.observe(now_ns)
+        return self._monitor.read(self._host.now_ns())
 
-    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueBlock:
+    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueSamples:
         """Return every sample received since the last call."""
-        self._host.hear(now_ns)
-        stretch = self._line.take()
+        self._host.observe(now_ns)
+        stretch = self._line.drain()
         status = stretch.values[:, 0].astype(np.int64)
         saturated = (status & rdt.SATURATION) != 0
         return torque_block(
@@ -120,20 +120,22 @@ class NetFtTorque:
             stretch.clock,
         )
 
-    def tare(self, block: TorqueBlock, state: WrenchState) -> None:
+    def tare(self, block: TorqueSamples, state: WrenchState) -> None:
         """Make the mean of ``block``, read unloaded, the new zero of forces and torques."""
         bias_from(block, state)
 
-    def _connect(self) -> _Stream:
+    def _connect(self) -> _NetFtStream:
         self._scale = _read_scale(self.host, self.http_port)
-        return _Stream(self.host, self.port, self._line, self._watch, self._host)
+        return _NetFtStream(self.host, self.port, self._line, self._monitor, self._host)
 
 
-class _Stream:
+class _NetFtStream:
     """One run of the stream. UDP has no connection: silence is answered by starting the stream again."""
 
-    def __init__(self, host: str, port: int, line: SampleLine, watch: Watch, time: HostTime) -> None:
-        self._line, self._watch, self._time = line, watch, time
+    def __init__(
+        self, host: str, port: int, line: SampleLine, monitor: HealthMonitor, time: HostTime
+    ) -> None:
+        self._line, self._monitor, self._time = line, monitor, time
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
@@ -173,30 +175,30 @@ class _Stream:
         try:
             records = rdt.records(datagram)
         except DeviceError as error:
-            self._watch.report(Condition.GARBLED, now_ns, str(error))
+            self._monitor.report(Condition.GARBLED, now_ns, str(error))
             return
         if not len(records):
             return
         sequence = int(records["rdt"][0])
         missing = (sequence - self._number) % _SEQUENCES
         if missing > _MOST_MISSING:
-            self._watch.report(Condition.GARBLED, now_ns, f"record {sequence}, where {self._number} is due")
+            self._monitor.report(Condition.GARBLED, now_ns, f"record {sequence}, where {self._number} is due")
             return
         if not self._number:
-            self._base = self._line.rejoin(len(records), now_ns) - sequence
+            self._base = self._line.restart_numbering(len(records), now_ns) - sequence
         first, self._number = self._number + missing, self._number + missing + len(records)
         values = np.column_stack([records["status"], records["counts"]]).astype(np.float64)
-        self._line.push(values, now_ns, self._base + first)
+        self._line.append(values, now_ns, self._base + first)
         self._judge(int(np.bitwise_or.reduce(records["status"])), now_ns)
 
     def _judge(self, status: int, now_ns: int) -> None:
-        self._watch.touch(now_ns)
+        self._monitor.note_contact(now_ns)
         if status & rdt.SATURATION:
-            self._watch.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
+            self._monitor.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
         elif status:
-            self._watch.report(Condition.DEVICE_FAULT, now_ns, f"status {status:#010x}")
+            self._monitor.report(Condition.DEVICE_FAULT, now_ns, f"status {status:#010x}")
         else:
-            self._watch.fresh(now_ns)
+            self._monitor.note_data(now_ns)
 
 
 def _read_scale(host: str, port: int) -> np.ndarray:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import BoolArray, ClockFit, Int64Array, TorqueBlock
+from palp_core.palpation.devices.protocols import BoolArray, ClockFit, Int64Array, TorqueSamples
 from palp_core.units import Float64Array
 
 _COLUMNS = {"x": 3, "y": 4, "z": 5}
@@ -36,19 +36,19 @@ def torque_block(
     saturated: BoolArray,
     faulty: BoolArray,
     clock: ClockFit,
-) -> TorqueBlock:
+) -> TorqueSamples:
     """Return a block: bias subtracted, the torque about one axis clipped to the range where saturated."""
     wrench = wrench - np.array(state.bias)
     torque_n_m = sign * wrench[:, _COLUMNS[axis]]
     limited = np.where(saturated, np.clip(torque_n_m, -range_n_m, range_n_m), torque_n_m)
     if len(index):
         state.sample_count = int(index[-1]) + 1
-    return TorqueBlock(
+    return TorqueSamples(
         times_ns, limited, int(np.count_nonzero(saturated)), index, gap, saturated | faulty, wrench, clock
     )
 
 
-def bias_from(block: TorqueBlock, state: WrenchState) -> None:
+def bias_from(block: TorqueSamples, state: WrenchState) -> None:
     """Make the mean of a block, read unloaded, the new zero of forces and torques.
 
     Raises:

@@ -22,7 +22,7 @@ class Parameter:
     ABORT_DECEL_RATE = 73
 
 
-class Status(IntFlag):
+class AxisStatus(IntFlag):
     """Bits of AXISSTATUS; 22 to 31 are raw input levels, blind to their polarity."""
 
     ENABLED = 1 << 0

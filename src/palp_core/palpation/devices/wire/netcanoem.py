@@ -37,7 +37,7 @@ class Operation(IntEnum):
     FIRMWARE = 0xF
 
 
-class Status(Bits):
+class SensorStatus(Bits):
     """Bits of the status word."""
 
     WATCHDOG_RESET = 1 << 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.palpation.devices.sim.emg import EmgState, SimEmg
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, tidy
@@ -22,7 +22,7 @@ _SHOWN_S = 12.0
 def simulated_trial(seed: int, palpation_s: float = _SHOWN_S) -> EmgAnalysis:
     """Return a simulated trial at 4 mm, MVC included, through the whole chain."""
     source = SimEmg(figure5.matrices()[1])
-    state, rng = EmgState(), np.random.default_rng(seed)
+    state, rng = SimEmgState(), np.random.default_rng(seed)
     source.open(0, state, rng)
     end_ns = source.palpation_ns(state) + round(palpation_s * _NS)
     block = source.drain(end_ns, state, rng)

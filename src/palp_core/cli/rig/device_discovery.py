@@ -15,10 +15,10 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
-from palp_core.palpation.devices.protocols import EmgBlock, TorqueBlock
+from palp_core.palpation.devices.protocols import EmgSamples, TorqueSamples
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
-from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, Refused
+from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
@@ -29,7 +29,7 @@ _LONGEST_S = 5.0
 _LISTEN_S = 0.5
 
 
-def identify(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def discover(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
 
     Args:
@@ -41,9 +41,9 @@ def identify(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """
     kind = kind_of(device)
     if kind == "stage":
-        return _probe_stage(dict(options))
+        return _discover_stage(dict(options))
     if kind == "ring":
-        return _probe_ring(dict(options))
+        return _discover_ring(dict(options))
     row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
     if not row["samples"]:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
@@ -113,7 +113,9 @@ def _await_first(device: str, sensor: Any, pause: Event) -> None:
         pause.wait(0.01)
 
 
-def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float, nominal_hz: float) -> dict[str, Any]:
+def _row(
+    block: TorqueSamples | EmgSamples, condition: str, every_s: float, nominal_hz: float
+) -> dict[str, Any]:
     count = len(block.times_ns)
     row: dict[str, Any] = {
         "state": condition,
@@ -124,7 +126,7 @@ def _row(block: TorqueBlock | EmgBlock, condition: str, every_s: float, nominal_
         "drift_ppm": block.clock.drift * 1e6,
         "jitter_us": block.clock.residual_s * 1e6,
     }
-    if isinstance(block, TorqueBlock):
+    if isinstance(block, TorqueSamples):
         names = ("fx_n", "fy_n", "fz_n", "tx_n_m", "ty_n_m", "tz_n_m")
         columns = dict(zip(names, block.wrench.T, strict=True))
         row["faulty"] = int(np.count_nonzero(block.faulty))
@@ -144,7 +146,7 @@ def _identity(sensor: Any) -> dict[str, Any]:
     return {"serial_number": told.serial_number, "firmware": ".".join(map(str, told.firmware))}
 
 
-def _probe_stage(options: dict[str, Any]) -> dict[str, Any]:
+def _discover_stage(options: dict[str, Any]) -> dict[str, Any]:
     if "url" not in options:
         raise DeviceError("aerotech: where is it? give url:=/dev/ttyUSB0 or url:=socket://HOST:8000")
     stage: Any = open_device("stage", "aerotech", **options)
@@ -157,12 +159,12 @@ def _probe_stage(options: dict[str, Any]) -> dict[str, Any]:
 
 def _axis(link: AerotechLink, axis: str) -> str:
     """Return how an axis does, in words; nothing but questions is sent."""
-    status = wire.Status(link.bits(f"AXISSTATUS({axis})"))
+    status = wire.AxisStatus(link.bits(f"AXISSTATUS({axis})"))
     fault = wire.Fault(link.bits(f"AXISFAULT({axis})"))
     words = [
-        "enabled" if status & wire.Status.ENABLED else "disabled",
-        "homed" if status & wire.Status.HOMED else "not homed",
-        "moving" if status & wire.Status.MOVING else "at rest",
+        "enabled" if status & wire.AxisStatus.ENABLED else "disabled",
+        "homed" if status & wire.AxisStatus.HOMED else "not homed",
+        "moving" if status & wire.AxisStatus.MOVING else "at rest",
         f"at {link.number(f'PFBKPROG({axis})'):g} mm",
         f"fault {fault.words}",
     ]
@@ -172,18 +174,18 @@ def _axis(link: AerotechLink, axis: str) -> str:
             for number in (wire.Parameter.SOFT_LIMIT_LOW, wire.Parameter.SOFT_LIMIT_HIGH)
         )
         words.append(f"soft limits {low:g} to {high:g} mm")
-    except Refused:
+    except CommandRefused:
         words.append("does not tell its soft limits")
     return ", ".join(words)
 
 
-def _probe_ring(options: dict[str, Any]) -> dict[str, Any]:
+def _discover_ring(options: dict[str, Any]) -> dict[str, Any]:
     if "url" not in options:
         raise DeviceError("maestro: where is it? give url:=/dev/ttyACM0")
     ring: Any = open_device("ring", "maestro", **options)
     link = MaestroLink(ring.url, ring.crc, ring.timeout_s, ring.servo)
     try:
-        link.distrust()  # the line must be silent while nobody asks
+        link.mark_out_of_step()  # the line must be silent while nobody asks
         counts, pulse_us = link.position(ring.feedback), link.position(ring.servo) / 4.0
         if counts > maestro_wire.LARGEST_INPUT or pulse_us > maestro_wire.LONGEST_US:
             raise DeviceError(

@@ -8,11 +8,11 @@ from contextlib import suppress
 from typing import Protocol
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 
 
-class Session(Protocol):
+class DeviceSession(Protocol):
     """One connection to a device, used by one thread."""
 
     def step(self, stop: threading.Event) -> None:
@@ -26,7 +26,7 @@ class Session(Protocol):
     def close(self) -> None: ...
 
 
-class Receiver:
+class SessionThread:
     """Run sessions in a thread until stopped.
 
     The first session is begun by the caller, so that a wrong address is an error where it was given. Later
@@ -35,7 +35,7 @@ class Receiver:
     Args:
         name: The device, for messages and the thread.
         connect: Begins a session.
-        watch: Told of loss.
+        monitor: Told of loss.
         host: Time.
         retry_s: Time between attempts.
     """
@@ -43,15 +43,15 @@ class Receiver:
     def __init__(
         self,
         name: str,
-        connect: Callable[[], Session],
-        watch: Watch,
+        connect: Callable[[], DeviceSession],
+        monitor: HealthMonitor,
         host: HostTime,
         retry_s: float = 0.1,
     ) -> None:
-        self._name, self._connect, self._watch, self._host, self._retry_s = (
+        self._name, self._connect, self._monitor, self._host, self._retry_s = (
             name,
             connect,
-            watch,
+            monitor,
             host,
             retry_s,
         )
@@ -72,7 +72,7 @@ class Receiver:
             raise
         except (OSError, ValueError) as error:
             raise DeviceError(f"{self._name}: cannot connect: {error}; check address and cable") from error
-        self._watch.fresh(self._host.now_ns())
+        self._monitor.note_data(self._host.now_ns())
         self._stop.clear()
         self._thread = threading.Thread(
             target=self._run, args=(session,), name=f"palp-{self._name}", daemon=True
@@ -94,9 +94,9 @@ class Receiver:
             self._stop.set()
             self._thread.join()
             self._thread = None
-        self._watch.report(Condition.CLOSED, self._host.now_ns())
+        self._monitor.report(Condition.CLOSED, self._host.now_ns())
 
-    def _run(self, session: Session | None) -> None:
+    def _run(self, session: DeviceSession | None) -> None:
         while not self._stop.is_set():
             try:
                 if session is None:
@@ -108,12 +108,12 @@ class Receiver:
                     _close(session)
                     session = None
                 told = str(error) if isinstance(error, DeviceError) else f"{self._name}: {error!r}"
-                self._watch.report(Condition.LINK_LOST, self._host.now_ns(), told)
+                self._monitor.report(Condition.LINK_LOST, self._host.now_ns(), told)
                 self._stop.wait(self._retry_s)
         if session is not None:
             _close(session)
 
 
-def _close(session: Session) -> None:
+def _close(session: DeviceSession) -> None:
     with suppress(Exception):
         session.close()

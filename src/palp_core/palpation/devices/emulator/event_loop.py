@@ -24,7 +24,7 @@ T = TypeVar("T")
 Readable = int | socket.socket
 
 
-class Reactor:
+class EmulatorLoop:
     """Call back when something is readable or due."""
 
     def __init__(self) -> None:
@@ -47,19 +47,19 @@ class Reactor:
         return time.monotonic_ns()
 
     def add(self, readable: Readable, callback: Callable[[], None]) -> None:
-        """Call ``callback`` whenever there is something to read. On the reactor's thread only."""
+        """Call ``callback`` whenever there is something to read. On the loop's thread only."""
         self._readers[readable] = callback
 
     def remove(self, readable: Readable) -> None:
-        """Forget a readable. On the reactor's thread only."""
+        """Forget a readable. On the loop's thread only."""
         self._readers.pop(readable, None)
 
     def at(self, due_ns: int, callback: Callable[[], None]) -> None:
-        """Call once at a time, in the order of times and then of calls. On the reactor's thread only."""
+        """Call once at a time, in the order of times and then of calls. On the loop's thread only."""
         heapq.heappush(self._timers, (due_ns, next(self._count), callback))
 
     def call(self, function: Callable[[], T]) -> T:
-        """Run a function on the reactor's thread and return its result; from any thread."""
+        """Run a function on the loop's thread and return its result; from any thread."""
         if threading.current_thread() is self._thread:
             return function()
         if not self._thread.is_alive():
@@ -76,7 +76,7 @@ class Reactor:
         return future.result(timeout=10.0)
 
     def post(self, function: Callable[[], None]) -> None:
-        """Run a function on the reactor's thread soon; from any thread."""
+        """Run a function on the loop's thread soon; from any thread."""
         with self._posted_lock:
             self._posted.append(function)
         with suppress(BlockingIOError):

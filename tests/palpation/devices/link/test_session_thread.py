@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from palp_core.palpation.devices.health import Condition, Watch
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.receiver import Receiver
+from palp_core.palpation.devices.link.session_thread import SessionThread
 
 
 class Odd:
@@ -23,11 +23,11 @@ class Odd:
 class Good:
     """A session in which nothing happens."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: HealthMonitor) -> None:
         self.watch = watch
 
     def step(self, stop: threading.Event) -> None:
-        self.watch.fresh(1)
+        self.watch.note_data(1)
         stop.wait(0.01)
 
     def close(self) -> None:
@@ -35,7 +35,7 @@ class Good:
 
 
 def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wait: Any) -> None:
-    watch, said = Watch(0.0), list[str]()
+    watch, said = HealthMonitor(0.0), list[str]()
     report = watch.report
 
     def note(condition: Condition, now_ns: int, cause: str = "") -> None:
@@ -44,7 +44,7 @@ def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wai
 
     watch.report = note  # type: ignore[method-assign]
     sessions: list[Any] = [Good(watch), Odd()]
-    receiver = Receiver("odd", lambda: sessions.pop(), watch, HostTime(), retry_s=0.0)
+    receiver = SessionThread("odd", lambda: sessions.pop(), watch, HostTime(), retry_s=0.0)
     receiver.start()
     wait.until(lambda: not sessions and watch.read(2).ok)
     receiver.stop()
