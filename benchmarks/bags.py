@@ -3,8 +3,10 @@
 Every ratio is of the same bytes on the same machine in interleaved rounds, above 1 where palp is faster:
 recording whole wire frames (parsed, accounted for) against the bare ``mcap`` writer and ``rosbags``' writer
 given ready payloads; reading typed messages against the bare ``mcap`` reader with CRCs plus a msgpack
-decode. The flood is a publisher of its own process at 20 kHz and 48 bytes over ZeroMQ. Estimator and policy
-are driven again from a recording of the simulated rig, and every output compared.
+decode. The two writers are also compared alone, each closing a chunk every half second of the recording, as
+a bag does: seconds, bytes, seconds to read it back, and what ``palp bag recover`` gets of a file without end
+whose first chunk is damaged. The flood is a publisher of its own process at 20 kHz and 48 bytes over ZeroMQ.
+Estimator and policy are driven again from a recording of the simulated rig, and every output compared.
 
 Run: .venv/bin/python benchmarks/bags.py [--quick] [--json]
 """
@@ -35,8 +37,12 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosWriter
 
+from palp_core.graph.bag.mcap.file_reader import FileReader
+from palp_core.graph.bag.mcap.file_writer import FileWriter
+from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.recover import recover
 from palp_core.graph.bag.ros2 import to_ros2
 from palp_core.graph.bag.topic import Stream, Topic
 from palp_core.graph.bag.writer import BagWriter
@@ -47,6 +53,7 @@ from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOOD_HZ, FLOOD_BYTES = 20_000, 48
+BLOCK_NS, CHUNK_MESSAGES = 2_000_000, 250  # half a second
 NAME = "/torque/block"
 SCHEMA = {
     "title": "TorqueBlock",
@@ -162,6 +169,68 @@ def throughput(folder: Path, count: int, rounds: int) -> dict[str, float]:
     }
 
 
+def write_palp(path: Path, payloads: list[bytes]) -> None:
+    """Write ready payloads with palp's writer, which closes chunks by time."""
+    path.unlink(missing_ok=True)
+    writer = FileWriter(path)
+    writer.add_schema(SchemaRecord(1, "TorqueBlock", "jsonschema", json.dumps(SCHEMA).encode()))
+    writer.add_channel(ChannelRecord(1, 1, NAME, "msgpack"))
+    for i, payload in enumerate(payloads):
+        if i % CHUNK_MESSAGES == 0:
+            writer.tick(i * BLOCK_NS)
+        writer.write(1, i + 1, i * BLOCK_NS, i * BLOCK_NS, payload)
+    writer.close()
+
+
+def write_mcap(path: Path, payloads: list[bytes]) -> None:
+    """Write ready payloads with mcap's writer, flushed as often."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start("", "bare")
+        schema = writer.register_schema("TorqueBlock", "jsonschema", json.dumps(SCHEMA).encode())
+        channel = writer.register_channel(NAME, "msgpack", schema)
+        for i, payload in enumerate(payloads):
+            if i % CHUNK_MESSAGES == 0:
+                writer.flush()  # type: ignore[no-untyped-call]
+            writer.add_message(channel, i * BLOCK_NS, payload, i * BLOCK_NS, i + 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def recovered_share(path: Path, count: int) -> float:
+    """Return the share of messages that are saved from a file without its end, the first chunk damaged."""
+    with FileReader(path) as reader:
+        first, last = reader.chunks[0], reader.chunks[-1]
+    torn = path.with_suffix(".torn.mcap")
+    data = bytearray(path.read_bytes()[: last.offset])
+    data[first.offset + first.length // 2] ^= 0xFF
+    torn.write_bytes(data)
+    shutil.rmtree(path.parent / "saved", ignore_errors=True)
+    return sum(recover(torn, path.parent / "saved").message_count.values()) / count
+
+
+def writers(folder: Path, count: int, rounds: int) -> dict[str, Any]:
+    """Compare palp's MCAP writer with mcap's, by turns within each round: median, least and most."""
+    offset = len(NAME) + 33
+    payloads = [frame[offset:] for _, frame in torque_frames(count)]
+    files = {"palp": folder / "writer-palp.mcap", "mcap": folder / "writer-mcap.mcap"}
+    write = {"palp": write_palp, "mcap": write_mcap}
+    took: dict[str, list[float]] = {f"{what}_{name}": [] for what in ("write", "read") for name in files}
+    for turn in range(rounds):
+        for name in sorted(files, reverse=bool(turn % 2)):
+            took[f"write_{name}"].append(timed(lambda name=name: write[name](files[name], payloads)))
+            took[f"read_{name}"].append(timed(lambda name=name: read_mcap(files[name])))
+    found: dict[str, Any] = {
+        f"{name}_s": [f(seconds) for f in (statistics.median, min, max)] for name, seconds in took.items()
+    }
+    for what in ("write", "read"):
+        ratios = [a / b for a, b in zip(took[f"{what}_mcap"], took[f"{what}_palp"], strict=True)]
+        found[f"{what}_ratio"] = [f(ratios) for f in (statistics.median, min, max)]
+    for name, path in files.items():
+        found[f"bytes_{name}"] = path.stat().st_size
+        found[f"recovered_{name}"] = recovered_share(path, count)
+    return found
+
+
 def flood(folder: Path, seconds: float) -> dict[str, float]:
     """Record a flood from another process; return what was lost and the recorder's share of a core."""
     endpoint, count = f"ipc://{folder}/flood", round(seconds * FLOOD_HZ)
@@ -258,6 +327,7 @@ def main() -> None:
         result["seek"] = seek(folder, large, 1 << 16)
         result["seek_many_chunks"] = seek(folder, large, large // 40_000)
         result |= throughput(folder, 50_000 if quick else 200_000, 3 if quick else 7)
+        result["writers"] = writers(folder, 50_000 if quick else 200_000, 3 if quick else 7)
         result |= flood(folder, 5.0 if quick else 60.0)
         result |= weight(folder, 60)
         result |= replays(folder, 200.0 if quick else 600.0, 3 if quick else 10)

@@ -25,7 +25,6 @@ TEXT = {".py", ".yaml", ".yml", ".toml", ".md", ".txt", ".cfg", ".json", ".csv",
 OUTSIDE = {".git", "build", "dist", "results"}
 STILL_LEFT: set[str] = {
     "Choice: twice",
-    "Comparison: twice",
     "Emg: twice",
     "Interval: twice",
     "Node: twice",

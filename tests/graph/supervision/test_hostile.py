@@ -14,12 +14,13 @@ from pathlib import Path
 import psutil
 import pytest
 
+from palp_core import user_folders
 from palp_core.errors import GraphError
-from palp_core.graph.discovery import run_directory
-from palp_core.graph.discovery.run_directory import RunDirectory, base_folder, running
+from palp_core.graph.discovery.run_directory import RunDirectory, running
 from palp_core.graph.process.control_messages import Hello, Round, Shutdown, node_end
 from palp_core.graph.supervision import fork_client
 from palp_core.graph.supervision.channel_server import ChannelServer
+from palp_core.user_folders import runtime_folder
 from tests.support.palp import CHAIN, PATIENCE_S, Palp
 from tests.support.toys import LAUNCH, Hostile, Pipe
 
@@ -249,8 +250,8 @@ def test_pruning_takes_old_runs_but_none_that_is_just_starting(
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch, palp: Palp) -> Path:
     """Stand in for /tmp, and let what is said once be said again."""
-    monkeypatch.setattr(run_directory, "SHORT", palp.runtime_dir)
-    run_directory._remark.cache_clear()
+    monkeypatch.setattr(user_folders, "SHORT", palp.runtime_dir)
+    user_folders._remark.cache_clear()
     return palp.runtime_dir
 
 
@@ -273,7 +274,7 @@ def test_a_setting_too_long_for_a_socket_has_a_short_folder_of_its_own_and_that_
     run = RunDirectory("a")
     assert len(str(Path("/tmp") / run.path.relative_to(short) / f"{'n' * 32}.pub")) <= 107
     assert run.path.parent.stat().st_mode & 0o777 == 0o700
-    base = base_folder()
+    base = runtime_folder()
     assert run.path.parent == base
     said = capsys.readouterr().err
     assert said.count("\n") == 1
@@ -281,11 +282,11 @@ def test_a_setting_too_long_for_a_socket_has_a_short_folder_of_its_own_and_that_
     assert f"in {base}; set {variable} to a folder of at most" in said
 
     monkeypatch.setenv(variable, str(long_folder(tmp_path, "y")))
-    assert base_folder() not in {base, short / f"palp-{os.getuid()}"}
+    assert runtime_folder() not in {base, short / f"palp-{os.getuid()}"}
     link = tmp_path / ("l" * 80)
     link.symlink_to(long_folder(tmp_path, "x"))
     monkeypatch.setenv(variable, f"{link}/")  # the same folder, however it is written
-    assert base_folder() == base
+    assert runtime_folder() == base
     run.remove()
 
 
@@ -293,10 +294,10 @@ def test_a_long_runtime_folder_has_its_graphs_whatever_the_folder_for_temporary_
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, short: Path
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(long_folder(tmp_path, "x")))
-    base = base_folder()
+    base = runtime_folder()
     for other in (short, long_folder(tmp_path, "y")):
         monkeypatch.setenv("TMPDIR", str(other))
-        assert base_folder() == base
+        assert runtime_folder() == base
 
 
 def test_a_runtime_folder_that_is_not_there_is_said(
@@ -304,7 +305,7 @@ def test_a_runtime_folder_that_is_not_there_is_said(
 ) -> None:
     monkeypatch.delenv("TMPDIR", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
-    assert base_folder() == short / f"palp-{os.getuid()}"
+    assert runtime_folder() == short / f"palp-{os.getuid()}"
     assert f"XDG_RUNTIME_DIR={tmp_path / 'gone'} is no folder" in capsys.readouterr().err
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
-from palp_core.graph.discovery.run_directory import base_folder
+from palp_core.user_folders import runtime_folder
 
 FEWEST_FILES = 1024
 LEAST_DISK_BYTES = 200e6
@@ -162,7 +162,7 @@ def _space() -> Iterator[Diagnostic]:
         yield warning("memory", said, "end other work: a node that is swapped out misses its deadlines")
     else:
         yield fine("memory", said)
-    base = base_folder()
+    base = runtime_folder()
     folder = next(path for path in [base, *base.parents] if path.exists())
     free = psutil.disk_usage(str(folder)).free
     if not os.access(folder, os.W_OK | os.X_OK):

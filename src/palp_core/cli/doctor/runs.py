@@ -9,7 +9,8 @@ from pathlib import Path
 import psutil
 
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark
-from palp_core.graph.discovery.run_directory import KEEP_ENDED, base_folder, runs
+from palp_core.graph.discovery.run_directory import KEEP_ENDED, runs
+from palp_core.user_folders import runtime_folder
 
 
 def examine_runs() -> Iterator[Diagnostic]:
@@ -22,7 +23,7 @@ def examine_runs() -> Iterator[Diagnostic]:
     if over:
         names = ", ".join(sorted(Path(folder).name for folder in over))
         yield remark(
-            str(base_folder()),
+            str(runtime_folder()),
             f"{len(over)} run directories of runs that are over, kept for their logs: {names}",
             f"remove those that are read; the latest {KEEP_ENDED} stay, older ones go with the next launch",
         )

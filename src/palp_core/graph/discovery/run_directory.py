@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import functools
-import hashlib
 import os
 import re
 import shutil
 import stat
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -20,11 +17,10 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.problems import hint
+from palp_core.user_folders import runtime_folder
 from palp_core.whole_file import write_json
 
 KEEP_ENDED = 10
-LONGEST_BASE = 44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
-SHORT = Path("/tmp")  # not tempfile's choice, which is the folder that is too long
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
@@ -62,39 +58,6 @@ class RunRecord(msgspec.Struct, frozen=True):
     listen: str = ""
 
 
-def base_folder() -> Path:
-    """Return the folder of this user's run directories; the same for every command in the same environment.
-
-    A setting that cannot be followed is said on stderr. One whose path is too long for a socket still has its
-    own graphs: a short folder stands for it, named after it.
-    """
-    own = f"palp-{os.getuid()}"
-    for variable, name in (("XDG_RUNTIME_DIR", "palp"), ("TMPDIR", own)):
-        folder = os.environ.get(variable)
-        if not folder:
-            continue
-        if not os.access(folder, os.W_OK | os.X_OK):
-            _remark(f"{variable}={folder} is no folder that this user can write to, and is not used")
-            continue
-        base = Path(folder).absolute() / name
-        if len(os.fsencode(base)) <= LONGEST_BASE:
-            return base
-        digest = hashlib.blake2b(os.fsencode(Path(folder).resolve()), digest_size=5).hexdigest()
-        short = SHORT / f"{own}-{digest}"  # not in TMPDIR: a command that has another must find it, too
-        _remark(
-            f"{variable}={folder} is too long for the paths of sockets: graphs run from it are in {short}; "
-            f"set {variable} to a folder of at most {LONGEST_BASE - len(name) - 1} bytes"
-        )
-        return short
-    return SHORT / own
-
-
-@functools.cache
-def _remark(text: str) -> None:
-    """Say it once in a process, beside what the command prints."""
-    sys.stderr.write(f"palp: {text}\n")
-
-
 def _is_own(base: Path) -> bool:
     """Tell whether the folder is there, and refuse what another may have put there: in /tmp anybody can.
 
@@ -118,7 +81,7 @@ class RunDirectory:
     """
 
     def __init__(self, graph: str) -> None:
-        base = base_folder()
+        base = runtime_folder()
         try:
             base.mkdir(mode=0o700, parents=True, exist_ok=True)
             _is_own(base)
@@ -195,7 +158,7 @@ def find_running(name: str | None = None) -> RunRecord:
 
 
 def _folders() -> list[Path]:
-    base = base_folder()
+    base = runtime_folder()
     return [folder for folder in base.iterdir() if (folder / "log").is_dir()] if _is_own(base) else []
 
 

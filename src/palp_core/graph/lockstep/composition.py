@@ -17,7 +17,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.process.shadow import Comparison
+from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.node_sockets import NodeSockets
 
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
@@ -44,7 +44,7 @@ class Composition:
         self._clock = SimClock()
         self._workspace = workspace
         self._frames: list[bytes] = []
-        self.shadow: tuple[int, Executor, list[bytes], Comparison] | None = None
+        self.shadow: tuple[int, Executor, list[bytes], ShadowComparison] | None = None
         self._sockets = sockets
         self._round_count = 0
         self._executors = [

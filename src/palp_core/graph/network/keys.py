@@ -22,13 +22,15 @@ from pathlib import Path
 
 import msgspec
 import zmq
+from zmq.auth import load_certificate
 
 from palp_core.errors import SecurityError
+from palp_core.user_folders import keys_folder
 from palp_core.whole_file import write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
-_FIELD = re.compile(r'^\s*(public-key|secret-key|name)\s*=\s*"([^"]*)"\s*$', re.MULTILINE)
+_NAME_LINE = re.compile(r'^\s*name\s*=\s*"([^"]+)"\s*$', re.MULTILINE)
 _LARGEST_BYTES = 4096
 
 
@@ -56,7 +58,7 @@ class KeyFolder:
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self.path = path or _default_folder()
+        self.path = path or keys_folder()
 
     # The own pair
 
@@ -75,8 +77,7 @@ class KeyFolder:
         (file,) = secrets
         for place in (self.path, file):
             _refuse_if_exposed(place)
-        fields = _fields(file)
-        public, secret = fields.get("public-key", ""), fields.get("secret-key", "")
+        public, secret = _load(file)
         if not (is_key(public) and is_key(secret)) or zmq.curve_public(secret.encode()).decode() != public:
             raise SecurityError(f"{file} does not hold a key pair; make another: palp keys generate --force")
         return OwnKeys(file.stem, public, secret)
@@ -190,11 +191,12 @@ class KeyFolder:
         if file.is_file():
             if file.suffix == ".secret":
                 raise SecurityError(f"{file} is a secret; keep it here and hand over the .public file")
-            fields = _fields(file)
-            key = fields.get("public-key") or _text(file).strip()
+            text = _text(file)
+            key = _load(file)[0] or text.strip()
             if not is_key(key):
                 raise SecurityError(f"{file} holds no public key; it is made by: palp keys generate")
-            return key, fields.get("name", "") or file.stem
+            named = _NAME_LINE.search(text)
+            return key, (named and named[1]) or file.stem
         if is_key(what):
             return what, ""
         known = ", ".join(self.allowed())
@@ -214,12 +216,6 @@ class KeyFolder:
                 f"{folder}: {error.strerror}; set PALP_KEYS to a folder of your own"
             ) from error
         _refuse_if_exposed(folder)
-
-
-def _default_folder() -> Path:
-    if own := os.environ.get("PALP_KEYS"):
-        return Path(own)
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "palp" / "keys"
 
 
 def _check_name(name: str) -> None:
@@ -261,12 +257,25 @@ def _text(file: Path) -> str:
         raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
 
 
-def _fields(file: Path) -> dict[str, str]:
-    return dict(_FIELD.findall(_text(file)))
+def _load(file: Path) -> tuple[str, str]:
+    """Return the public and the secret key of a certificate, "" where there is none.
+
+    Raises:
+        SecurityError: It cannot be read.
+    """
+    try:
+        if file.stat().st_size > _LARGEST_BYTES:
+            return "", ""
+        public, secret = load_certificate(file)
+    except OSError as error:
+        raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
+    except ValueError:
+        return "", ""
+    return public.decode(errors="replace"), (secret or b"").decode(errors="replace")
 
 
 def _public(file: Path) -> str:
     with contextlib.suppress(SecurityError):
-        key = _fields(file).get("public-key", "")
+        key = _load(file)[0]
         return key if is_key(key) else ""
     return ""

@@ -13,7 +13,7 @@ from palp_core.graph.messages.frame import Frame, Kind, parse
 MOST_WAITING = 100_000
 
 
-class Comparison:
+class ShadowComparison:
     """Two streams of frames, matched by topic and sequence.
 
     Args:

@@ -19,7 +19,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.shadow import Comparison
+from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import (
     Announced,
     EndShadow,
@@ -85,7 +85,7 @@ class SwapParticipant:
         self._place: Place | None = None
         self._hand_in: HandIn | None = None
         self._meet: tuple[Meet, int] | None = None
-        self._comparison: Comparison | None = None
+        self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
         self.silent = successor
         self.left = False
@@ -208,7 +208,7 @@ class SwapParticipant:
         published = decode_any(HandOver, line.hand_over).published
         publishers = self._executor.ends.publishers.items()
         arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
-        self._comparison = Comparison(published, arrays)
+        self._comparison = ShadowComparison(published, arrays)
         self._sockets.publisher.hold(self._comparison.new)
         if line.publish:
             places = dict.fromkeys(published, line.publish)

@@ -27,7 +27,7 @@ from palp_core.graph.process.control_messages import (
     Shutdown,
     ToNode,
 )
-from palp_core.graph.process.shadow import Comparison
+from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_client import ForkServer
@@ -89,7 +89,7 @@ class Supervisor:
         self.on_health: Callable[[bytes], None] = lambda _: None
         self.swap_replies: dict[int, FromSwapped] = {}
         self.listening: set[tuple[int, str, str]] = set()
-        self.shadow: tuple[int, Standby, Comparison] | None = None
+        self.shadow: tuple[int, Standby, ShadowComparison] | None = None
         self._server, self._interrupt, self._observe = server, interrupt, observe
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, Done] = {}

@@ -23,7 +23,7 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.shadow import Comparison
+from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.swap.compatibility import objections, replaced
 
 TIMEOUT_S = 10.0
@@ -106,10 +106,10 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
             **found,
         )
 
-    def comparison(self, published: Mapping[str, int]) -> Comparison:
+    def comparison(self, published: Mapping[str, int]) -> ShadowComparison:
         """Return what compares the two nodes' messages after those that were published before."""
         arrays = {name: array_fields(info.json_schema) for name, info in self.checked.topics.items()}
-        return Comparison(published, arrays)
+        return ShadowComparison(published, arrays)
 
 
 def unfit(found: HandOver, swap: CheckedSwap) -> str:

@@ -11,6 +11,7 @@ import pytest
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact import cache
 from palp_core.palpation.mechanics.contact.cache import cached
+from palp_core.user_folders import cache_folder
 
 
 @pytest.fixture(autouse=True)
@@ -111,9 +112,9 @@ def test_clear_removes_entries_locks_and_leftovers(tmp_path: Path, own_place: Pa
 def test_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("PALP_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache.location() == tmp_path / "palp"
+    assert cache_folder() == tmp_path / "palp"
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert cache.location() == Path.home() / ".cache" / "palp"
+    assert cache_folder() == Path.home() / ".cache" / "palp"
 
 
 def test_an_entry_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

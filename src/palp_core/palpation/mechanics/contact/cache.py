@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import MechanicsError
+from palp_core.user_folders import cache_folder
 from palp_core.whole_file import whole_file
 
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
@@ -46,22 +47,13 @@ class CacheInfo:
     size_bytes: int
 
 
-def location() -> Path:
-    """Return the cache's directory, which need not exist."""
-    if own := os.environ.get("PALP_CACHE"):
-        return Path(own)
-    if shared := os.environ.get("XDG_CACHE_HOME"):
-        return Path(shared) / "palp"
-    return Path("~/.cache/palp").expanduser()
-
-
 def info() -> CacheInfo:
     """Count what the cache holds."""
     sizes = []
-    for path in location().glob("*.npz"):
+    for path in cache_folder().glob("*.npz"):
         with contextlib.suppress(FileNotFoundError):  # another process has cleared it
             sizes.append(path.stat().st_size)
-    return CacheInfo(location(), len(sizes), sum(sizes))
+    return CacheInfo(cache_folder(), len(sizes), sum(sizes))
 
 
 def clear() -> int:
@@ -71,7 +63,7 @@ def clear() -> int:
         MechanicsError: One cannot be removed.
     """
     count = 0
-    for path in location().glob("*.npz"):
+    for path in cache_folder().glob("*.npz"):
         try:
             path.unlink()
         except FileNotFoundError:  # another process has cleared it
@@ -80,7 +72,7 @@ def clear() -> int:
             raise MechanicsError(f"{path}: cannot be removed: {error.strerror}") from error
         count += 1
     for pattern in ("*.lock", "*.part"):
-        for path in location().glob(pattern):
+        for path in cache_folder().glob(pattern):
             _remove_idle(path)
     return count
 
@@ -93,7 +85,7 @@ def cached(kind: str, inputs: Mapping[str, float | int | str], compute: Callable
         inputs: Everything that the result depends on.
         compute: Called at most once, in this process or another one that asks at the same time.
     """
-    path = location() / f"{kind}-{_digest(kind, inputs)}.npz"
+    path = cache_folder() / f"{kind}-{_digest(kind, inputs)}.npz"
     found = _load(path)
     if found is not None:
         return found

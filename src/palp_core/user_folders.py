@@ -1,0 +1,66 @@
+"""Where the files of this user are, by the environment.
+
+https://specifications.freedesktop.org/basedir-spec/, with a variable of palp's own before each of it.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+LONGEST_RUNTIME_FOLDER = (
+    44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
+)
+SHORT = Path("/tmp")  # not tempfile's choice, which is the folder that is too long
+
+
+def keys_folder() -> Path:
+    """Return the folder of this user's keys: ``$PALP_KEYS``, else ``~/.config/palp/keys`` or XDG's."""
+    return _folder("PALP_KEYS", "XDG_CONFIG_HOME", ".config", "palp/keys")
+
+
+def cache_folder() -> Path:
+    """Return the folder of what can be computed again: ``$PALP_CACHE``, else ``~/.cache/palp`` or XDG's."""
+    return _folder("PALP_CACHE", "XDG_CACHE_HOME", ".cache", "palp")
+
+
+def _folder(own: str, shared: str, default: str, name: str) -> Path:
+    if folder := os.environ.get(own):
+        return Path(folder)
+    return Path(os.environ.get(shared) or Path.home() / default) / name
+
+
+def runtime_folder() -> Path:
+    """Return the folder of this user's run directories; the same for every command in the same environment.
+
+    A setting that cannot be followed is said on stderr. One whose path is too long for a socket still has its
+    own graphs: a short folder stands for it, named after it.
+    """
+    own = f"palp-{os.getuid()}"
+    for variable, name in (("XDG_RUNTIME_DIR", "palp"), ("TMPDIR", own)):
+        folder = os.environ.get(variable)
+        if not folder:
+            continue
+        if not os.access(folder, os.W_OK | os.X_OK):
+            _remark(f"{variable}={folder} is no folder that this user can write to, and is not used")
+            continue
+        base = Path(folder).absolute() / name
+        if len(os.fsencode(base)) <= LONGEST_RUNTIME_FOLDER:
+            return base
+        digest = hashlib.blake2b(os.fsencode(Path(folder).resolve()), digest_size=5).hexdigest()
+        short = SHORT / f"{own}-{digest}"  # not in TMPDIR: a command that has another must find it, too
+        _remark(
+            f"{variable}={folder} is too long for the paths of sockets: graphs run from it are in {short}; "
+            f"set {variable} to a folder of at most {LONGEST_RUNTIME_FOLDER - len(name) - 1} bytes"
+        )
+        return short
+    return SHORT / own
+
+
+@functools.cache
+def _remark(text: str) -> None:
+    """Say it once in a process, beside what the command prints."""
+    sys.stderr.write(f"palp: {text}\n")
