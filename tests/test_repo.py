@@ -158,7 +158,7 @@ def test_ci_runs_exactly_the_readmes_test_command() -> None:
     assert f"```sh\n{command}\n```" in readme
 
 
-TEXTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
 TOP = r"src|nodes|msgs|launch|docs|tests|benchmarks|examples|\.ci"
 
 
@@ -192,3 +192,11 @@ def test_what_a_text_names_is_there(path: Path) -> None:
     unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)}
     unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
     assert unknown == set()
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+def test_a_class_that_a_text_names_is_in_the_source(path: Path) -> None:
+    quoted = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", path.read_text(encoding="utf-8"))
+    named = {name for code in quoted for name in re.findall(r"\b(?:[A-Z][a-z0-9]+){2,}\b", code)}
+    source = "".join(file.read_text(encoding="utf-8") for file in written_files() if file.suffix == ".py")
+    assert {name for name in named if not re.search(rf"\b{name}\b", source)} == set()
