@@ -31,7 +31,6 @@ STILL_LEFT: set[str] = {
     "Probe: twice",
     "benchmarks/rig_bench/running.py: RunningRig",
     "nodes: files",
-    "src/palp_core/graph/discovery/running_graph.py: RunningGraph",
     "tests/graph/node/test_executor.py: lines",
     "tests/nodes: files",
 }

@@ -4,8 +4,8 @@
 
     PalpError
     ├── GraphError            a launch file, an edge or an argument is wrong; a node failed to start
-    ├── SchemaMismatch        two ends of an edge disagree about a message type; bytes are not the type they
-    claim ├── LifecycleError        a transition that the node's state does not allow
+    ├── SchemaMismatch        two ends of an edge disagree about a type; bytes are not what they claim
+    ├── LifecycleError        a transition that the node's state does not allow
     ├── SecurityError         a key is missing, exposed to others or not accepted
     ├── NodeError             a node's handler raised, or its process ended
     ├── MethodError           no declared method meets a tolerance in a scene

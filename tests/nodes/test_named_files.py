@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.description.check import GraphProblems, load
+from palp_core.graph.description.check import load
 from palp_core.graph.description.node_class import inspect_classes
+from palp_core.graph.problems import GraphProblems
 
 LAUNCH = Path(__file__).parents[2] / "launch"
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palp_core.graph.launch.graph import RunSummary
+from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RINGS_M = (0.0, 0.016)

@@ -60,7 +60,7 @@ def services(ctx: typer.Context, incomplete: str) -> list[str]:
     graph = _running(ctx)
     with _quietly():
         if graph is not None:
-            known = graph.services(graph.ask_all("info", timeout_s=0.3))
+            known = graph.ask_all("info", timeout_s=0.3).services()
             return _matching([service.name for service in known], incomplete)
     return []
 

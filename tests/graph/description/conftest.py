@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.description.check import CheckedGraph, load
+from palp_core.graph.description.check import load
+from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import inspect_classes
 
 MESSAGES = """

@@ -8,12 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.graph.description.check import CheckedGraph, GraphProblems, load, resolved_yaml
+from palp_core.graph.description.check import load
+from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
 from palp_core.graph.description.diagram import draw_png, mermaid
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text, find_workspace
 from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.problems import GraphProblems
 
 LAUNCH = """
     graph: rig

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palp_core.graph.description.check import GraphProblems
+from palp_core.graph.node.spec import RESERVED_NAMES
+from palp_core.graph.problems import GraphProblems
 
 VALID = textwrap.dedent(
     """
@@ -187,6 +188,14 @@ def test_a_message_reads_file_line_column_and_what_to_do(workspace: Any) -> None
     place = f"{workspace.root}/launch/graph.yaml:21:22"
     what = "node 'policy': input 'belief' comes from a node 'estimtor' that is not there"
     assert text == f"{place}: {what}; did you mean 'estimator'?"
+
+
+@pytest.mark.parametrize("name", sorted(RESERVED_NAMES))
+def test_a_node_cannot_have_a_name_that_is_the_launchers_own(workspace: Any, name: str) -> None:
+    ((_, text),) = problems_of(workspace, VALID.replace("  record:\n", f"  {name}:\n"))
+    place = f"{workspace.root}/launch/graph.yaml:22:3"
+    what = f"'{name}' cannot be a node's name; it is the launcher's own: {RESERVED_NAMES[name]}"
+    assert text == f"{place}: {what}; choose another"
 
 
 def test_two_mistakes_are_reported_together(workspace: Any) -> None:

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.description.check import GraphProblems, load
+from palp_core.graph.description.check import load
 from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params
+from palp_core.graph.problems import GraphProblems
 
 ROOT = Path(__file__).parents[3]
 LAUNCH = ROOT / "launch"

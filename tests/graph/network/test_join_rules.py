@@ -35,6 +35,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, plan_listening
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.remote_nodes import RemoteNodes
+from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 
 NS = st.integers(0, 10**9)
 
@@ -83,6 +84,13 @@ def asks(topic: str, *, reads_truth: bool = False, type_hash: str = "0" * 16) ->
         name="viewer", run="a:B", host="h", pid=1, inputs={"sample": wanted}, reads_truth=reads_truth
     )
     return objections(request, VIEW, {"torque"})
+
+
+@pytest.mark.parametrize("name", sorted(RESERVED_NAMES))
+def test_who_comes_later_cannot_have_a_name_that_is_the_launchers_own(name: str) -> None:
+    (found,) = objections(JoinRequest(name=name, run="a:B", host="h", pid=1), VIEW, {"torque"})
+    assert found == name_mistake(name)
+    assert RESERVED_NAMES[name] in found
 
 
 def test_what_fits_is_let_in() -> None:

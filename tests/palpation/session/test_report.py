@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palp_core.graph.launch.graph import RunSummary
+from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import save
 from palp_core.palpation.session.recorded_session import read_session

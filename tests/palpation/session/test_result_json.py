@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import RunSummary
+from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session import result_json as result
 from palp_core.palpation.session.recorded_session import read_session
 

@@ -12,11 +12,12 @@ import msgspec
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
 from palp_core.cli.doctor.health import HealthReader
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.discovery.running_graph import LAUNCHER, Answers, RunningGraph
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.qos import Qos, incompatibility
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.transport.requester_socket import ask
 
 ASK_S = 2.0
@@ -79,7 +80,7 @@ def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:
         for topic, output in info.get("outputs", {}).items()
     }
     healthy = 0
-    for edge in graph.edges(answers):
+    for edge in answers.edges():
         where, account = f"{edge.topic} -> /{edge.node}", edge.account
         requested = account.get("qos", {})
         findings = list(_losses(where, account, requested))

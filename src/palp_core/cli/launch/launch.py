@@ -51,7 +51,7 @@ def launch(
         print_text(arguments_text(read(file, overrides)))
         return
     if check or print_:
-        from palp_core.graph.description.check import resolved_yaml
+        from palp_core.graph.description.checked import resolved_yaml
         from palp_core.graph.launch.graph import check_file
 
         checked = check_file(file, overrides)

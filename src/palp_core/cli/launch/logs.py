@@ -41,15 +41,15 @@ def logs(
 
 def _find(node: str | None, graph: str | None) -> tuple[Path, Path]:
     from palp_core.graph.discovery.run_directory import runs
+    from palp_core.graph.node.spec import MERGED_LOG
     from palp_core.graph.problems import hint
-    from palp_core.graph.supervision.logs import MERGED
 
     found = [(folder, record) for folder, record, _ in runs() if graph in (None, record.graph)]
     if not found:
         what = f"no graph named '{graph}'" if graph else "no graph"
         raise GraphError(f"{what} is running or has left logs; start one with: palp launch FILE")
     folder, record = found[0]
-    name = node.removeprefix("/") if node is not None else MERGED
+    name = node.removeprefix("/") if node is not None else MERGED_LOG
     known = [entry.name for entry in record.nodes]
     if node is not None and name not in known:
         raise GraphError(f"no node '{node}' in graph '{record.graph}'{hint(name, known)}")

@@ -35,7 +35,7 @@ def list_services(
 
     running = RunningGraph.find(graph)
     answers = running.ask_all("info", timeout_s=timeout)
-    services = running.services(answers, include_hidden=include_hidden)
+    services = answers.services(include_hidden=include_hidden)
     if count:
         print_text(str(len(services)))
     elif as_json:
@@ -81,7 +81,7 @@ def find(
     from palp_core.graph.problems import hint
 
     running = RunningGraph.find(graph)
-    services = running.services(running.ask_all("info", timeout_s=timeout), include_hidden=True)
+    services = running.ask_all("info", timeout_s=timeout).services(include_hidden=True)
     known = {kind for service in services for kind in (service.request, service.reply)}
     if service_type not in known:
         raise GraphError(f"no service takes or gives '{service_type}'{hint(service_type, known)}")

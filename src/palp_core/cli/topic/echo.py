@@ -121,8 +121,8 @@ def requested_depth(
     """
     import msgspec
 
-    from palp_core.graph.discovery.running_graph import LAUNCHER
     from palp_core.graph.messages.qos import Qos, incompatibility
+    from palp_core.graph.node.spec import LAUNCHER
 
     if (profile, reliability, durability, depth) == (None, None, None, None):
         return 0, False

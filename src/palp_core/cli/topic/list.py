@@ -44,7 +44,8 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Tell who publishes and who reads a topic."""
-    from palp_core.graph.discovery.running_graph import LAUNCHER, RunningGraph
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.node.spec import LAUNCHER
 
     running = RunningGraph.find(graph)
     entry = running.topic(topic)
@@ -53,7 +54,7 @@ def info(
     output = answers.replies.get(entry.node, {}).get("outputs", {}).get(entry.name, {})
     readers = [
         {"node": f"/{edge.node}", **{k: v for k, v in edge.account.items() if k != "topic"}}
-        for edge in running.edges(answers, entry.name)
+        for edge in answers.edges(entry.name)
     ]
     publisher: dict[str, Any] = {
         "node": f"/{entry.node}",

@@ -160,7 +160,7 @@ def _say_silent(listener: TopicReader, windows: dict[str, Window], now_ns: int) 
 def readers(graph: RunningGraph, topics: Iterable[TopicEntry], window: int = 0) -> dict[str, list[Edge]]:
     """Ask the nodes for the accounts of who reads each topic, and the latencies of the last messages."""
     answers = graph.ask_all("info", timeout_s=ASK_S, window=window)
-    return {topic.name: graph.edges(answers, topic.name) for topic in topics}
+    return {topic.name: answers.edges(topic.name) for topic in topics}
 
 
 def account(edge: Edge) -> dict[str, Any]:

@@ -11,16 +11,13 @@ from palp_core.graph.description.checked import (
     Reading,
     TopicInfo,
     recorders_apart,
-    resolved_yaml,
 )
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile, Variant
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
 from palp_core.graph.messages.qos import incompatibility, on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.problems import GraphProblems, Problems, hint, nearest
-
-__all__ = ["CheckedGraph", "GraphProblems", "InspectFunction", "check", "load", "resolved_yaml"]
+from palp_core.graph.problems import Problems, hint, nearest
 
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 

@@ -16,12 +16,13 @@ from palp_core.graph.description.arguments import (
     from_command_line,
     unknown_keys,
 )
-from palp_core.graph.description.input_reader import NAME, read_number, read_word
+from palp_core.graph.description.input_reader import read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree, read_tree
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
+from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
 _KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen")

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, TypeVar
 
 from palp_core.graph.description.arguments import unknown_keys
 from palp_core.graph.description.launch_file import InputEntry
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree
+from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import Problems, nearest
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 T = TypeVar("T", int, float)
 
 

@@ -7,21 +7,18 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palp_core.graph.description.arguments import Argument, unknown_keys
-from palp_core.graph.description.input_reader import NAME, flat, read_flag, read_input, read_number, read_word
+from palp_core.graph.description.input_reader import flat, read_flag, read_input, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located, Restart, Variant
 from palp_core.graph.description.selection import Selection, assignments, read_selection
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
+from palp_core.graph.node.spec import name_mistake
 from palp_core.graph.problems import Problems, nearest
 
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
 _KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
 _RESTART = ("never", "on_failure")
 HIGHEST_PRIORITY = 99
-RESERVED = {
-    "graph": "/graph/events and /graph/health are the launcher's",
-    "merged": "merged.log has the lines of all nodes",
-}
 T = TypeVar("T", int, float)
 
 
@@ -47,12 +44,8 @@ class NodeReader:
     def read(self, name: str, entry: Entry) -> GraphNode:
         """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
         before, self._hidden = len(self._problems), False
-        if NAME.fullmatch(name) is None:
-            advice = "use letters, digits and _, at most 32"
-            self._problems.add(entry.mark, f"'{name}' cannot be a node's name; {advice}")
-        if name in ("graph", "gateway"):
-            message = f"'{name}' cannot be a node's name: it is the launcher's own; choose another"
-            self._problems.add(entry.mark, message)
+        if mistake := name_mistake(name):
+            self._problems.add(entry.mark, mistake)
         if not isinstance(entry.value, Mapping):
             self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
             return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, find_running, locked
+from palp_core.graph.node.spec import COMPOSITION, LAUNCHER
 from palp_core.graph.problems import hint
 
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
 CHANGES_OF_HANDS = 10
-LAUNCHER = "graph"  # the name under which the launcher publishes and answers
 
 Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
 
@@ -43,6 +43,24 @@ class Answers(NamedTuple):
 
     replies: dict[str, dict[str, Any]]
     silent: dict[str, GraphError]
+
+    def services(self, *, include_hidden: bool = False) -> list[Service]:
+        """Return the services that nodes told of in their ``info``."""
+        found = [
+            Service(f"/{node}/{port}", node, port, *types)
+            for node, info in self.replies.items()
+            for port, types in info.get("services", {}).items()
+        ]
+        return [service for service in found if include_hidden or not hidden(service.name)]
+
+    def edges(self, topic: str | None = None) -> list[Edge]:
+        """Return the inputs that nodes told of in their ``info``; of one topic if it is named."""
+        return [
+            Edge(node, name, account)
+            for node, info in self.replies.items()
+            for name, account in info.get("inputs", {}).items()
+            if topic is None or name == topic
+        ]
 
 
 def hidden(name: str) -> bool:
@@ -165,7 +183,7 @@ class RunningGraph:
             tried = f" in any of {retries + 1} attempts" if retries else ""
             raise GraphError(
                 f"/{entry.name} did not answer '{operation}' within {timeout_s:g} s{tried}: "
-                f"{self.whereabouts(entry)}"
+                f"{self._whereabouts(entry)}"
             )
         if "error" in reply:
             raise GraphError(f"/{entry.name}: {str(reply['error']).removeprefix(f'{entry.name}: ')}")
@@ -199,7 +217,7 @@ class RunningGraph:
             if reply is not None or not self.alive:
                 break
         if reply is None:
-            raise GraphError(f"/{LAUNCHER} did not answer: {self.whereabouts(self.node(LAUNCHER))}")
+            raise GraphError(f"/{LAUNCHER} did not answer: {self._whereabouts(self.node(LAUNCHER))}")
         if "error" in reply:
             raise GraphError(str(reply["error"]))
         return {key: value for key, value in reply.items() if key in ("report", "failed")}
@@ -232,17 +250,17 @@ class RunningGraph:
 
     def process_of(self, entry: NodeEntry) -> int:
         """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""
-        composed = Path(entry.serve).stem == "composition"
+        composed = Path(entry.serve).stem == COMPOSITION
         return self.record.pid if composed or entry.name == LAUNCHER else entry.pid
 
-    def whereabouts(self, entry: NodeEntry) -> str:
+    def _whereabouts(self, entry: NodeEntry) -> str:
         """Say why a node may be silent, and what to look at."""
         import psutil
 
         pid = self.process_of(entry)
         if pid == 0:
             return "it has joined from elsewhere; look there, and at the connection"
-        log = self.folder / "log" / f"{entry.name if entry.pid else 'composition'}.log"
+        log = self.folder / "log" / f"{entry.name if entry.pid else COMPOSITION}.log"
         try:
             status = psutil.Process(pid).status()
         except psutil.NoSuchProcess:
@@ -250,15 +268,6 @@ class RunningGraph:
         if status == psutil.STATUS_STOPPED:
             return f"its process {pid} is stopped; continue it with: kill -CONT {pid}"
         return f"its process {pid} runs, but a handler may not return; see {log}"
-
-    def services(self, answers: Answers, *, include_hidden: bool = False) -> list[Service]:
-        """Return the services that nodes told of in their ``info``."""
-        found = [
-            Service(f"/{node}/{port}", node, port, *types)
-            for node, info in answers.replies.items()
-            for port, types in info.get("services", {}).items()
-        ]
-        return [service for service in found if include_hidden or not hidden(service.name)]
 
     def service(self, name: str, timeout_s: float = REPLY_TIMEOUT_S) -> Service:
         """Return a service by its name, from the word of its node.
@@ -268,23 +277,14 @@ class RunningGraph:
         """
         node, _, port = _rooted(name)[1:].partition("/")
         if node in self.node_names:
-            known = self.services(Answers({node: self.ask(node, "info", timeout_s=timeout_s)}, {}))
+            known = Answers({node: self.ask(node, "info", timeout_s=timeout_s)}, {}).services()
         else:
-            known = self.services(self.ask_all("info", timeout_s=timeout_s))
+            known = self.ask_all("info", timeout_s=timeout_s).services()
         for service in known:
             if service.node == node and service.port == port:
                 return service
         names = [service.name for service in known]
         raise GraphError(f"no service '{name}' in graph '{self.record.graph}'{hint(_rooted(name), names)}")
-
-    def edges(self, answers: Answers, topic: str | None = None) -> list[Edge]:
-        """Return the inputs that nodes told of in their ``info``; of one topic if it is named."""
-        return [
-            Edge(node, name, account)
-            for node, info in answers.replies.items()
-            for name, account in info.get("inputs", {}).items()
-            if topic is None or name == topic
-        ]
 
 
 def _ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:

@@ -17,7 +17,8 @@ import msgspec
 
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.check import CheckedGraph, load
+from palp_core.graph.description.check import load
+from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
@@ -34,10 +35,6 @@ from palp_core.graph.swap.swap import SwapBackend, Swapper, SwapRequest
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["Graph", "RunSummary", "check_file"]
 
 POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 

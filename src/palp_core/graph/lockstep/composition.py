@@ -13,7 +13,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import COMPOSITION, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
 from palp_core.graph.process.node_services import CHANGING, NodeServices
@@ -147,11 +147,11 @@ class Composition:
 @contextlib.contextmanager
 def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composition]:
     """Compose a graph; tools find it in its run directory, and there is its log."""
-    handler = logging.FileHandler(directory.log("composition"))
+    handler = logging.FileHandler(directory.log(COMPOSITION))
     handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
     logger = logging.getLogger("palp")
     logger.addHandler(handler)
-    sockets = NodeSockets(*endpoints(str(directory.path), "composition"))
+    sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
     try:
         yield Composition(checked.nodes, checked.workspace, sockets)
     finally:

@@ -1,11 +1,10 @@
 """Lockstep simulated time: rounds at an instant, then a leap to the next one.
 
 At each instant nodes work in rounds. A round delivers exactly the messages that were published in the round
-before;
-within it each node runs its due timers in declaration order, then consumes messages by (topic, sequence),
-and replies
-with what it published. When a round publishes nothing, time moves on to the next due timer. So a run is a
-function of the graph and its seed, wherever its nodes live and however loaded the machine is.
+before; within it each node runs its due timers in declaration order, then consumes messages by (topic,
+sequence), and replies with what it published. When a round publishes nothing, time moves on to the next due
+timer. So a run is a function of the graph and its seed, wherever its nodes live and however loaded the
+machine is.
 """
 
 from __future__ import annotations

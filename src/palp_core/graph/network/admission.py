@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.messages.qos import incompatibility
 from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
+from palp_core.graph.node.spec import name_mistake
 from palp_core.graph.problems import hint
 
-RESERVED = frozenset({"graph", "gateway", "composition"})
 _MOST_PORTS = 256
 
 
@@ -23,13 +22,11 @@ def objections(request: JoinRequest, view: GraphView, taken: Collection[str]) ->
     """
     name = request.name
     found = []
-    if NAME.fullmatch(name) is None:
-        return [f"{name!r} cannot be a node's name; use letters, digits and _, at most 32"]
+    if mistake := name_mistake(name):
+        return [mistake]
     if len(request.inputs) + len(request.outputs) > _MOST_PORTS:
         return [f"a node of more than {_MOST_PORTS} ports cannot join"]
-    if name in RESERVED:
-        found.append(f"the name '{name}' is the launcher's own; choose another with --name")
-    elif name in taken:
+    if name in taken:
         found.append(f"a node '{name}' is in graph '{view.graph}' already; choose another with --name")
     strange = [output for output in request.outputs if not output.startswith(f"/{name}/")]
     if strange:

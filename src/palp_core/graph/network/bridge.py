@@ -16,7 +16,6 @@ import sys
 
 from palp_core.errors import PalpError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.network.bridge_messages import (
     Admitted,
     AskToJoin,
@@ -57,6 +56,7 @@ from palp_core.graph.network.join_protocol import (
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
+from palp_core.graph.node.spec import NAME
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
 

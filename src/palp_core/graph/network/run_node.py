@@ -13,7 +13,6 @@ import msgspec
 
 from palp_core.errors import GraphError, NodeError, SecurityError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.input_reader import NAME
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
@@ -32,7 +31,7 @@ from palp_core.graph.network.bridge_messages import (
 from palp_core.graph.network.join_wiring import join_request, outputs_of, standalone_spec, wired_spec
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, resolve
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import NodeSpec, name_mistake
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.fork_client import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
@@ -179,10 +178,10 @@ def run_node(
     if module.endswith(".py"):
         run = f"{Path(module).resolve()}:{class_name}"
     name = name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
-    if not module or NAME.fullmatch(name) is None:
-        raise GraphError(
-            f"cannot run '{run}' as '{name}'; write module:Class, and --name with letters, digits, _"
-        )
+    if not module:
+        raise GraphError(f"cannot run '{run}'; write module:Class or path.py:Class")
+    if mistake := name_mistake(name):
+        raise GraphError(f"cannot run '{run}': {mistake} with --name")
     with contextlib.ExitStack() as stack:
         interrupt = stack.enter_context(Interrupt())
         folder = RunDirectory(name)

@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import msgspec
 
 from palp_core.graph.messages.qos import Qos
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
+"""What a graph, a node and a port may be called."""
+
+LAUNCHER, GATEWAY, COMPOSITION, MERGED_LOG = "graph", "gateway", "composition", "merged"
+RESERVED_NAMES = {
+    LAUNCHER: "/graph/events and /graph/health are its topics",
+    GATEWAY: "the process that other hosts call answers under it",
+    COMPOSITION: "the one process of a composed graph has it",
+    MERGED_LOG: "merged.log has the lines of all nodes",
+}
+"""What no node may be called, and why."""
+
+
+def name_mistake(name: str) -> str:
+    """Return why nothing can be a node of that name, and what to do; "" if a node can."""
+    if NAME.fullmatch(name) is None:
+        return f"'{name}' cannot be a node's name; use letters, digits and _, at most 32"
+    if name in RESERVED_NAMES:
+        why = f"it is the launcher's own: {RESERVED_NAMES[name]}"
+        return f"'{name}' cannot be a node's name; {why}; choose another"
+    return ""
 
 
 def topic(node: str, port: str) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from palp_core.graph.bag.topic import Topic, topic_of
-from palp_core.graph.discovery.running_graph import LAUNCHER, RunningGraph
+from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages import builtin
 from palp_core.graph.messages.message import Message
 from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.journal import ORDER_PORT
-from palp_core.graph.node.spec import topic
+from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
 
 ASK_S = 3.0

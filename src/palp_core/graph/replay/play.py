@@ -20,10 +20,10 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.node import class_name
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import LAUNCHER, NodeSpec
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.replay.player import Replayed, replayed_class
-from palp_core.graph.supervision.launcher_node import NAME, LauncherNode
+from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.node_sockets import NodeSockets
 
 GRAPH = "play"
@@ -118,7 +118,9 @@ class PlayRun:
                 )
             )
         entries += LauncherNode.topics(where)
-        self._bus.record = record_for(GRAPH, str(source), "wall", endpoints(where, NAME)[1], nodes, entries)
+        self._bus.record = record_for(
+            GRAPH, str(source), "wall", endpoints(where, LAUNCHER)[1], nodes, entries
+        )
         self._directory.write(self._bus.record)
 
     @property

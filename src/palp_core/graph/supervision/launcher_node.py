@@ -19,13 +19,12 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.spec import topic
+from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import Operation
 
-NAME = "graph"
-EVENTS = topic(NAME, "events")
-HEALTH = topic(NAME, "health")
+EVENTS = topic(LAUNCHER, "events")
+HEALTH = topic(LAUNCHER, "health")
 _QOS = {
     EVENTS: Qos(durability="transient_local", depth=100),
     HEALTH: Qos(durability="transient_local", depth=1),
@@ -55,7 +54,7 @@ class LauncherNode:
         self.record_event: Callable[[bytes], None] = lambda _: None
         self.joined: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
-        self._sockets = NodeSockets(*endpoints(folder, NAME))
+        self._sockets = NodeSockets(*endpoints(folder, LAUNCHER))
         self.resend = self._sockets.publisher.send
         self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._sockets.publisher.send)
         self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
@@ -68,7 +67,7 @@ class LauncherNode:
             "info": lambda _: self._info(),
         }
         self._deferred: set[str] = set()
-        self._sockets.requests.add(NAME, self._operations, self._deferred)
+        self._sockets.requests.add(LAUNCHER, self._operations, self._deferred)
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
@@ -154,7 +153,7 @@ class LauncherNode:
             for name, out in self._outlets.items()
         }
         return {
-            "name": NAME,
+            "name": LAUNCHER,
             "run": "the launcher",
             "pid": os.getpid(),
             "lifecycle": "active",
@@ -175,11 +174,13 @@ class LauncherNode:
     @staticmethod
     def topics(folder: str) -> list[TopicEntry]:
         """Return the launcher's own topics as the command line finds them."""
-        publish, _ = endpoints(folder, NAME)
+        publish, _ = endpoints(folder, LAUNCHER)
         entries = []
         for name, message in _TYPES.items():
             schema = schema_of(message)
             entries.append(
-                TopicEntry(name, schema.name, f"{schema.type_hash:016x}", NAME, publish, json_schema(schema))
+                TopicEntry(
+                    name, schema.name, f"{schema.type_hash:016x}", LAUNCHER, publish, json_schema(schema)
+                )
             )
         return entries

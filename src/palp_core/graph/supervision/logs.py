@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from palp_core.graph.clock import unix_ns
+from palp_core.graph.node.spec import MERGED_LOG
 
-MERGED = "merged"
 KEEP_BYTES = 16 << 20  # of a file before it becomes the old one; assumed: a day of a talkative node
 LONGEST_LINE = 1 << 16  # bytes; a longer one is merged in pieces
 PIPE_BYTES = 1 << 20  # a node that prints this much at once waits for nobody
@@ -80,7 +80,7 @@ class LogWriter:
     def open(self, name: str, path: Path) -> tuple[int, int]:
         """Begin the log of a process; return the ends of the pipe; it prints into the second."""
         if self._merged is None:
-            self._merged = _LogFile(path.with_name(f"{MERGED}.log"))
+            self._merged = _LogFile(path.with_name(f"{MERGED_LOG}.log"))
         read_end, write_end = os.pipe()
         os.set_blocking(read_end, False)
         with contextlib.suppress(OSError):  # beyond the user's allowance the pipe stays small
@@ -137,7 +137,7 @@ def _now() -> str:
 def note(log: Path, level: str, text: str) -> None:
     """Write a line of the supervisor's into a node's log and into the merged one."""
     line = f"[{level}] [supervisor]: {text}\n"
-    for path, head in ((log, ""), (log.with_name(f"{MERGED}.log"), f"{_now()} {log.stem}: ")):
+    for path, head in ((log, ""), (log.with_name(f"{MERGED_LOG}.log"), f"{_now()} {log.stem}: ")):
         with contextlib.suppress(OSError), path.open("a", encoding="utf-8") as file:
             file.write(head + line)
 

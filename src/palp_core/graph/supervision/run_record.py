@@ -8,8 +8,8 @@ from pathlib import Path
 from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.supervision.launcher_node import NAME, LauncherNode
+from palp_core.graph.node.spec import COMPOSITION, LAUNCHER, NodeSpec
+from palp_core.graph.supervision.launcher_node import LauncherNode
 
 
 def run_record(
@@ -31,7 +31,7 @@ def run_record(
     """
 
     def at(node: str) -> tuple[str, str]:
-        return endpoints(str(folder), "composition" if composed else node)
+        return endpoints(str(folder), COMPOSITION if composed else node)
 
     nodes = [
         NodeEntry(spec.name, spec.run, pids.get(spec.name, 0), *at(spec.name)) for spec in checked.spawned
@@ -41,7 +41,7 @@ def run_record(
         for name, t in checked.topics.items()
     ]
     topics += LauncherNode.topics(str(folder))
-    serve = endpoints(str(folder), NAME)[1]
+    serve = endpoints(str(folder), LAUNCHER)[1]
     return record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
 
 
@@ -60,6 +60,6 @@ def run_record_of_node(spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder:
         for topic, info in outputs.items()
     ]
     topics += LauncherNode.topics(str(folder))
-    serve = endpoints(str(folder), NAME)[1]
+    serve = endpoints(str(folder), LAUNCHER)[1]
     nodes = [NodeEntry(spec.name, spec.run, pid, *ends)]
     return record_for(spec.name, spec.run, "wall", serve, nodes, topics)

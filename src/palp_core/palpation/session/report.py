@@ -30,7 +30,7 @@ from palp_core.palpation.session.training_charts import primitives_chart, sweeps
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from palp_core.graph.launch.graph import RunSummary
+    from palp_core.graph.launch.summary import RunSummary
 
 
 def session(summary: RunSummary) -> str:

@@ -27,7 +27,7 @@ from palp_core.palpation.session.recorded_session import RecordedSession, Record
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
-    from palp_core.graph.launch.graph import RunSummary
+    from palp_core.graph.launch.summary import RunSummary
 
 TIME_KEYS = (
     "composed",
