@@ -7,12 +7,12 @@ from typing import Literal
 import msgspec
 
 from msgs.actuator import RingCommand, RingState, RingTruth
-from nodes.named_files import file_mistakes
 from palp_core import Alarm, Node, Params, Pub, State, Sub, on
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.ring import SimRingState as DeviceState
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import MillimetresNonNegative
 
 

@@ -9,7 +9,6 @@ import msgspec
 
 from msgs.experiment import Mount, PhantomTruth
 from msgs.torque import ContactGuard
-from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, every, on
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
@@ -17,6 +16,7 @@ from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSet
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Count,
     CountPositive,

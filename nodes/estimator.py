@@ -14,7 +14,6 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.file import read_scene
@@ -29,6 +28,7 @@ from palp_core.palpation.perception.belief.trial_filter import Probe, TrialFilte
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Count,
     CountPositive,

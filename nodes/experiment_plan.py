@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from nodes.experiment_params import ExperimentParams
-from nodes.named_files import file_mistakes
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability
 
 

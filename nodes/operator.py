@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
-from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import MillimetresNonNegative
 
 

@@ -6,13 +6,13 @@ from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
-from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Kilograms,
     Metres,

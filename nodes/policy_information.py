@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from nodes.named_files import file_mistakes
 from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.mechanics.scene.file import read_scene
@@ -15,6 +14,7 @@ from palp_core.palpation.perception.belief.trial_filter import Probe, known
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import Count, Float64Array, MillimetresNonNegative
 
 

@@ -8,7 +8,6 @@ import msgspec
 
 from msgs.actuator import RingCommand, RingState
 from msgs.safety import RingReport, SafetyBeat
-from nodes.safety_limits import DeadlineMilliseconds
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition
@@ -16,7 +15,7 @@ from palp_core.palpation.devices.protocols import RingReading
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
-from palp_core.units import HertzPositive
+from palp_core.units import DeadlineMilliseconds, HertzPositive
 
 
 class RigActuatorParams(Params):

@@ -10,8 +10,6 @@ import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.named_files import file_mistakes
-from nodes.safety_limits import DeadlineMilliseconds
 from nodes.stage import Stage, StageParams, StageState
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
@@ -23,7 +21,9 @@ from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Path
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
+    DeadlineMilliseconds,
     HertzPositive,
     Metres,
     MetresPerSecondPositive,

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
+
+import numpy as np
+
 from msgs.safety import (
     AcknowledgeReply,
     AcknowledgeRequest,
@@ -14,19 +18,166 @@ from msgs.safety import (
     StopRequest,
     Trip,
 )
-from nodes.safety_limits import ONE_LINK, SafetyParams, limits_of, mistakes
-from nodes.safety_record import LastSecond
-from palp_core import Node, Pub, Qos, Srv, State, Sub, every, on, serve
+from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
 from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
-from palp_core.palpation.devices.safety.watchdog import LimitViolation, Watchdog, WatchedLoad, WatchedStage
+from palp_core.palpation.devices.safety.watchdog import (
+    LimitViolation,
+    Watchdog,
+    WatchedLoad,
+    WatchedStage,
+    WatchLimits,
+)
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
+from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
+from palp_core.units import (
+    CountPositive,
+    DeadlineMilliseconds,
+    Float64Array,
+    HertzPositive,
+    Metres,
+    MetresPerSecondPositive,
+    MillimetresNonNegative,
+    MillimetresPositive,
+    MillisecondsPositive,
+    NewtonMillimetresPositive,
+    NewtonsPositive,
+)
 
 SEARCH_NS = 1_000_000_000
+KEEP_NS = 1_000_000_000
+ONE_LINK = (
+    "one link only (stop_url is empty): a stop reaches the stage through its node alone, and homing is "
+    "stopped by nothing but the emergency stop: keep a hand on it; give the stage segment_m: 0.002 and "
+    "home_on_open: false"
+)
+
+
+class SafetyParams(Params):
+    """Set in the launch file. The limits are assumed.
+
+    ``range_n_mm`` and ``range_n`` are the largest torque and force that the sensor can tell (the maker's
+    figures for SI-12-0.12); a stop above them could never trip and is refused.
+
+    ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
+    ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of a sweep.
+    ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
+    """
+
+    stop_url: ReadOnly[str] = ""
+    axes: ReadOnly[tuple[str, str]] = ("X", "Y")
+    baud: ReadOnly[CountPositive] = 115200
+    tick_hz: ReadOnly[HertzPositive] = 100.0
+    look_hz: ReadOnly[HertzPositive] = 20.0
+    link_ms: ReadOnly[MillisecondsPositive] = 100.0
+    warn_n_mm: ReadOnly[NewtonMillimetresPositive] = 80.0
+    stop_n_mm: ReadOnly[NewtonMillimetresPositive] = 100.0
+    warn_n: ReadOnly[NewtonsPositive] = 8.0
+    stop_n: ReadOnly[NewtonsPositive] = 10.0
+    range_n_mm: ReadOnly[NewtonMillimetresPositive] = RANGE_N_M * 1e3
+    range_n: ReadOnly[NewtonsPositive] = RANGE_N
+    from_m: ReadOnly[Metres] = -0.03
+    to_m: ReadOnly[Metres] = 0.05
+    margin_mm: ReadOnly[MillimetresNonNegative] = 4.0
+    lift_mm: ReadOnly[MillimetresPositive] = 20.0
+    speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
+    following_mm: ReadOnly[MillimetresPositive] = 0.5
+    stale_ms: ReadOnly[DeadlineMilliseconds] = 25.0
+    beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
+    watch_processes: ReadOnly[bool] = True
+
+
+def limits_of(p: SafetyParams) -> WatchLimits:
+    """Return the limits of the watchdog.
+
+    Raises:
+        DeviceError: They contradict each other, or the sensor's range.
+    """
+    return WatchLimits(
+        wrench=WrenchLimits(
+            p.warn_n_mm * 1e-3, p.stop_n_mm * 1e-3, p.warn_n, p.stop_n, p.range_n_mm * 1e-3, p.range_n
+        ),
+        travel=TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s),
+        following_m=p.following_mm * 1e-3,
+        stale_s=p.stale_ms * 1e-3,
+        beat_s=p.beat_ms * 1e-3,
+    )
+
+
+def mistakes(params: SafetyParams) -> dict[str, str]:
+    """Return what is wrong with the limits, by parameter; "" for what concerns several."""
+    try:
+        limits_of(params)
+    except DeviceError as error:
+        guilty = {
+            "stop_n_mm": params.stop_n_mm > params.range_n_mm,
+            "warn_n_mm": params.warn_n_mm > params.stop_n_mm,
+            "stop_n": params.stop_n > params.range_n,
+            "warn_n": params.warn_n > params.stop_n,
+        }
+        return {next((name for name, wrong in guilty.items() if wrong), ""): str(error)}
+    return {}
+
+
+class Rows(deque[tuple[int, tuple[float, ...]]]):
+    """What was said within a second, by when it was said: a sample may be stamped with any nonsense."""
+
+    def add(self, said_ns: int, *row: float) -> None:
+        """Remember a row and forget what is too old."""
+        self.append((said_ns, row))
+        while self[0][0] < said_ns - KEEP_NS:
+            self.popleft()
+
+    def table(self, width: int) -> Float64Array:
+        """Return the rows, shape (n, width)."""
+        return np.array([row for _, row in self], dtype=np.float64).reshape(-1, width)
+
+
+class LastSecond:
+    """Remember loads, places and ring positions for a second."""
+
+    def __init__(self) -> None:
+        self._loads, self._places, self._rings = Rows(), Rows(), Rows()
+
+    def add_load(self, report: LoadReport) -> None:
+        """Remember a load, if there is a sample behind it."""
+        if report.sample_count:
+            self._loads.add(report.stamp_ns, report.sample_ns, report.torque_n_m, report.force_n)
+
+    def add_stage(self, report: StageReport) -> None:
+        """Remember a place."""
+        self._places.add(report.stamp_ns, report.stamp_ns, report.y_m, report.z_m)
+
+    def add_ring(self, report: RingReport) -> None:
+        """Remember a ring position."""
+        self._rings.add(report.stamp_ns, report.stamp_ns, report.ring_m)
+
+    def trip(
+        self, now_ns: int, cause: str, text: str, *, cause_ns: int, written_ns: int, disabled_ns: int
+    ) -> Trip:
+        """Return the record of a trip."""
+        loads, places, rings = self._loads.table(3), self._places.table(3), self._rings.table(2)
+        return Trip(
+            stamp_ns=now_ns,
+            cause=cause,
+            text=text,
+            cause_ns=cause_ns,
+            written_ns=written_ns,
+            disabled_ns=disabled_ns,
+            load_time_s=(loads[:, 0] - now_ns) * 1e-9,
+            torque_n_m=loads[:, 1],
+            force_n=loads[:, 2],
+            stage_time_s=(places[:, 0] - now_ns) * 1e-9,
+            y_m=places[:, 1],
+            z_m=places[:, 2],
+            ring_time_s=(rings[:, 0] - now_ns) * 1e-9,
+            ring_m=rings[:, 1],
+        )
 
 
 class SafetyNodeState(State):

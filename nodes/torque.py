@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
-from nodes.named_files import file_mistakes
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.sim.torque import SimTorqueState as DeviceState
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import NewtonMillimetresNonNegative, RatioNonNegative
 
 

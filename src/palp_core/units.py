@@ -33,6 +33,8 @@ CountPositive = Annotated[int, Meta(ge=1)]
 Seconds = Annotated[float, _quantity("s", 0.0, 1e9)]
 SecondsPositive = Annotated[float, _quantity("s", 1e-9, 1e9)]
 MillisecondsPositive = Annotated[float, _quantity("ms", 1e-6, 1e12)]
+DeadlineMilliseconds = Annotated[float, _quantity("ms", 1.0, 10_000.0)]
+"""A longest time without a word: under a millisecond nothing is heard, over 10 s nothing is guarded."""
 Hertz = Annotated[float, _quantity("Hz", 0.0, 1e6)]
 HertzPositive = Annotated[float, _quantity("Hz", 1e-3, 1e6)]
 Metres = Annotated[float, _quantity("m", -1e3, 1e3)]

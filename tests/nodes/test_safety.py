@@ -10,8 +10,7 @@ import pytest
 
 from msgs.safety import AcknowledgeRequest, LoadReport, RingReport, StageReport, StatusRequest, StopRequest
 from nodes import safety
-from nodes.safety import Safety
-from nodes.safety_limits import SafetyParams
+from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition

@@ -10,7 +10,7 @@ from palp_core.graph.description.check import load
 from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.problems import GraphProblems
 
-LAUNCH = Path(__file__).parents[2] / "launch"
+LAUNCH = Path(__file__).parents[3] / "launch"
 
 
 @pytest.mark.parametrize("name", ["sim", "emulated", "rig", "replay"])
