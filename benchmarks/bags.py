@@ -37,13 +37,13 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosWriter
 
+from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.mcap.file_reader import FileReader
 from palp_core.graph.bag.mcap.file_writer import FileWriter
 from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
-from palp_core.graph.bag.ros2 import to_ros2
 from palp_core.graph.bag.topic import Stream, Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.launch.graph import Graph
@@ -280,7 +280,7 @@ def seek(folder: Path, total_bytes: int, chunk_bytes: int) -> dict[str, float]:
 def weight(folder: Path, seconds: int) -> dict[str, float]:
     """Return bytes per torque sample at 1000 Hz in blocks of 2, beside a ROS 2 bag of the same content."""
     record(folder / "weight", torque_frames(seconds * 500))
-    to_ros2(folder / "weight", folder / "weight-ros2")
+    convert(folder / "weight", folder / "weight-ros2", BagForm.ROS2)
     sizes = [sum(f.stat().st_size for f in (folder / n).glob("*.mcap")) for n in ("weight", "weight-ros2")]
     return {
         "bytes_per_sample": sizes[0] / (seconds * 1000),

@@ -11,9 +11,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.convert import json_form, to_csv, to_json, to_parquet
+from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.forms.json import json_form
+from palp_core.graph.bag.forms.ros2 import message_texts
 from palp_core.graph.bag.reader import read, to_numpy
-from palp_core.graph.bag.ros2 import message_texts, to_ros2
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import json_schema, schema_of
@@ -41,7 +42,7 @@ def rich(tmp_path: Path, kit: Any) -> Path:
 
 
 def test_rosbags_reads_the_ros_2_bag(rich: Path, tmp_path: Path) -> None:
-    assert to_ros2(rich, tmp_path / "ros") == 3
+    assert convert(rich, tmp_path / "ros", BagForm.ROS2) == 3
     store = get_typestore(Stores.EMPTY)
     with Reader(tmp_path / "ros") as reader:
         (connection,) = reader.connections
@@ -98,12 +99,12 @@ def test_a_topic_without_a_schema_is_named_and_leaves_no_half_bag(tmp_path: Path
     stranger = kit.frame("/cup/mode", kit.Mode(stamp_ns=0, level=2.0), 1, 0)
     bag, _ = kit.record(tmp_path / "run", [(0, stranger)])
     with pytest.raises(BagError, match="/cup/mode: without a schema"):
-        to_ros2(bag, tmp_path / "ros")
+        convert(bag, tmp_path / "ros", BagForm.ROS2)
     assert not (tmp_path / "ros").exists()
 
 
 def test_json_messages_have_lists_and_a_root_that_is_an_object(rich: Path, tmp_path: Path) -> None:
-    assert to_json(rich, tmp_path / "json") == 3
+    assert convert(rich, tmp_path / "json", BagForm.JSON) == 3
     with (tmp_path / "json/json_0.mcap").open("rb") as file:
         found = list(make_reader(file, validate_crcs=True).iter_messages())
     schema, channel, message = found[2]
@@ -130,7 +131,7 @@ def test_a_schema_within_a_list_changes_too() -> None:
 
 
 def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, kit: Any) -> None:
-    assert to_csv(bag, tmp_path / "csv") == 202
+    assert convert(bag, tmp_path / "csv", BagForm.CSV) == 202
     with (tmp_path / "csv/torque.block.csv").open(newline="") as file:
         table = list(csv.DictReader(file))
     torque_n_m = to_numpy(bag, "/torque/block", "torque_n_m")
@@ -139,26 +140,26 @@ def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, ki
     )
     assert table[7]["sequence"] == "8"
     assert table[7]["place.depth_m"] == "0.0"
-    assert to_csv(rich, tmp_path / "rich-csv") == 3
+    assert convert(rich, tmp_path / "rich-csv", BagForm.CSV) == 3
     with pytest.raises(BagError, match="exists already"):
-        to_csv(bag, tmp_path / "csv")
+        convert(bag, tmp_path / "csv", BagForm.CSV)
 
 
 def test_parquet_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(BagError, match="pip install pyarrow"):
-        to_parquet(bag, tmp_path / "parquet")
+        convert(bag, tmp_path / "parquet", BagForm.PARQUET)
 
 
 def test_parquet_reads_back(bag: Path, tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
-    assert to_parquet(bag, tmp_path / "parquet") == 202
+    assert convert(bag, tmp_path / "parquet", BagForm.PARQUET) == 202
     table = pq.read_table(tmp_path / "parquet/torque.block.parquet")
     assert table.num_rows == 200
 
 
 def test_conversion_loses_no_bit(bag: Path, tmp_path: Path, kit: Any) -> None:
-    to_json(bag, tmp_path / "json")
+    convert(bag, tmp_path / "json", BagForm.JSON)
     blocks = [parse(raw) for _, raw in kit.run_frames(200)]
     sent = [decode(kit.Block, w.payload).torque_n_m.tolist() for w in blocks if w.topic == "/torque/block"]
     assert [m.value["torque_n_m"] for m in read(tmp_path / "json", ["/torque/block"])] == sent

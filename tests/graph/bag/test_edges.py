@@ -8,6 +8,7 @@ import pytest
 from mcap.writer import Writer
 
 from palp_core.errors import BagError
+from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.edit import filter_bag
 from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.mcap.chunk import open_chunk, split_chunk
@@ -17,7 +18,6 @@ from palp_core.graph.bag.mcap.salvage import salvage
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
-from palp_core.graph.bag.ros2 import to_ros2
 from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.values import plain, type_from_schema
 from palp_core.graph.bag.writer import BagWriter
@@ -155,10 +155,10 @@ def test_nothing_is_saved_from_nothing(tmp_path: Path) -> None:
 
 def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BagError, match="exists already"):
-        to_ros2(bag, tmp_path)
+        convert(bag, tmp_path, BagForm.ROS2)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     with pytest.raises(BagError, match="pip install rosbags"):
-        to_ros2(bag, tmp_path / "ros")
+        convert(bag, tmp_path / "ros", BagForm.ROS2)
 
 
 def test_a_bag_flushed_by_hand_and_closed_twice_is_whole(tmp_path: Path, kit: Any) -> None:

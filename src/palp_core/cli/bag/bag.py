@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +14,7 @@ from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import print_json, print_text
+from palp_core.graph.bag.convert import BagForm, convert
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
@@ -24,15 +24,6 @@ app.command("record")(record)
 app.command("snapshot")(snapshot)
 app.command("play")(play)
 app.command("replay")(replay)
-
-
-class BagFormat(StrEnum):
-    """What a bag can become."""
-
-    ROS2 = "ros2"
-    JSON = "json"
-    CSV = "csv"
-    PARQUET = "parquet"
 
 
 BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
@@ -154,24 +145,14 @@ def split(
 
 
 @app.command("convert")
-def convert(
-    bag: BagArgument, out: OutOption, *, to: Annotated[BagFormat, typer.Option(help="What it becomes.")]
+def convert_bag(
+    bag: BagArgument,
+    out: OutOption,
+    *,
+    to: Annotated[BagForm, typer.Option(help="What it becomes.")],
 ) -> None:
     """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick), or tables."""
-    if to is BagFormat.ROS2:
-        from palp_core.graph.bag.ros2 import to_ros2
-
-        count = to_ros2(bag, out)
-    else:
-        from palp_core.graph.bag import convert as conversions
-
-        ways = {
-            BagFormat.JSON: conversions.to_json,
-            BagFormat.CSV: conversions.to_csv,
-            BagFormat.PARQUET: conversions.to_parquet,
-        }
-        count = ways[to](bag, out)
-    print_text(f"{count} messages")
+    print_text(f"{convert(bag, out, to)} messages")
 
 
 @app.command("echo")

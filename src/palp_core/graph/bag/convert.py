@@ -1,173 +1,35 @@
-"""Turn a bag into what other tools open: JSON in MCAP, tables as CSV or Parquet."""
+"""Turn a bag into what other tools open.
+
+Another form is a name here and the module of that name in ``forms``, which has a function ``write``.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import csv
-from collections.abc import Callable, Iterator
+from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
-from typing import Any
-
-import msgspec
-
-from palp_core.errors import BagError
-from palp_core.graph.bag.mcap.compression import Compression
-from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.topic import Stream
-from palp_core.graph.bag.values import decoder_for, plain
-from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.messages.schema_reader import fields_of, is_array
-
-HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
-PARQUET_ROWS = 8192
 
 
-def to_json(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> int:
-    """Write a bag of JSON messages, as Foxglove and Lichtblick open it; arrays become lists of numbers.
+class BagForm(StrEnum):
+    """What a bag can become."""
 
-    JSON has no NaN and no infinity: they become null.
+    ROS2 = "ros2"
+    JSON = "json"
+    CSV = "csv"
+    PARQUET = "parquet"
 
-    Returns:
-        How many messages there are.
+
+def convert(bag: str | Path, out: str | Path, form: BagForm) -> int:
+    """Write a bag in another form; return how many messages there are.
+
+    Args:
+        bag: A bag's folder or one of its files.
+        out: The new bag or the folder of tables, which must not exist.
+        form: Which form.
 
     Raises:
-        BagError: No such bag, or the new one exists.
+        BagError: No such bag, ``out`` exists, or a library that the form needs is not installed.
         BagDamaged: The bag is damaged.
     """
-    ways: dict[int, tuple[Stream, int, Callable[[bytes], Any]]] = {}
-    count = 0
-    with Bag(bag) as opened, BagWriter(out, compression=compression) as writer:
-        for name, data in opened.attachments().items():
-            writer.attach(name, data)
-        for stream, sequence, log_ns, publish_ns, payload in opened.recorded():
-            way = ways.get(id(stream))
-            if way is None:
-                topic = msgspec.structs.replace(stream.topic, json_schema=json_form(stream.topic.json_schema))
-                converted = msgspec.structs.replace(stream, topic=topic, encoding="json")
-                way = ways[id(stream)] = (stream, writer.stream(converted), decoder_for(stream))
-            text = msgspec.json.encode(plain(way[2](payload)))
-            writer.write(way[1], sequence, log_ns, publish_ns, text)
-            count += 1
+    count: int = import_module(f"palp_core.graph.bag.forms.{form}").write(bag, out)
     return count
-
-
-def json_form(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema in which binary arrays are lists of numbers."""
-    if is_array(schema):
-        kept = {key: value for key, value in schema.items() if key.startswith("x-") and key != "x-dtype"}
-        return {"type": "array", "items": {"type": "number"}, **kept}
-    changed = dict(schema)
-    if fields := fields_of(schema):
-        changed["properties"] = {name: json_form(inner) for name, inner in fields.items()}
-    if "items" in schema:
-        changed["items"] = json_form(schema["items"])
-    return changed
-
-
-def table_name(topic: str) -> str:
-    """Return the file name of a topic's table, without ending."""
-    return topic.strip("/").replace("/", ".") or "root"
-
-
-def rows(bag: Bag) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Iterate messages as flat rows with their topic; a nested field is ``outer.inner``."""
-    for message in bag.messages():
-        row: dict[str, Any] = {name: getattr(message, name) for name in HEAD}
-        for name, value in _flat(plain(message.value), ""):
-            row[name if name not in row else f"message.{name}"] = value
-        yield message.topic, row
-
-
-def to_csv(bag: str | Path, out: str | Path) -> int:
-    """Write one CSV file per topic into a folder; a list is one cell, its elements separated by spaces.
-
-    Numbers are written so that they read back as they were.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: No such bag, or the folder exists.
-        BagDamaged: The bag is damaged.
-    """
-    folder = _new_folder(out)
-    tables: dict[str, Any] = {}
-    count = 0
-    with Bag(bag) as opened, contextlib.ExitStack() as stack:
-        for topic, row in rows(opened):
-            table = tables.get(topic)
-            if table is None:
-                path = folder / f"{table_name(topic)}.csv"
-                file = stack.enter_context(path.open("x", newline="", encoding="utf-8"))
-                table = tables[topic] = csv.DictWriter(file, list(row), restval="")
-                table.writeheader()
-            try:
-                table.writerow({name: _cell(value) for name, value in row.items()})
-            except ValueError as error:
-                raise BagError(
-                    f"{topic}: without a schema, a later message has other fields: {error}"
-                ) from error
-            count += 1
-    return count
-
-
-def to_parquet(bag: str | Path, out: str | Path) -> int:
-    """Write one Parquet file per topic into a folder; needs ``pyarrow``.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: pyarrow is not installed, no such bag, or the folder exists.
-        BagDamaged: The bag is damaged.
-    """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise BagError("Parquet needs pyarrow: pip install pyarrow") from error
-    folder = _new_folder(out)
-    tables: dict[str, Any] = {}
-    waiting: dict[str, list[dict[str, Any]]] = {}
-
-    def flush(topic: str) -> None:
-        table = pa.Table.from_pylist(waiting.pop(topic), tables[topic].schema if topic in tables else None)
-        if topic not in tables:
-            path = folder / f"{table_name(topic)}.parquet"
-            tables[topic] = stack.enter_context(pq.ParquetWriter(path, table.schema))
-        tables[topic].write_table(table)
-
-    count = 0
-    with Bag(bag) as opened, contextlib.ExitStack() as stack:
-        for topic, row in rows(opened):
-            waiting.setdefault(topic, []).append(row)
-            count += 1
-            if len(waiting[topic]) >= PARQUET_ROWS:
-                flush(topic)
-        for topic in list(waiting):
-            flush(topic)
-    return count
-
-
-def _flat(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _flat(inner, f"{path}.{name}" if path else name)
-    else:
-        yield path or "value", value
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, list):
-        simple = all(isinstance(item, int | float) for item in value)
-        return " ".join(map(repr, value)) if simple else msgspec.json.encode(value).decode()
-    return value
-
-
-def _new_folder(out: str | Path) -> Path:
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError as error:
-        raise BagError(f"{folder} exists already: choose another name") from error
-    return folder

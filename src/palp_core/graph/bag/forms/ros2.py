@@ -55,7 +55,7 @@ def message_texts(schema: JsonSchema) -> dict[str, str]:
     return texts
 
 
-def to_ros2(bag: str | Path, out: str | Path) -> int:
+def write(bag: str | Path, out: str | Path) -> int:
     """Write a ROS 2 bag, version 9, that ``ros2 bag`` and ``rosbags`` read.
 
     Times are those of the graph's clock. Needs ``rosbags``.
