@@ -10,13 +10,15 @@ import os
 import signal
 import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import pytest
 
 from tests.support.palp import palp, shared_palp
+from tests.support.rig_session import rig_session, shared_folder
 
-__all__ = ["palp", "shared_palp"]
+__all__ = ["palp", "rig_session", "shared_folder", "shared_palp"]
 
 SLOW_S = 3600.0
 """What a study of minutes may take before it counts as hanging; for the others see ``pyproject.toml``."""
@@ -49,13 +51,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def folders_of_the_session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    base = tmp_path_factory.getbasetemp()
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+def folders_of_the_session(shared_folder: Path) -> Iterator[None]:
     with (
         tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as runtime,
         pytest.MonkeyPatch.context() as patch,
     ):
-        patch.setenv("PALP_CACHE", str(shared / "palp-cache"))
+        patch.setenv("PALP_CACHE", str(shared_folder / "palp-cache"))
         patch.setenv("XDG_RUNTIME_DIR", runtime)  # pytest's own folders are too long for the paths of sockets
         yield

@@ -13,65 +13,52 @@ import pytest
 from palp_core.palpation.session.result_json import without_times
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import ROOT, SIM, Palp
-
-ARGUMENTS = ("launch", SIM, "trials:=1", "training:=2", "seed:=1")
-
-
-def run(palp: Palp, out: Path, *extra: object) -> tuple[dict[str, object], dict[str, object]]:
-    digest, written = out.with_suffix(".digest"), out.parent / "written"  # one place: it is an argument too
-    done = palp.run(*ARGUMENTS, f"out:={written}", "--digest", digest, *extra)
-    assert done.returncode == 0, done.stderr
-    written.rename(out)
-    return json.loads(digest.read_text()), json.loads((out / "result.json").read_text())
+from tests.support.rig_session import RigSession
 
 
-Session = tuple[Path, dict[str, object], dict[str, object]]
+def same_in_processes(palp: Palp, session: RigSession, tmp_path: Path) -> bool:
+    """Run the session's nodes as processes; compare every message, the result and the record's files."""
+    again = session.run(palp, tmp_path / "processes")
+    assert again.digest == session.digest
+    assert without_times(again.result) == without_times(session.result)
+    for name in ("trials.csv", "primitives.json"):
+        assert (again.out / name).read_bytes() == (session.out / name).read_bytes()
+    return palp.all_gone()
 
 
-@pytest.fixture(scope="module")
-def session(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """A session in one process: its folder, its digest, its result."""
-    out = tmp_path_factory.mktemp("session") / "composed"
-    return out, *run(shared_palp, out, "--compose")
-
-
-def test_processes_composition_and_load_give_the_same_bytes_and_the_same_result(
-    palp: Palp, session: Session
+def test_processes_and_composition_give_the_same_bytes_and_the_same_result(
+    palp: Palp, rig_session: RigSession, tmp_path: Path
 ) -> None:
-    out, composed_digest, composed = session
+    assert same_in_processes(palp, rig_session, tmp_path)
+
+
+@pytest.mark.nightly
+def test_load_changes_no_byte_and_no_result(palp: Palp, rig_session: RigSession, tmp_path: Path) -> None:
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
-        loaded_digest, loaded = run(palp, out.with_name("loaded"))
+        assert same_in_processes(palp, rig_session, tmp_path)
     finally:
         for burner in burners:
             burner.kill()
             burner.wait()
-    assert composed_digest == loaded_digest
-    assert without_times(composed) == without_times(loaded)
-    same = ("trials.csv", "primitives.json")
-    for name in same:
-        first, second = out / name, out.with_name("loaded") / name
-        assert first.read_bytes() == second.read_bytes()
-    assert palp.all_gone()
 
 
-def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(session: Session) -> None:
-    _, digest, result = session
-    mechanics = json.loads(json.dumps(result["mechanics"]))
+def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(rig_session: RigSession) -> None:
+    mechanics = rig_session.result["mechanics"]
     assert mechanics["bound"] <= mechanics["tolerance"]
     assert {one["rung"] for one in mechanics["per_phantom"].values()} == {"l2"}
     guards = {code: " ".join(one["guards"]) for code, one in mechanics["per_phantom"].items()}
     assert "ring_m = 0.016: small strain" in guards["A"]
     assert guards["C"] == ""
-    assert "/phantom/guard" in json.dumps(digest)
+    assert "/phantom/guard" in json.dumps(rig_session.digest)
 
 
-def test_a_session_leaves_a_whole_record_and_a_report(session: Session) -> None:
-    out, _, result = session
+def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -> None:
+    out, result = rig_session.out, rig_session.result
     rows = read_rows(out)
     training = [row for row in rows if row.phase == "training"]
     assert len(training) == 2 * 3 * 5
-    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(30, 33))
+    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(30, 36))
     assert [row.row for row in rows] == list(range(len(rows)))
     for row in rows:
         torque_n_m, rate_hz = read_sweep(out, row.row)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.palp import CHAIN, SIM, Palp
+from tests.support.rig_session import RigSession
 
 REPLAYED = ("estimator", "policy", "actuator", "stage", "phantom", "torque", "emg", "cocontraction")
 
@@ -29,14 +30,9 @@ def chain(chain_bag: Path, tmp_path: Path) -> tuple[Path, Path]:
     return chain_bag, tmp_path / "chain" / "launch" / "chain.yaml"
 
 
-@pytest.fixture(scope="module")
-def rig_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded session of the rig."""
-    folder = tmp_path_factory.mktemp("rig")
-    small = ("trials:=1", "training:=2", f"out:={folder / 'out'}", "--compose")
-    done = shared_palp.run("launch", SIM, *small, "--record", folder / "bag")
-    assert done.returncode == 0, done.stderr
-    return folder / "bag"
+@pytest.fixture
+def rig_bag(rig_session: RigSession) -> Path:
+    return rig_session.bag
 
 
 def test_every_node_of_the_rig_replays_byte_for_byte(palp: Palp, rig_bag: Path) -> None:

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import MethodError, PalpError, PerceptionError
-from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import (
@@ -27,8 +26,8 @@ from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
+from tests.support.rig_session import RigSession
 
-ROOT = Path(__file__).resolve().parents[3]
 FLAT = [[0.4, 0.3, 0.3]] * 4
 NOISE = RigNoise(
     sample_sd_n_m=Component(1.6e-5),
@@ -47,16 +46,10 @@ def session(record: Callable[..., Path]) -> Path:
     return record("one", repeats=6, trials=[(truth, FLAT) for truth in (0, 1, 2, 1)])
 
 
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Run a small session on the simulated rig; return its folder and its bag."""
-    folder = tmp_path_factory.mktemp("rig")
-    out, bag = folder / "out", folder / "bag"
-    with Graph(
-        str(ROOT / "launch" / "sim.yaml"), compose=True, record=bag, out=str(out), trials=2, training=2
-    ) as graph:
-        graph.run()
-    return out, bag
+@pytest.fixture
+def rig(rig_session: RigSession) -> tuple[Path, Path]:
+    """The folder and the bag of a small session on the simulated rig."""
+    return rig_session.out, rig_session.bag
 
 
 @pytest.mark.parametrize("kind", [0, 1])

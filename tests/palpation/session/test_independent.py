@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from palp_core.graph.launch.graph import Graph
+from tests.support.rig_session import RigSession
 
 LAUNCH = Path(__file__).parents[3] / "launch" / "sim.yaml"
 Array = NDArray[np.float64]
@@ -36,17 +37,14 @@ E, NU, SLAB, BEAD, BALL, MU = 20e3, 0.49, 0.030, 0.0075, 0.006, 0.3
 L1, LEVER, SPRING, WEIGHT = 0.080, 0.070 - BALL, 2.0 * 0.0068 * 240.0, 0.008 * 9.80665 * 0.035
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("session") / "out"
-    with Graph(LAUNCH, compose=True, policy="markov", trials=2, training=2, out=str(folder)) as graph:
-        graph.run()
-    return folder
+@pytest.fixture
+def out(rig_session: RigSession) -> Path:
+    return rig_session.out
 
 
 @pytest.fixture(scope="module")
-def rows(out: Path) -> Rows:
-    with (out / "trials.csv").open(newline="") as file:
+def rows(rig_session: RigSession) -> Rows:
+    with (rig_session.out / "trials.csv").open(newline="") as file:
         return list(csv.DictReader(file))
 
 
@@ -241,7 +239,7 @@ def test_the_ring_s_error_stays_while_it_is_not_moved_and_only_then(rows: Rows) 
             assert (one["true_ring_m"] == two["true_ring_m"]) == stays
 
 
-@pytest.mark.parametrize("policy", ["fixed", "uniform"])
+@pytest.mark.parametrize("policy", ["fixed", pytest.param("uniform", marks=pytest.mark.nightly)])
 def test_policies_share_training_and_mountings_of_a_seed(
     out: Path, rows: Rows, policy: str, tmp_path: Path
 ) -> None:

@@ -1,0 +1,67 @@
+"""A small session of the simulated rig, run once for all who only read it."""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.palp import SIM, Palp, own_palp
+
+
+@dataclasses.dataclass(frozen=True)
+class RigSession:
+    """Two trials a phantom after two training sweeps a setting, policy ``markov``; only to be read."""
+
+    folder: Path
+
+    @property
+    def out(self) -> Path:
+        """The record: trials.csv, sweeps, result.json, report."""
+        return self.folder / "out"
+
+    @property
+    def bag(self) -> Path:
+        return self.folder / "bag"
+
+    @property
+    def digest(self) -> dict[str, Any]:
+        return dict(json.loads((self.folder / "digest.json").read_text()))
+
+    @property
+    def result(self) -> dict[str, Any]:
+        return dict(json.loads((self.out / "result.json").read_text()))
+
+    def run(self, palp: Palp, folder: Path, *extra: object) -> RigSession:
+        """Run it again, for another folder; it is written where the first was: that is an argument."""
+        written = self.folder / "written"
+        folder.mkdir(parents=True, exist_ok=True)
+        small = ("trials:=2", "training:=2", "seed:=1", "policy:=markov", f"out:={written}")
+        done = palp.run("launch", SIM, *small, "--digest", folder / "digest.json", *extra)
+        assert done.returncode == 0, done.stderr
+        written.rename(folder / "out")
+        return RigSession(folder)
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all workers of a run have in common."""
+    base = tmp_path_factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+@pytest.fixture(scope="session")
+def rig_session(shared_folder: Path) -> RigSession:
+    """The session, made by the first worker that wants it."""
+    session = RigSession(shared_folder / "rig-session")
+    with (shared_folder / "rig-session.lock").open("w") as lock, own_palp() as palp:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not session.out.exists():
+            session.folder.mkdir()
+            session.run(palp, session.folder, "--compose", "--record", session.bag)
+    return session
