@@ -227,6 +227,19 @@ def test_a_lost_link_is_opened_again_after_the_acknowledgement(permitted: Permit
     assert permitted.words[-1] == "ready"
 
 
+def test_a_homing_that_a_trip_has_ended_is_done_anew_after_the_acknowledgement(permitted: Permitted) -> None:
+    permitted.device.broken = True  # the safety node has aborted the axes while they homed
+    permitted.run(0.1)
+    assert permitted.device.calls == ["open", "close"]
+    assert permitted.condition == "device fault"
+    permitted.device.broken = False
+    permitted.run(1.0, "latched")
+    assert permitted.device.calls == ["open", "close"]
+    permitted.run(0.1, "ready", count=1)
+    assert permitted.device.calls == ["open", "close", "open"]
+    assert permitted.words == ["ready"]
+
+
 def test_goals_wait_while_it_is_halted(permitted: Permitted) -> None:
     sweeping(permitted)
     permitted.run(0.1, "latched")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -33,12 +34,24 @@ QUICK = {
 """Verbs that run in the test's own process: to start another takes longer than they do."""
 
 
+IMPATIENT = """
+import importlib, json, sys
+for place, value in json.loads(sys.argv.pop(1)).items():
+    module, _, name = place.partition(":")
+    setattr(importlib.import_module(module), name, value)
+from palp_core.__main__ import main
+main()
+"""
+
+
 class Palp:
     """The command line in an environment of its own, whose processes carry a mark."""
 
     def __init__(self, runtime_dir: Path) -> None:
         self._started: list[subprocess.Popen[str]] = []
         self.mark = uuid.uuid4().hex
+        self.constants: dict[str, object] = {}
+        """Other values for what palp waits by, ``module:NAME``: in the process of the command itself."""
         self.runtime_dir = runtime_dir
         self.environment = {
             **os.environ,
@@ -50,7 +63,8 @@ class Palp:
         }
 
     def command(self, *arguments: object) -> list[str]:
-        return [sys.executable, "-m", "palp_core", *map(str, arguments)]
+        way = ("-c", IMPATIENT, json.dumps(self.constants)) if self.constants else ("-m", "palp_core")
+        return [sys.executable, *way, *map(str, arguments)]
 
     def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         if QUICK & {arguments[0], arguments[:2]}:

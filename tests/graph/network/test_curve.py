@@ -11,6 +11,7 @@ import zmq
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.network import curve_caller, curve_listener
 from palp_core.graph.network.curve_caller import CurveCaller
 from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
 from palp_core.graph.network.event_loop import EventLoop
@@ -200,6 +201,18 @@ def test_a_call_that_somebody_takes_is_told_from_one_that_nobody_takes(ends: End
         ends.until(lambda: caller.accepted)
         mute.accept()[0].close()
     ends.until(lambda: not caller.accepted and caller.attempt_count)
+
+
+def test_a_call_that_is_taken_and_not_answered_is_given_up_with_a_hint(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (curve_listener, curve_caller):
+        monkeypatch.setattr(module, "HANDSHAKE_MS", 200)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
+        ends.call(None)
+        ends.until(lambda: ends.failures)
+    assert ends.failures[0].endswith("accepts the call but says nothing for 0.2 s: it is no palp gateway")
 
 
 def test_a_caller_of_nobody_says_how_often_it_has_tried(ends: Ends) -> None:

@@ -200,6 +200,7 @@ def test_a_caller_with_a_key_is_told_that_the_graph_has_none(home: Host, away: H
     assert "leave out --server-key" in done.stderr
 
 
+@pytest.mark.nightly
 def test_a_call_that_is_not_answered_ends_with_a_hint(away: Host) -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         address = f"tcp://127.0.0.1:{mute.getsockname()[1]}"

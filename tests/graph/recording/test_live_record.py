@@ -18,6 +18,12 @@ from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import Running
 
 EVENTS = "/graph/events"
+SHORT = {
+    "palp_core.graph.recording.live_topics:ASK_S": 0.5,
+    "palp_core.graph.recording.live_recorder:ASK_S": 0.5,
+    "palp_core.graph.recording.live_recorder:SAY_WAITING_NS": 500_000_000,
+}
+"""How long the recorder waits before it says what it waits for."""
 
 
 def info(palp: Palp, bag: Path) -> dict[str, Any]:
@@ -168,8 +174,12 @@ def test_a_graph_in_simulated_time_is_recorded_by_its_launcher(palp: Palp, tmp_p
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(palp: Palp, tmp_path: Path) -> None:
+@pytest.mark.parametrize("waits", [SHORT, pytest.param({}, marks=pytest.mark.nightly)])
+def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(
+    palp: Palp, tmp_path: Path, waits: dict[str, object]
+) -> None:
     start_chain(palp)
+    palp.constants |= waits
     sink = Running(palp).process("sink")
     sink.suspend()
     recorder = palp.start("bag", "record", "-a", "-o", tmp_path / "bag")

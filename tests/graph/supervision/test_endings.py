@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from palp_core.graph.supervision.supervisor import STILL_WAITING_S
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
 
@@ -75,7 +76,11 @@ def test_when_the_fork_server_is_killed_the_run_ends_and_says_so(palp: Palp) -> 
     assert palp.all_gone()
 
 
-def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(palp: Palp) -> None:
+@pytest.mark.parametrize("patience_s", [0.5, pytest.param(STILL_WAITING_S, marks=pytest.mark.nightly)])
+def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(
+    palp: Palp, patience_s: float
+) -> None:
+    palp.constants["palp_core.graph.supervision.supervisor:STILL_WAITING_S"] = patience_s
     process = palp.start("launch", CHAIN, "clock:=sim", "count:=1000000")
     wait_for_line(process, "blocks: 1/")
     psutil.Process(node_pid(palp, "relay")).suspend()

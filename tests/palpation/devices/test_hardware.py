@@ -33,19 +33,22 @@ def write(path: Path, tree: dict[str, Any]) -> Path:
     return path
 
 
-def contract(config: Path, *more: str) -> subprocess.CompletedProcess[str]:
+def contract(config: Path, *more: str, cases: str = "hardware") -> subprocess.CompletedProcess[str]:
     """Run the contract on the devices of a file."""
     return subprocess.run(
         [
             sys.executable, "-m", "pytest", str(ROOT / "tests/palpation/devices/test_contract.py"), "-q",
-            "-p", "no:cacheprovider", "-k", "hardware", "--hardware", str(config), *more,
+            "-p", "no:cacheprovider", "-k", cases, "--hardware", str(config), *more,
         ],
         cwd=ROOT, capture_output=True, text=True, timeout=450.0, check=False,
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "cases", ["hardware and not sweeps and not arrives", pytest.param("hardware", marks=pytest.mark.nightly)]
+)
 def test_the_contract_holds_for_the_devices_of_a_file(
-    quick_rig: Callable[..., EmulatedRig], tmp_path: Path, patient: dict[str, dict[str, Any]]
+    quick_rig: Callable[..., EmulatedRig], tmp_path: Path, patient: dict[str, dict[str, Any]], cases: str
 ) -> None:
     """The emulator's addresses stand in for the devices'."""
     rig = quick_rig(*KINDS.values())
@@ -56,7 +59,7 @@ def test_the_contract_holds_for_the_devices_of_a_file(
     }
     tree["stage"]["options"] |= SLOW_STAGE
     tree["ring"]["options"] |= SLOW_RING
-    done = contract(write(tmp_path / "hardware.yaml", tree))
+    done = contract(write(tmp_path / "hardware.yaml", tree), cases=cases)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "skipped" not in done.stdout
     y_m = rig.on_world(lambda world, _: [line for _, _, line in world.log if line.startswith("MOVEABS X")])
