@@ -226,23 +226,6 @@ def test_an_axis_fault_on_the_own_link_trips(watched: Watched) -> None:
     assert watched.trips() == ["axis fault"]
 
 
-def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -> None:
-    sweeping(watched)
-    watched.link.report = AxisReport("X", Fault.E_STOP, moving=False, enabled=False)
-    watched.moving = False
-    watched.run(1.0)
-    assert watched.status.state == "latched"
-    watched.acknowledge()
-    watched.run(0.1)
-    assert watched.status.state == "latched"
-    assert watched.trips() == ["axis fault", "axis fault"]
-    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=False)
-    watched.run(0.1)
-    assert watched.acknowledge().done
-    watched.run(0.1)
-    assert watched.status.permits
-
-
 def test_an_axis_that_does_not_follow_trips(watched: Watched) -> None:
     sweeping(watched)
     watched.link.report = AxisReport("X", Fault(0), moving=True, enabled=True, following_m=0.6e-3)

@@ -75,3 +75,20 @@ def test_a_sample_from_the_future_does_not_wipe_out_the_last_second(watched: Wat
     assert len(trip.load_time_s) == pytest.approx(200, abs=10)
     watched.load(torque_n_m=0.2)
     assert len(watched.bench.node.memory._loads) < 300
+
+
+def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.report = AxisReport("X", Fault.E_STOP, moving=False, enabled=False)
+    watched.moving = False
+    watched.run(1.0)
+    assert watched.status.state == "latched"
+    watched.acknowledge()
+    watched.run(0.1)
+    assert watched.status.state == "latched"
+    assert watched.trips() == ["axis fault", "axis fault"]
+    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=False)
+    watched.run(0.1)
+    assert watched.acknowledge().done
+    watched.run(0.1)
+    assert watched.status.permits
