@@ -16,13 +16,13 @@ def graph(
         list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
     ] = None,
     *,
-    png: Annotated[Path | None, typer.Option("--png", "-o", help="Draw to this PNG file.")] = None,
+    as_dot: Annotated[
+        bool, typer.Option("--dot", help="For Graphviz: palp graph FILE --dot | dot -Tpng")
+    ] = False,
 ) -> None:
-    """Print a launch file's graph as mermaid text; --png draws it."""
-    from palp_core.graph.description.diagram import draw_png, mermaid
+    """Print a launch file's graph as Mermaid text, or as DOT for Graphviz."""
+    from palp_core.graph.description.diagram import dot, mermaid
     from palp_core.graph.launch.graph import check_file
 
-    checked = check_file(file, arguments or [])
-    print_text(mermaid(checked).rstrip())
-    if png is not None:
-        draw_png(checked, png)
+    draw = dot if as_dot else mermaid
+    print_text(draw(check_file(file, arguments or [])).rstrip())
