@@ -11,7 +11,7 @@ from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.palpation.perception.emg.bursts import BurstFinder, BurstState
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
-from palp_core.palpation.perception.emg.stream import EmgStream, StreamState
+from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 from palp_core.units import RatioNonNegative, Seconds, SecondsPositive
 
 UNSCALED = 1.0
@@ -81,7 +81,9 @@ class Cocontraction(Node):
             )
         )
 
-    def _stream(self, rate_hz: float, reference_v: float) -> EmgStream:
+    def _stream(self, rate_hz: float, reference_v: float) -> CoContractionStream:
         params = self.params
         chains = tuple(EmgChain(o, rate_hz, window_s=params.window_s) for o in self.state.offsets_v)
-        return EmgStream(chains, reference_v, BurstFinder(rate_hz, params.prominence, params.distance_s))
+        return CoContractionStream(
+            chains, reference_v, BurstFinder(rate_hz, params.prominence, params.distance_s)
+        )

@@ -24,7 +24,7 @@ from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.stopping import decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import Probe, TrialFilter, require_likelihood
+from palp_core.palpation.perception.belief.trial_filter import TrialFilter, TrialReading, require_likelihood
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session.filters import filter_of
@@ -306,7 +306,7 @@ class Estimator(Node):
         landed = state.landed or not state.probes or setting != state.probes[-1][1]
         state.landed = False
         state.probes.append((peak_n_m, setting, landed))
-        posterior = belief.posterior([Probe(*probe) for probe in state.probes])
+        posterior = belief.posterior([TrialReading(*probe) for probe in state.probes])
         gain = gain_vector(posterior, np.exp(bayes.flat_prior(len(memory.depths_m))))
         state.posteriors.append(posterior.tolist())
         state.gains.append(gain.tolist())

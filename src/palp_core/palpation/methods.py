@@ -79,7 +79,7 @@ class Method:
 
 
 @dataclass(frozen=True)
-class Choice:
+class MethodChoice:
     """A chosen method with the bound that justified it and the reason in words."""
 
     method: Method
@@ -184,7 +184,7 @@ def find(task: str, name: str) -> Method:
     return found
 
 
-def choose(task: str, output: str, tolerance: float, scene: Quantities) -> Choice:
+def choose(task: str, output: str, tolerance: float, scene: Quantities) -> MethodChoice:
     """Return the cheapest method whose stated error of ``output`` in ``scene`` is within ``tolerance``.
 
     Args:
@@ -210,7 +210,7 @@ def choose(task: str, output: str, tolerance: float, scene: Quantities) -> Choic
             why += f", evidence {candidate.evidence}"
             if refused:
                 why += f"; cheaper but refused: {'; '.join(refused)}"
-            return Choice(candidate, bound, why)
+            return MethodChoice(candidate, bound, why)
     where = ", ".join(
         f"{name} = {' and '.join(f'{v:g}' for v in _values(value))}" for name, value in sorted(scene.items())
     )

@@ -18,7 +18,7 @@ from palp_core import Bench
 from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
-from palp_core.palpation.perception.belief.trial_filter import Probe
+from palp_core.palpation.perception.belief.trial_filter import TrialReading
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.reanalysis import Methods, learn, readings, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
@@ -104,13 +104,15 @@ def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
     )
     estimation = session.phase("estimation")
     values = readings(estimation, methods).tolist()
-    probes: list[Probe] = []
+    probes: list[TrialReading] = []
     library, trial = [], -1
     for sweep, value in zip(estimation, values, strict=True):
         probes = probes if sweep.trial == trial else []
         trial = sweep.trial
         ring = primitives.rings_m.tolist().index(sweep.ring_m)
-        probes.append(Probe(value, ring, bool(sweep.landed) or not probes or ring != probes[-1].setting))
+        probes.append(
+            TrialReading(value, ring, bool(sweep.landed) or not probes or ring != probes[-1].setting)
+        )
         library.append(belief.posterior(probes))
     node = feed(
         session, filter=name, likelihood=likelihood, feature=feature, depths=depths,

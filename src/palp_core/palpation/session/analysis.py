@@ -16,7 +16,11 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.methods import methods as declared
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.statistics import statistics
-from palp_core.palpation.perception.statistics.resampling import Interval, cluster_bootstrap, share_interval
+from palp_core.palpation.perception.statistics.resampling import (
+    SessionMean,
+    cluster_bootstrap,
+    share_interval,
+)
 from palp_core.palpation.reporting.html_page import paragraph, table, write_page
 from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
@@ -153,7 +157,7 @@ def _row(
     }
 
 
-def _ends(interval: Interval) -> dict[str, Any]:
+def _ends(interval: SessionMean) -> dict[str, Any]:
     return {"value": interval.value, "ci": [interval.low, interval.high]}
 
 

@@ -17,7 +17,7 @@ from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import NAIVE, Probe, TrialFilter
+from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, TrialReading
 from palp_core.palpation.perception.signal.smoothers import smoother
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
@@ -171,7 +171,7 @@ def _decide(
 ) -> ReanalysedTrial:
     rings_m, depths_m = belief.primitives.rings_m, belief.primitives.depths_m
     rule, flat = stop_rule(methods.stop, methods.stop_value), np.exp(bayes.flat_prior(depths_m.size))
-    probes: list[Probe] = []
+    probes: list[TrialReading] = []
     posteriors: list[Float64Array] = []
     gains: list[Float64Array] = []
     word = "ran_out"
@@ -181,7 +181,7 @@ def _decide(
             raise PalpError(f"trial {number}: ring at {sweep.ring_m:g} m was not trained")
         ring = int(near[0])
         landed = sweep.landed if sweep.landed is not None else lands_each_time
-        probes.append(Probe(value, ring, landed or not probes or ring != probes[-1].setting))
+        probes.append(TrialReading(value, ring, landed or not probes or ring != probes[-1].setting))
         posteriors.append(belief.posterior(probes))
         gains.append(gain_vector(posteriors[-1], flat))
         verdict = decide(rule, posteriors, gains, max_probes=methods.max_probes)

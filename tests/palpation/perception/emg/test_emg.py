@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.emg import (
     EmgChain,
-    EmgState,
+    EnvelopeState,
     cocontraction,
     find_offset,
     flag,
@@ -28,7 +28,7 @@ def test_streaming_equals_offline_whatever_the_blocks(seed: int, sizes: list[int
     chain = EmgChain(offset=offset)
     state, parts = chain.start(), []
     for block in np.split(samples, np.cumsum(sizes)[:-1]):
-        state = EmgState(np.array(state.band.tolist()), np.array(state.squares.tolist()))  # a hand-over
+        state = EnvelopeState(np.array(state.band.tolist()), np.array(state.squares.tolist()))  # a hand-over
         state, part = chain.step(state, block)
         parts.append(part)
     assert np.abs(np.concatenate(parts) - chain.envelope(samples)).max(initial=0.0) <= 1e-12 * 100.0

@@ -8,14 +8,14 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse, second_eigenvalue
 from palp_core.palpation.perception.emg.bursts import BurstFinder
 from palp_core.palpation.perception.emg.emg import EmgChain
-from palp_core.palpation.perception.emg.stream import EmgStream, StreamState
+from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 
 RATE_HZ = 1500.0
 
 
-def _stream(window_s: float = 0.05, rate_hz: float = RATE_HZ) -> EmgStream:
+def _stream(window_s: float = 0.05, rate_hz: float = RATE_HZ) -> CoContractionStream:
     chains = (EmgChain(3.0, rate_hz, window_s=window_s), EmgChain(-1.0, rate_hz, window_s=window_s))
-    return EmgStream(chains, 4.0, BurstFinder(rate_hz))
+    return CoContractionStream(chains, 4.0, BurstFinder(rate_hz))
 
 
 def _modulated(seed: int, n: int) -> np.ndarray:
@@ -76,10 +76,10 @@ def test_the_delay_is_half_the_window() -> None:
 
 def test_streams_of_unequal_rates_and_foreign_states_are_refused() -> None:
     with pytest.raises(PerceptionError, match="one rate"):
-        EmgStream((EmgChain(),), 1.0, BurstFinder(1000.0))
+        CoContractionStream((EmgChain(),), 1.0, BurstFinder(1000.0))
     with pytest.raises(PerceptionError, match="shape"):
         _stream().step(_stream().start(), np.zeros((3, 5)))
-    alone = EmgStream((EmgChain(),), 1.0, BurstFinder(RATE_HZ))
+    alone = CoContractionStream((EmgChain(),), 1.0, BurstFinder(RATE_HZ))
     with pytest.raises(PerceptionError, match="other muscles"):
         _stream().step(alone.start(), np.zeros((2, 5)))
 

@@ -19,7 +19,7 @@ from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.perception.strategy.markov_posterior import (
     ChainSummary,
-    Interval,
+    CredibleInterval,
     fit_chain,
     summarise,
 )
@@ -32,7 +32,7 @@ _LEAST_SD = 0.01
 
 
 @dataclass(frozen=True)
-class EmgSource:
+class EmgRecordingPath:
     """A recording, or a folder subject/phase/trial of them, and the depth that was palpated if it is known.
 
     Attributes:
@@ -83,18 +83,20 @@ class StrategyFit:
     prior_count: float
 
 
-def source_of(word: str) -> EmgSource:
+def source_of(word: str) -> EmgRecordingPath:
     """Return what a word of the command line names: ``FILE`` or ``MM=FILE``.
 
     >>> source_of("2=trial.csv")
     Source(path=PosixPath('trial.csv'), depth_m=0.002)
     """
     stated = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:mm)?=(.+)", word)
-    return EmgSource(Path(stated[2]), float(stated[1]) / 1e3) if stated else EmgSource(Path(word))
+    return (
+        EmgRecordingPath(Path(stated[2]), float(stated[1]) / 1e3) if stated else EmgRecordingPath(Path(word))
+    )
 
 
 def fit(
-    sources: Sequence[EmgSource],
+    sources: Sequence[EmgRecordingPath],
     mvc: Path | None,
     choices: Choices,
     settings: EmgSettings,
@@ -251,5 +253,5 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
     }
 
 
-def _ends(interval: Interval) -> dict[str, float]:
+def _ends(interval: CredibleInterval) -> dict[str, float]:
     return {"value": interval.value, "low": interval.low, "high": interval.high}

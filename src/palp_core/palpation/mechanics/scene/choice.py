@@ -10,7 +10,7 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, Tolerance, yielding
-from palp_core.palpation.methods import Choice, Method, Quantities, choose, find, methods
+from palp_core.palpation.methods import Method, MethodChoice, Quantities, choose, find, methods
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def contact_model(
     output: str = "peak",
     tolerance: float = 0.02,
     indentation_m: float | None = None,
-) -> tuple[ContactModel, Choice]:
+) -> tuple[ContactModel, MethodChoice]:
     """Return the cheapest contact rung that is good enough for any ring and probe, ready to use, and why.
 
     Args:

@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
-class Node:
+class SceneNode:
     """A YAML node with the file it is in."""
 
     file: str
@@ -43,12 +43,12 @@ class Node:
         mark = (at or self.node).start_mark
         return MechanicsError(f"{self.file}:{mark.line + 1}:{mark.column + 1}: {message}")
 
-    def items(self, what: str, known: Sequence[str] = ()) -> dict[str, Node]:
+    def items(self, what: str, known: Sequence[str] = ()) -> dict[str, SceneNode]:
         """Return the entries of a mapping; ``known`` lists the keys it may have, none means any."""
         if not isinstance(self.node, yaml.MappingNode):
             keys = ", ".join(known) or "names"
             raise self.error(f"{what} must be a mapping of {keys}")
-        found: dict[str, Node] = {}
+        found: dict[str, SceneNode] = {}
         for key, value in self.node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else "?"
             if known and name not in known:
@@ -57,7 +57,7 @@ class Node:
                 raise self.error(f"{what} has no key '{name}'; {hint}", key)
             if name in found:
                 raise self.error(f"{what} gives '{name}' twice", key)
-            found[name] = Node(self.file, value)
+            found[name] = SceneNode(self.file, value)
         return found
 
     @property
@@ -78,10 +78,10 @@ class Node:
         """Return a list of numbers, or one number as a list."""
         if not isinstance(self.node, yaml.SequenceNode):
             return (self.number(name),)
-        return tuple(Node(self.file, node).number(name) for node in self.node.value)
+        return tuple(SceneNode(self.file, node).number(name) for node in self.node.value)
 
 
-def read_mapping(path: str | Path, what: str) -> Node:
+def read_mapping(path: str | Path, what: str) -> SceneNode:
     """Return the root of a YAML file.
 
     Raises:
@@ -100,7 +100,7 @@ def read_mapping(path: str | Path, what: str) -> Node:
         raise MechanicsError(f"{path}: no YAML: {error}") from error
     if root is None:
         raise MechanicsError(f"{path}:1:1: the file is empty; it should hold the {what}")
-    return Node(str(path), root)
+    return SceneNode(str(path), root)
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -127,7 +127,7 @@ def read_scene(path: str | Path) -> Scene:
     return _made(root, fields, Scene, given)
 
 
-def phantom_of(node: Node, what: str) -> Phantom:
+def phantom_of(node: SceneNode, what: str) -> Phantom:
     """Return the phantom that a mapping describes.
 
     Raises:
@@ -147,7 +147,7 @@ def phantom_of(node: Node, what: str) -> Phantom:
     return _made(node, places, Phantom, given)
 
 
-def _tolerance(node: Node) -> Tolerance:
+def _tolerance(node: SceneNode) -> Tolerance:
     fields = node.items("tolerance", ("output", "relative", "depths_m"))
     given: dict[str, Any] = {}
     if "output" in fields:
@@ -161,7 +161,7 @@ def _tolerance(node: Node) -> Tolerance:
     return _made(node, fields, Tolerance, given)
 
 
-def _struct(node: Node, what: str, kind: type[T]) -> T:
+def _struct(node: SceneNode, what: str, kind: type[T]) -> T:
     """Return a dataclass of numbers."""
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     fields = node.items(what, known)
@@ -171,7 +171,7 @@ def _struct(node: Node, what: str, kind: type[T]) -> T:
     return _made(node, fields, kind, {name: value.number(name) for name, value in fields.items()})
 
 
-def _made(node: Node, fields: dict[str, Node], kind: type[T], given: dict[str, Any]) -> T:
+def _made(node: SceneNode, fields: dict[str, SceneNode], kind: type[T], given: dict[str, Any]) -> T:
     """Call a dataclass; what is out of range is reported where it was written."""
     try:
         return kind(**given)

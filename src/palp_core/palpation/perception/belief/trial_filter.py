@@ -22,7 +22,7 @@ NAIVE = "naive"
 
 
 @dataclass(frozen=True)
-class Probe:
+class TrialReading:
     """A reading within a trial.
 
     Attributes:
@@ -50,7 +50,7 @@ class TrialFilter:
     model: latent.OffsetModel | None
     likelihood: str
 
-    def posterior(self, probes: Sequence[Probe]) -> Float64Array:
+    def posterior(self, probes: Sequence[TrialReading]) -> Float64Array:
         """Return the probabilities of the classes after the probes, shape (m,).
 
         Raises:
@@ -65,7 +65,7 @@ class TrialFilter:
         return bayes.posterior(log_belief)
 
 
-def known(model: latent.OffsetModel, probes: Sequence[Probe]) -> latent.Belief:
+def known(model: latent.OffsetModel, probes: Sequence[TrialReading]) -> latent.Belief:
     """Return what is known of classes and offsets after the probes."""
     belief = latent.start(model)
     for probe in probes:

@@ -12,7 +12,7 @@ from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder
 from palp_core.palpation.perception.emg.emg import EmgChain, normalise, reference
 from palp_core.palpation.perception.emg.levels import Levels, to_levels
 from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
-from palp_core.palpation.perception.emg.stream import EmgStream
+from palp_core.palpation.perception.emg.stream import CoContractionStream
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
 
@@ -147,7 +147,9 @@ def analyse(
     maxima = tuple(float(peak) for peak in maximum.max(axis=1))
 
     whole, lost = _bridged(samples, settings)
-    stream = EmgStream(tuple(settings.chain(one.offset) for one in of_trial), scale, settings.rule())
+    stream = CoContractionStream(
+        tuple(settings.chain(one.offset) for one in of_trial), scale, settings.rule()
+    )
     out = stream.whole(whole)
     trusted = ~_smeared(lost, stream.chains[0].window_samples)
     bursts = [burst for burst in out.bursts if trusted[burst.index]]

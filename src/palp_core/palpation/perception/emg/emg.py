@@ -19,7 +19,7 @@ from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
-class EmgState:
+class EnvelopeState:
     """What the chain of one muscle remembers between two blocks.
 
     Attributes:
@@ -71,12 +71,12 @@ class EmgChain:
         """Samples in the RMS window."""
         return round(self.window_s * self.rate_hz)
 
-    def start(self) -> EmgState:
+    def start(self) -> EnvelopeState:
         """Return the state before the first sample: silence at the offset."""
         sections = len(_band_pass(self.order, self.low_hz, self.high_hz, self.rate_hz))
-        return EmgState(np.zeros(2 * sections), np.zeros(self.window_samples - 1))
+        return EnvelopeState(np.zeros(2 * sections), np.zeros(self.window_samples - 1))
 
-    def step(self, state: EmgState, samples: Float64Array) -> tuple[EmgState, Float64Array]:
+    def step(self, state: EnvelopeState, samples: Float64Array) -> tuple[EnvelopeState, Float64Array]:
         """Return the next state and the envelope of a block.
 
         Rectifying before squaring changes nothing, so the RMS stands for both.
@@ -106,7 +106,7 @@ class EmgChain:
         squares = np.concatenate([state.squares, passed * passed])
         window = np.ones(self.window_samples) / self.window_samples
         envelope = np.sqrt(np.convolve(squares, window, mode="valid"))
-        return EmgState(delays.ravel(), squares[block.size :]), envelope
+        return EnvelopeState(delays.ravel(), squares[block.size :]), envelope
 
     def envelope(self, samples: Float64Array) -> Float64Array:
         """Return the envelope of a whole recording, shape (n,); the first window ramps up from silence."""

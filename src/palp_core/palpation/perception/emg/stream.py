@@ -1,8 +1,8 @@
 """Two muscles' raw EMG to co-contraction and bursts, block by block, equal to the whole recording at once.
 
 Co-contraction comes without lag: the value at a sample is the same as offline, to rounding. Against the
-muscle it is late by :attr:`EmgStream.delay_s`, offline as well, for the chain is causal. A burst states its
-own lag.
+muscle it is late by :attr:`CoContractionStream.delay_s`, offline as well, for the chain is causal. A burst
+states its own lag.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstState
-from palp_core.palpation.perception.emg.emg import EmgChain, EmgState, cocontraction
+from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction
 from palp_core.units import Float64Array
 
 
@@ -48,7 +48,7 @@ class StreamBlock:
 
 
 @dataclass(frozen=True)
-class EmgStream:
+class CoContractionStream:
     """Parameters of the stream.
 
     Attributes:
@@ -94,7 +94,7 @@ class EmgStream:
         if len(state.band) != len(self.chains) or len(state.squares) != len(self.chains):
             raise PerceptionError("EMG state is of a stream with other muscles; start afresh")
         steps = [
-            chain.step(EmgState(np.array(band), np.array(squares)), block)
+            chain.step(EnvelopeState(np.array(band), np.array(squares)), block)
             for chain, band, squares, block in zip(
                 self.chains, state.band, state.squares, samples, strict=True
             )
@@ -114,7 +114,7 @@ class EmgStream:
         return StreamBlock(block.envelopes, block.cocontraction, block.bursts + self.finish(state))
 
 
-def _pack(muscles: list[EmgState], bursts: BurstState) -> StreamState:
+def _pack(muscles: list[EnvelopeState], bursts: BurstState) -> StreamState:
     return StreamState(
         band=tuple(tuple(muscle.band.tolist()) for muscle in muscles),
         squares=tuple(tuple(muscle.squares.tolist()) for muscle in muscles),

@@ -30,7 +30,7 @@ _EXACT_UP_TO = 14  # sessions whose 2^n sign patterns are all tried
 
 
 @dataclass(frozen=True)
-class Interval:
+class SessionMean:
     """A mean over sessions with a 95 % interval.
 
     Attributes:
@@ -48,7 +48,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedDifference:
     """Two methods on the same sessions.
 
     Attributes:
@@ -61,7 +61,7 @@ class Comparison:
 
     first: str
     second: str
-    difference: Interval
+    difference: SessionMean
     p: float
     p_holm: float
 
@@ -84,7 +84,7 @@ def cluster_bootstrap(
     resamples: int = 2000,
     confidence: float = 0.95,
     within: tuple[float, float] = (-np.inf, np.inf),
-) -> Interval:
+) -> SessionMean:
     """Return the mean of a per-session value with its percentile interval over resampled sessions.
 
     The ends are moved away from the mean by t / z * sqrt(s / (s - 1)), Student's t with s - 1 degrees of
@@ -109,15 +109,17 @@ def cluster_bootstrap(
         raise PerceptionError("an interval over sessions needs one finite value a session, and a session")
     mean = float(found.mean())
     if found.size == 1 or float(np.ptp(found)) == 0.0:
-        return Interval(mean, mean, mean, found.size)
+        return SessionMean(mean, mean, mean, found.size)
     means = found[rng.integers(0, found.size, (resamples, found.size))].mean(axis=1)
     tail = 0.5 * (1.0 - confidence)
     ends = np.quantile(means, [tail, 1.0 - tail])
     low, high = np.clip(mean + widened(found.size, confidence) * (ends - mean), *within)
-    return Interval(mean, float(low), float(high), found.size)
+    return SessionMean(mean, float(low), float(high), found.size)
 
 
-def share_interval(right: Sequence[Sequence[bool] | NDArray[np.bool_]], rng: np.random.Generator) -> Interval:
+def share_interval(
+    right: Sequence[Sequence[bool] | NDArray[np.bool_]], rng: np.random.Generator
+) -> SessionMean:
     """Return the mean share of right answers over sessions with its 95 % interval.
 
     Where all sessions agree, as at 100 %, they tell nothing of their spread: the interval is then Wilson's
@@ -136,7 +138,7 @@ def share_interval(right: Sequence[Sequence[bool] | NDArray[np.bool_]], rng: np.
     if found.low < found.high:
         return found
     least = wilson(sum(int(np.sum(one)) for one in right), sum(len(one) for one in right))
-    return Interval(found.value, least.low, least.high, found.session_count)
+    return SessionMean(found.value, least.low, least.high, found.session_count)
 
 
 @method(
@@ -191,7 +193,7 @@ def compare(
     sessions: Mapping[str, Sequence[float] | Float64Array],
     pairs: Sequence[tuple[str, str]],
     rng: np.random.Generator,
-) -> list[Comparison]:
+) -> list[PairedDifference]:
     """Compare methods on common sessions: differences with intervals, Holm over the pairs.
 
     Args:
@@ -210,4 +212,4 @@ def compare(
         difference = np.asarray(sessions[first], dtype=np.float64) - np.asarray(sessions[second])
         found.append((first, second, cluster_bootstrap(difference, rng), sign_flip(difference, rng)))
     adjusted = holm([p for *_, p in found])
-    return [Comparison(a, b, d, p, q) for (a, b, d, p), q in zip(found, adjusted, strict=True)]
+    return [PairedDifference(a, b, d, p, q) for (a, b, d, p), q in zip(found, adjusted, strict=True)]

@@ -91,7 +91,7 @@ class ReliabilityBin:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ConfidenceCalibration:
     """Stated confidence against actual accuracy.
 
     Attributes:
@@ -111,7 +111,9 @@ def reliability_bins(stated: Float64Array, bin_count: int) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(edges, stated, side="left") - 1, 0, bin_count - 1)
 
 
-def calibration(confidence: Float64Array, correct: Sequence[bool], *, bin_count: int = 10) -> Calibration:
+def calibration(
+    confidence: Float64Array, correct: Sequence[bool], *, bin_count: int = 10
+) -> ConfidenceCalibration:
     """Compare the probability of the chosen class with how often it was right.
 
     Args:
@@ -138,4 +140,4 @@ def calibration(confidence: Float64Array, correct: Sequence[bool], *, bin_count:
         for b in np.unique(which)
     )
     gaps = [abs(b.accuracy.value - b.mean_confidence) * b.accuracy.trial_count for b in bins]
-    return Calibration(float(sum(gaps) / stated.size), float(stated.mean() - right.mean()), bins)
+    return ConfidenceCalibration(float(sum(gaps) / stated.size), float(stated.mean() - right.mean()), bins)

@@ -31,7 +31,7 @@ from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True)
-class Interval:
+class CredibleInterval:
     """A value with its credible interval."""
 
     value: float
@@ -142,10 +142,10 @@ class ChainSummary:
     low: Float64Array
     high: Float64Array
     eigenvalues: tuple[complex, ...]
-    moduli: tuple[Interval, ...]
-    relaxation_time: Interval
-    kemeny: Interval
-    stationary: tuple[Interval, ...]
+    moduli: tuple[CredibleInterval, ...]
+    relaxation_time: CredibleInterval
+    kemeny: CredibleInterval
+    stationary: tuple[CredibleInterval, ...]
     observed: Observed
     mass: float
 
@@ -196,9 +196,11 @@ def summarise(
     rest = spectra[:, 1:]
     tails = [(1.0 - mass) / 2.0, (1.0 + mass) / 2.0]
 
-    def spread(mean: Float64Array, of_draws: Float64Array) -> tuple[Interval, ...]:
+    def spread(mean: Float64Array, of_draws: Float64Array) -> tuple[CredibleInterval, ...]:
         ends = np.quantile(of_draws, tails, axis=0)
-        return tuple(Interval(float(v), float(a), float(b)) for v, a, b in zip(mean, *ends, strict=True))
+        return tuple(
+            CredibleInterval(float(v), float(a), float(b)) for v, a, b in zip(mean, *ends, strict=True)
+        )
 
     mixing = 1.0 / (1.0 - np.abs(rest).max(axis=1, initial=0.0))
     times = np.column_stack([mixing, (1.0 / (1.0 - rest)).sum(axis=1).real])

@@ -3,7 +3,7 @@
 The equations carry a distribution on, P_{S,t+1} = M P_{S,t}, yet reset it to a normal of fixed width about
 its mean after every step, and do not say what chooses the level. ``column`` draws from M[:, current];
 ``gaussian_reset`` carries the mean and draws from the normal; ``mean`` carries the mean and draws nothing.
-The stepping itself is :class:`palp_core.palpation.perception.strategy.policies.Markov`'s.
+The stepping itself is :class:`palp_core.palpation.perception.strategy.policies.MarkovPolicy`'s.
 """
 
 from __future__ import annotations
