@@ -98,7 +98,7 @@ def renew(name: str, reason: str) -> None:
             account = json.loads(attached[SUMMARY_NAME])
             account["topics"] = {t: entry for t, entry in account["topics"].items() if t in topics}
             writer.attach(SUMMARY_NAME, json.dumps(account).encode(), "application/json")
-            writer.note(REASON, {"reason": reason})
+            writer.add_metadata(REASON, {"reason": reason})
             copy_messages(lean(bag.recorded(topics)), writer)
         shutil.move(next(Path(folder, name).glob("*.mcap")), HERE / f"{name}.mcap")
 

@@ -45,7 +45,7 @@ def test_what_was_asked_for_is_taken_where_it_is_missing_and_only_there(tmp_path
 
 def test_a_topic_can_be_told_where_it_begins(tmp_path: Path, kit: Any) -> None:
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=False)
-    recorder.begin(TOPIC, 0, 5)
+    recorder.expect_from(TOPIC, 0, 5)
     recorder(0, mode(kit, 7))
     topic = recorder.close().topics[TOPIC]
     assert [(gap.first, gap.last) for gap in topic.gaps] == [(5, 6)]

@@ -90,7 +90,7 @@ def test_mcap_core_in_node_reads_the_file(tmp_path: Path, kit: Any) -> None:
 
 def test_the_mcap_package_reads_metadata(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run") as writer:
-        writer.note("git", {"commit": "abc"})
+        writer.add_metadata("git", {"commit": "abc"})
     with (tmp_path / "run/run_0.mcap").open("rb") as file:
         (metadata,) = make_reader(file).iter_metadata()
     assert metadata.name == "git"

@@ -30,7 +30,7 @@ def played(playback: Playback, until_ns: int = 1 << 62) -> list[tuple[int, int]]
     """Take every message exactly when it is due; return its sequence and when that was."""
     found = []
     while (due_ns := playback.due_ns()) is not None and due_ns <= until_ns:
-        found.append((playback.take(due_ns).sequence, due_ns))
+        found.append((playback.next_due(due_ns).sequence, due_ns))
     return found
 
 
@@ -123,7 +123,7 @@ def test_a_loop_begins_again_without_end(bag: Bag) -> None:
     for _ in range(250):
         due_ns = playback.due_ns()
         assert due_ns is not None
-        sequences.append(playback.take(due_ns).sequence)
+        sequences.append(playback.next_due(due_ns).sequence)
     assert sequences == [*range(1, 101), *range(1, 101), *range(1, 51)]
 
 
@@ -132,7 +132,7 @@ def test_a_late_player_says_so_and_catches_up_in_order(bag: Bag) -> None:
     late_ns = START_NS + 30 * PERIOD_NS
     sequences = []
     while (due_ns := playback.due_ns()) is not None and due_ns <= late_ns:
-        sequences.append(playback.take(late_ns).sequence)
+        sequences.append(playback.next_due(late_ns).sequence)
     assert sequences == list(range(1, 32))
     assert playback.lateness.max_ns == 30 * PERIOD_NS
     assert played(playback)[0] == (32, late_ns + PERIOD_NS)
@@ -153,7 +153,7 @@ def test_whatever_is_pressed_messages_come_in_order_and_never_early(
         now_ns += number * PERIOD_NS // 3
         if deed == "play":
             while (due_ns := playback.due_ns()) is not None and due_ns <= now_ns:
-                message = playback.take(now_ns)
+                message = playback.next_due(now_ns)
                 assert message.sequence == last + 1
                 last = message.sequence
         elif deed == "step" and (stepped := playback.step(now_ns)) is not None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.topic import Stream, Topic
 from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.replay.streams import LATE_NS, InOrder, Inputs, key_of
+from palp_core.graph.replay.streams import LATE_NS, OrderedMessages, RecordedInputs, key_of
 
 TOPIC = Topic(name="/a/b")
 
@@ -30,7 +30,7 @@ def test_late_messages_stand_where_they_belong(
     told = [(0, n) for n in first] + [(1, n) for n in second]
     bag_of(folder, [(epoch, n, place) for place, (epoch, n) in enumerate(told)])
     with Bag(folder) as bag:
-        assert [key_of(m) for m in InOrder(bag, "/a/b")] == sorted(told)
+        assert [key_of(m) for m in OrderedMessages(bag, "/a/b")] == sorted(told)
 
 
 def test_a_repeated_message_comes_once_and_a_gap_holds_nothing_up_for_long(tmp_path: Path) -> None:
@@ -38,13 +38,13 @@ def test_a_repeated_message_comes_once_and_a_gap_holds_nothing_up_for_long(tmp_p
     told = [(0, 1, 0), (0, 2, 1), (0, 2, 2), (0, 4, 3), (0, 5, 4), (0, 6, late), (0, 3, late + 1)]
     bag_of(tmp_path / "run", told)
     with Bag(tmp_path / "run") as bag:
-        assert [m.sequence for m in InOrder(bag, "/a/b")] == [1, 2, 4, 5, 6]
+        assert [m.sequence for m in OrderedMessages(bag, "/a/b")] == [1, 2, 4, 5, 6]
 
 
 def test_an_input_is_found_wherever_it_is_near(tmp_path: Path) -> None:
     bag_of(tmp_path / "run", [(0, n, n) for n in (1, 2, 3, 5, 6)])
     with Bag(tmp_path / "run") as bag:
-        inputs = Inputs(bag)
+        inputs = RecordedInputs(bag)
         for sequence in (2, 1, 6, 3):  # replies may come in another order than requests were made
             found = inputs.find("/a/b", 0, sequence)
             assert found is not None

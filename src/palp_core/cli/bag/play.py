@@ -79,7 +79,7 @@ def play(
     from palp_core.graph.bag.selection import topic_selection
     from palp_core.graph.bag.topic import topic_of
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.replay.play import GraphSink, PlayRun, Sink
+    from palp_core.graph.replay.play import GraphSink, PlayRun, PlaySink
     from palp_core.graph.replay.playback import Playback
 
     if start_paused and (disable_keyboard_controls or not attended(standard_input())):
@@ -110,7 +110,7 @@ def play(
         playback.paused = start_paused
         if clock:
             described[CLOCK_TOPIC] = topic_of(CLOCK_TOPIC, BagClock)
-        sink: Sink = into if graph is not None else PlayRun(bag, described)
+        sink: PlaySink = into if graph is not None else PlayRun(bag, described)
         looping = PlayLoop(playback, sink, names, clock_hz=clock, keys=not disable_keyboard_controls)
         where = f"into graph '{graph}'" if graph is not None else "as graph 'play'"
         note(f"{bag}: {len(names)} topics, {where}")

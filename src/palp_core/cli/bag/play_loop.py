@@ -10,7 +10,7 @@ from palp_core.cli.keyboard import Keyboard, standard_input
 from palp_core.graph.bag.reader import RecordedMessage
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import Message, encode
-from palp_core.graph.replay.play import Sink
+from palp_core.graph.replay.play import PlaySink
 from palp_core.graph.replay.playback import Playback
 from palp_core.units import Nanoseconds
 
@@ -43,7 +43,7 @@ class PlayLoop:
     """
 
     def __init__(
-        self, playback: Playback, sink: Sink, names: Mapping[str, str], *, clock_hz: float, keys: bool
+        self, playback: Playback, sink: PlaySink, names: Mapping[str, str], *, clock_hz: float, keys: bool
     ) -> None:
         self._playback, self._sink, self._names = playback, sink, names
         self._keyboard = Keyboard(standard_input() if keys else None)
@@ -76,7 +76,7 @@ class PlayLoop:
             due_ns, now_ns = playback.due_ns(), monotonic_ns()
             if due_ns is None or due_ns > now_ns:
                 return
-            self._publish(playback.take(now_ns))
+            self._publish(playback.next_due(now_ns))
 
     def _publish(self, message: RecordedMessage) -> None:
         self._sink.publish(self._names[message.stream.topic.name], message.payload)

@@ -127,4 +127,4 @@ def _copy_extras(bag: Bag, writer: BagWriter, *, account: bool) -> None:
         if name != SUMMARY_NAME or account:
             writer.attach(name, data)
     for name, values in bag.metadata().items():
-        writer.note(name, values)
+        writer.add_metadata(name, values)

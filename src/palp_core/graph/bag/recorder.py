@@ -136,7 +136,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
 
-    def knows(self, topic: str) -> bool:
+    def has_heard(self, topic: str) -> bool:
         """Tell whether anything of a topic was heard."""
         return topic in self._accounts
 
@@ -149,7 +149,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         """Make a topic known that appeared later."""
         self._topics[topic.name] = topic
 
-    def begin(self, topic: str, epoch: int, first: int) -> None:
+    def expect_from(self, topic: str, epoch: int, first: int) -> None:
         """Expect a topic to begin with a sequence, whatever is heard first."""
         account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
         account.epochs.setdefault(epoch, EpochAccount(epoch, first))
@@ -175,7 +175,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         end = frame.find(0)
         route = self._routes.get(frame[: end + _KEY_BYTES])
         if route is None:
-            self._meet(now_ns, frame, end)
+            self._open_route(now_ns, frame, end)
             return
         try:
             sequence, stamp_ns, type_hash = _REST.unpack_from(frame, end + _KEY_BYTES)
@@ -188,7 +188,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
             or stamp_ns < 0
             or now_ns < 0
         ):
-            self._meet(now_ns, frame, end)
+            self._open_route(now_ns, frame, end)
             return
         account = route.account
         if sequence == account.next:
@@ -236,7 +236,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
             self._writer.close()
         return self._summary
 
-    def _meet(self, now_ns: int, frame: bytes, end: int) -> None:
+    def _open_route(self, now_ns: int, frame: bytes, end: int) -> None:
         """Take a frame that is not the next one of a known stream."""
         try:
             parsed = parse(frame)

@@ -138,10 +138,10 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         if every_file:
             self._extras.append(attachment)
 
-    def note(self, name: str, values: Mapping[str, str]) -> None:
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Add a metadata record, to this file and to each later one."""
         metadata = Metadata(name, dict(values))
-        self._file.note(metadata)
+        self._file.add_metadata(metadata)
         self._extras.append(metadata)
 
     def __exit__(self, *_: object) -> None:
@@ -170,7 +170,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             if isinstance(extra, Attachment):
                 self._file.attach(extra)
             else:
-                self._file.note(extra)
+                self._file.add_metadata(extra)
         self._split_bytes = self._max_bytes + self._file.written_bytes
         if self._tick_ns is not None:
             self._file.tick(self._tick_ns)

@@ -144,11 +144,11 @@ class Bridge:
         """Let the node begin, once nothing it publishes can miss those who listen."""
         if self._request is not None and self._router.all_heard(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
-            self._say(GraphStarted(start_ns - self._used.offset_ns))
+            self._send(GraphStarted(start_ns - self._used.offset_ns))
 
     # palp run
 
-    def _say(self, message: ChannelMessage) -> None:
+    def _send(self, message: ChannelMessage) -> None:
         try:
             self._channel.send(message)
         except ChannelClosed:
@@ -165,23 +165,23 @@ class Bridge:
             if isinstance(message, AskToJoin):
                 self._request, self._own_name = message.request, message.request.name
                 self._add_proxies()
-                self._gateway.say(Join(request=message.request))
+                self._gateway.send(Join(request=message.request))
             elif isinstance(message, HealthChanged):
-                self._gateway.say(HealthReport(health=message.health))
+                self._gateway.send(HealthReport(health=message.health))
             elif isinstance(message, Goodbye):
-                self._gateway.say(LeaveGraph(text=message.text, exit_code=message.exit_code))
+                self._gateway.send(LeaveGraph(text=message.text, exit_code=message.exit_code))
                 self._ended = True
 
     def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
             self._ended = True
-            self._say(ConnectionLost(text, finished))
+            self._send(ConnectionLost(text, finished))
 
     # The gateway
 
     def _on_connected(self) -> None:
         self._connected = True
-        self._gateway.say(JoinHello(protocol=PROTOCOL))
+        self._gateway.send(JoinHello(protocol=PROTOCOL))
 
     def _on_received(self, parts: list[bytes]) -> None:
         self._gateway.note_alive()
@@ -210,7 +210,7 @@ class Bridge:
             case GraphUpdate(view=view):
                 self._on_graph(view)
             case Joined(epoch=epoch):
-                self._say(Admitted(epoch))
+                self._send(Admitted(epoch))
             case Active(start_ns=start_ns):
                 self._start_ns = start_ns
             case JoinRefused(text=text, finished=finished):
@@ -235,14 +235,14 @@ class Bridge:
                 self._router.add_proxy(name, self._gateway)
 
     def _ask_time(self) -> None:
-        self._gateway.say(ClockSample(sent_ns=monotonic_ns()))
+        self._gateway.send(ClockSample(sent_ns=monotonic_ns()))
 
     def _on_time(self, sent_ns: int, gateway_ns: int) -> None:
         self._offsets.add(sent_ns, gateway_ns, monotonic_ns())
         if self._view is not None and len(self._offsets) < EXCHANGES:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
-            self._say(GraphReached(self._view, self._offsets.best().uncertainty_ns))
+            self._send(GraphReached(self._view, self._offsets.best().uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 

@@ -73,7 +73,7 @@ class CurveCaller:
         except zmq.ZMQError as error:
             raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
         event_loop.watch(self._monitor, self._read_monitor)
-        event_loop.watch(self._dealer, self._take)
+        event_loop.watch(self._dealer, self._receive_pending)
 
     def send(self, parts: list[bytes]) -> Sent:
         """Send without waiting."""
@@ -83,7 +83,7 @@ class CurveCaller:
             return Sent.FULL if self._stands else Sent.GONE
         return Sent.QUEUED
 
-    def _take(self) -> None:
+    def _receive_pending(self) -> None:
         for _ in range(MOST_AT_ONCE):
             try:
                 self._receive(self._dealer.recv_multipart(zmq.NOBLOCK))
@@ -104,7 +104,7 @@ class CurveCaller:
         elif event == zmq.EVENT_CONNECT_RETRIED:
             self.attempt_count += 1
         elif event == zmq.EVENT_DISCONNECTED and self._stands:
-            self._take()  # its last messages came before the end
+            self._receive_pending()  # its last messages came before the end
             self._stands = False
             self._failed(f"the connection to {self._endpoint} has ended")
         elif event & FAILED:

@@ -108,7 +108,7 @@ class CurveListener:
             raise GraphError(f"cannot listen on {endpoint}: {error.strerror}") from error
         self.endpoint = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
         event_loop.watch(self._monitor, self._read_monitor)
-        event_loop.watch(self._router, self._take)
+        event_loop.watch(self._router, self._receive_pending)
 
     def send(self, connection: bytes, parts: list[bytes]) -> Sent:
         """Send without waiting."""
@@ -122,7 +122,7 @@ class CurveListener:
             return Sent.GONE
         return Sent.QUEUED
 
-    def _take(self) -> None:
+    def _receive_pending(self) -> None:
         for _ in range(MOST_AT_ONCE):
             try:
                 connection, *frames = self._router.recv_multipart(zmq.NOBLOCK, copy=False)

@@ -65,12 +65,12 @@ class Gateway:
         self._rejected = RejectedPeers()
         self._next_beat_ns = 0
         self._event_loop = EventLoop()
-        self._remote_nodes = RemoteNodes(self._event_loop, listen_on, keys, self._say, self._refuse)
+        self._remote_nodes = RemoteNodes(self._event_loop, listen_on, keys, self._send, self._refuse)
         self._tools = NodeProxy(
             self._event_loop, endpoints(listen_on.run_dir, "gateway"), lambda *_: None, self._on_tool
         )
         self._event_loop.watch(channel.socket.fileno(), self._on_channel)
-        self._say(GatewayReady(self._remote_nodes.endpoint))
+        self._send(GatewayReady(self._remote_nodes.endpoint))
         _LOG.info("listening on %s%s", self._remote_nodes.endpoint, "" if self._secured else " without keys")
 
     def run(self) -> None:
@@ -85,7 +85,7 @@ class Gateway:
 
     # The launcher
 
-    def _say(self, message: ChannelMessage) -> None:
+    def _send(self, message: ChannelMessage) -> None:
         try:
             self._channel.send(message)
         except ChannelClosed:
@@ -118,7 +118,7 @@ class Gateway:
         entry = self._rejected.note(address, key, reason, unix_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
-            self._say(PeerRejected(str(entry), address, key, entry.count))
+            self._send(PeerRejected(str(entry), address, key, entry.count))
 
     # Tools of this host
 

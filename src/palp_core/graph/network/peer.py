@@ -51,7 +51,7 @@ class Peer:
         self._heard_ns = monotonic_ns()
         self._pulse_ns = 0
 
-    def say(self, message: JoinMessage) -> None:
+    def send(self, message: JoinMessage) -> None:
         """Send a message; a peer that takes no more of them is as good as gone."""
         if self._transmit(encode_message(message)) is not Sent.QUEUED:
             self.gone = True
@@ -93,7 +93,7 @@ class Peer:
     def beat(self) -> None:
         """Say that this end lives and what it has received."""
         self._told_bytes = self._received_bytes
-        self.say(Beat(received_bytes=self._received_bytes))
+        self.send(Beat(received_bytes=self._received_bytes))
 
     def on_beat(self, beat: Beat) -> None:
         """Note how much it has received, as it says."""

@@ -111,12 +111,12 @@ class RemoteNodes:
         """Let those who have joined listen_on."""
         self._start_ns = start_ns
         for peer in self.joined:
-            peer.say(Active(start_ns=start_ns))
+            peer.send(Active(start_ns=start_ns))
 
     def end(self, text: str, *, finished: bool) -> None:
         """Tell all of them that the graph ends."""
         for peer in self._peers.values():
-            peer.say(JoinRefused(text=text, finished=finished))
+            peer.send(JoinRefused(text=text, finished=finished))
 
     @property
     def joined(self) -> list[Peer]:
@@ -147,7 +147,7 @@ class RemoteNodes:
         if self._view is not None:
             update = GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view))
             for peer in self._peers.values():
-                peer.say(update)
+                peer.send(update)
 
     def _on_received(self, message: Received) -> None:
         peer = self._peers.get(message.connection)
@@ -183,7 +183,7 @@ class RemoteNodes:
             case Unsubscribe(topic=topic):
                 self._router.unsubscribe(peer, topic)
             case ClockSample(sent_ns=sent_ns):
-                peer.say(ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
+                peer.send(ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
             case JoinHello(protocol=protocol):
                 self._on_hello(peer, protocol)
             case Join() as join:
@@ -198,9 +198,9 @@ class RemoteNodes:
     def _on_hello(self, peer: Peer, protocol: int) -> None:
         if protocol != PROTOCOL:
             text = f"this graph speaks version {PROTOCOL} of joining, not {protocol}: update palp"
-            peer.say(JoinRefused(text=text))
+            peer.send(JoinRefused(text=text))
         elif self._view is not None:
-            peer.say(GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view)))
+            peer.send(GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view)))
 
     def _on_join(self, peer: Peer, join: Join) -> None:
         request = join.request
@@ -212,14 +212,14 @@ class RemoteNodes:
             found.append("too many names have joined this graph; take one of those that have left")
         if found:
             _LOG.warning("/%s on %s may not join: %s", request.name, request.host, "; ".join(found))
-            peer.say(JoinRefused(text="\n".join(found)))
+            peer.send(JoinRefused(text="\n".join(found)))
             return
         peer.request = request
         epoch = self._epochs[request.name] = self._epochs.get(request.name, 0) + 1
-        peer.say(Joined(epoch=epoch))
+        peer.send(Joined(epoch=epoch))
         self._router.add_proxy(request.name, peer)
         if self._start_ns is not None:
-            peer.say(Active(start_ns=self._start_ns))
+            peer.send(Active(start_ns=self._start_ns))
         _LOG.info("/%s has joined from %s (%s)", request.name, request.host, peer.address)
         self._tell(NodeJoined(request, peer.address, epoch))
         self._announce()
@@ -238,7 +238,7 @@ class RemoteNodes:
         allowed = set(self._keys.allowed().values()) if self._secured else set()
         for peer in self._peers.values():
             if self._secured and peer.key not in allowed:
-                peer.say(JoinRefused(text="this host's key is no longer allowed"))
+                peer.send(JoinRefused(text="this host's key is no longer allowed"))
                 self._refuse(peer.address, peer.key, "its key was denied while it was connected")
                 peer.gone = True
             else:

@@ -85,7 +85,7 @@ class Router:
         if peer is not None:
             fed = {topic.encode() for topic in peer.request.feeds} if peer.request is not None else set()
             for topic in sorted(remote.wanted | fed):
-                peer.say(Subscribe(topic=topic.decode()))
+                peer.send(Subscribe(topic=topic.decode()))
 
     def withdraw(self, name: str) -> None:
         """Wait for a node's return.
@@ -115,11 +115,11 @@ class Router:
             remote.wanted.discard(topic)
             request = remote.peer.request if remote.peer is not None else None
             if remote.peer is not None and not (request is not None and name in request.feeds):
-                remote.peer.say(Unsubscribe(topic=name))
+                remote.peer.send(Unsubscribe(topic=name))
             return
         remote.wanted.add(topic)
         if remote.peer is not None:
-            remote.peer.say(Subscribe(topic=name))
+            remote.peer.send(Subscribe(topic=name))
         elif (type_hash := self._type_hash_of(name)) is not None:
             # Nothing was published yet: its readers are matched and need not wait for it.
             remote.proxy.publish([pack(topic, Kind.HEARTBEAT, 0, 0, 0, type_hash)])
@@ -132,7 +132,7 @@ class Router:
             return
         if len(self._waiting) > MOST_PENDING:
             self._answer_for(next(iter(self._waiting)), f"{name} did not answer")
-        remote.peer.say(Request(ticket=ticket, node=name, body=body))
+        remote.peer.send(Request(ticket=ticket, node=name, body=body))
 
     def _answer_for(self, ticket: int, error: str) -> None:
         remote, way_back = self._waiting.pop(ticket)
@@ -222,7 +222,7 @@ class Router:
                 return
             del self._asked[ticket]
             refusal = f"{request.node} has too many requests to answer"
-        peer.say(Reply(ticket=request.ticket, body=msgspec.msgpack.encode({"error": refusal})))
+        peer.send(Reply(ticket=request.ticket, body=msgspec.msgpack.encode({"error": refusal})))
 
     def _on_local_reply(self, ticket: int, body: bytes) -> None:
         if not ticket:
@@ -230,7 +230,7 @@ class Router:
             return
         peer, theirs = self._asked.pop(ticket, (None, 0))
         if peer is not None:
-            peer.say(Reply(ticket=theirs, body=body))
+            peer.send(Reply(ticket=theirs, body=body))
 
     def _on_fed(self, body: bytes) -> None:
         reply: Any = None

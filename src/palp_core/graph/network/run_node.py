@@ -91,16 +91,16 @@ class _BridgeHandle:
         self.start_ns: int | None = None
         self.lost: ConnectionLost | None = None
         self.goodbye = Goodbye("it could not start", -1)
-        self._say(CallGateway(address.endpoint, address.server_key, str(folder)))
+        self._send(CallGateway(address.endpoint, address.server_key, str(folder)))
 
-    def _say(self, message: ChannelMessage) -> None:
+    def _send(self, message: ChannelMessage) -> None:
         with contextlib.suppress(ChannelClosed):
             self._bridge.send(message)
 
     def report_health(self, health: bytes) -> None:
         """Tell how the node does; a bridge that does not take it keeps nobody waiting."""
         if select.select((), (self.descriptor,), (), 0.0)[1]:
-            self._say(HealthChanged(health))
+            self._send(HealthChanged(health))
 
     @property
     def descriptor(self) -> int:
@@ -140,13 +140,13 @@ class _BridgeHandle:
 
     def ask_to_join(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
         """Ask to be let in; return the epoch from which the node counts."""
-        self._say(AskToJoin(join_request(spec, feeds, described)))
+        self._send(AskToJoin(join_request(spec, feeds, described)))
         admitted: Admitted = self.wait_for(Admitted)
         return admitted.epoch
 
     def close(self) -> None:
         """Say goodbye and end the bridge."""
-        self._say(self.goodbye)
+        self._send(self.goodbye)
         self._bridge.close()
 
 

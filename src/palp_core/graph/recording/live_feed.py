@@ -42,7 +42,7 @@ class FrameSink(Protocol):
     def fill(self, now_ns: int, frame: bytes) -> None:
         """Take a frame that was asked for, if it is missing still."""
 
-    def begin(self, topic: str, epoch: int, first: int) -> None:
+    def expect_from(self, topic: str, epoch: int, first: int) -> None:
         """Expect a topic to begin with a sequence."""
 
 
@@ -97,13 +97,13 @@ class LiveFeed:
             self._following.add(name, live.publish, "")
         self._subscriber.follow({name: live.publish for name, live in topics.items()})
 
-    def move(self, frame: Frame) -> None:
+    def follow_move(self, frame: Frame) -> None:
         """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
         if frame.topic in self._topics:
             with contextlib.suppress(SchemaMismatch):
                 self._following.take(frame, monotonic_ns())
 
-    def describe(self, graph: RunningGraph) -> None:
+    def update(self, graph: RunningGraph) -> None:
         """Take the graph as it is described now: publishers may be elsewhere."""
         before = {entry.name: entry.publish for entry in self.graph.record.topics}
         self.graph = graph
@@ -125,7 +125,7 @@ class LiveFeed:
         """Whether answers are to come."""
         return bool(self._questions)
 
-    def take(self, wait_ms: int) -> bool:
+    def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
         more, _ = self._subscriber.take(self._arrive, SLICE_NS, wait_ms)
         self._following.tick(monotonic_ns())
@@ -178,7 +178,7 @@ class LiveFeed:
             return
         live = self.unmatched.pop(name)
         if live.described.name in self._new:
-            self._sink.begin(live.described.name, frame.epoch, 1)
+            self._sink.expect_from(live.described.name, frame.epoch, 1)
             return
         last = frame.sequence - (frame.kind == Kind.DATA)
         if self._from_start or not live.described.latched_depth or not last:
@@ -191,7 +191,7 @@ class LiveFeed:
             return
         kept: list[bytes] = reply["frames"]
         if kept:
-            self._sink.begin(topic, frame.epoch, parse(kept[0]).sequence)
+            self._sink.expect_from(topic, frame.epoch, parse(kept[0]).sequence)
         for one in kept:
             self._sink(self.now_ns(monotonic_ns()), one)
 
@@ -234,7 +234,7 @@ class LiveFeed:
             self._waiting.setdefault(str(reply["topic"]), deque()).appendleft(rest)
 
 
-def renewed(graph: RunningGraph) -> RunningGraph:
+def reread(graph: RunningGraph) -> RunningGraph:
     """Return a running graph as its run directory describes it now."""
     try:
         record = msgspec.json.decode((graph.folder / "graph.json").read_bytes(), type=type(graph.record))

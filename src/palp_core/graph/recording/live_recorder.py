@@ -15,7 +15,7 @@ from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.recording.live_feed import LiveFeed, renewed
+from palp_core.graph.recording.live_feed import LiveFeed, reread
 from palp_core.graph.recording.live_snapshot import LiveSnapshot
 from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, live_topics
 from palp_core.graph.recording.provenance import attachments
@@ -76,14 +76,14 @@ class LiveRecorder:
             sink = self._bag(Path(options.out), from_start=options.from_start)
         self._sink = sink
         self._feed = LiveFeed(graph, sink, from_start=options.from_start)
-        sink.missed, sink.moved = self._feed.ask, self._feed.move
+        sink.missed, sink.moved = self._feed.ask, self._feed.follow_move
 
     @property
     def ended(self) -> bool:
         """Whether the graph has ended."""
         return not self._graph.alive
 
-    def begin(self, wanted: Callable[[], bool]) -> bool:
+    def await_topics(self, end_wanted: Callable[[], bool]) -> bool:
         """Listen until every topic has been heard; return whether that was so before the end was wanted.
 
         What a node consumes comes last: it begins with the node's state, and everything that the node takes
@@ -95,7 +95,7 @@ class LiveRecorder:
         self.unheard = sorted(chosen)
         for part in (rest, orders):
             self._feed.follow(part)
-            if not self._match(wanted):
+            if not self._await_heard(end_wanted):
                 return False
         self.unheard = []
         kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
@@ -104,12 +104,12 @@ class LiveRecorder:
         )
         return True
 
-    def _match(self, wanted: Callable[[], bool]) -> bool:
+    def _await_heard(self, end_wanted: Callable[[], bool]) -> bool:
         begin_ns, said = monotonic_ns(), False
         while self._feed.unmatched:
             self.turn()
-            self.unheard = [name for name in self.unheard if not self._sink.knows(name)]
-            if wanted() or self.ended:
+            self.unheard = [name for name in self.unheard if not self._sink.has_heard(name)]
+            if end_wanted() or self.ended:
                 return False
             if not said and monotonic_ns() - begin_ns > SAY_WAITING_NS:
                 said = True
@@ -119,19 +119,19 @@ class LiveRecorder:
 
     def turn(self) -> None:
         """Take what comes, for a moment."""
-        self._feed.take(WAIT_MS)
+        self._feed.receive(WAIT_MS)
         now_ns = monotonic_ns()
         self._sink.tick(now_ns)
         if self._feed.start_ns is None:
             self._feed.find_start()
         if now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
-            self._look()
+            self._follow_changes()
 
-    def run(self, wanted: Callable[[], bool]) -> None:
+    def run(self, end_wanted: Callable[[], bool]) -> None:
         """Record until the end is wanted or the graph has ended."""
         look_ns = 0
-        while not wanted():
+        while not end_wanted():
             self.turn()
             if monotonic_ns() >= look_ns:
                 look_ns = monotonic_ns() + ALIVE_NS
@@ -162,7 +162,7 @@ class LiveRecorder:
         while (now_ns := monotonic_ns()) < end_ns or self._feed.asking:
             if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
                 break
-            self._feed.take(WAIT_MS)
+            self._feed.receive(WAIT_MS)
             self._sink.tick(now_ns)
             quiet_turns += 1
             if self._sink.taken != before:
@@ -187,7 +187,7 @@ class LiveRecorder:
             "clock": record.clock,
             "run": self._graph.folder.name,
         }
-        writer.note("palp", {**run, "run_start_unix_ns": str(record.start_unix_ns)})
+        writer.add_metadata("palp", {**run, "run_start_unix_ns": str(record.start_unix_ns)})
         topics = [live.described for live in self._known.values()]
         return BagRecorder(writer, topics, from_start=from_start, attachments=self._attached)
 
@@ -200,14 +200,14 @@ class LiveRecorder:
             "palp/run.json": json.dumps(msgspec.to_builtins(self._graph.record), indent=1).encode(),
         }
 
-    def _look(self) -> None:
+    def _follow_changes(self) -> None:
         """See whether the graph has changed: a node that joined, or goes on elsewhere."""
         changed_ns = self._described_ns()
         if changed_ns == self._changed_ns:
             return
         self._changed_ns = changed_ns
-        self._graph = renewed(self._graph)
-        self._feed.describe(self._graph)
+        self._graph = reread(self._graph)
+        self._feed.update(self._graph)
         known = {entry.name for entry in self._graph.record.topics}
         if not known <= self._known.keys():
             self._add({n: live for n, live in live_topics(self._graph).items() if n not in self._known})

@@ -32,7 +32,7 @@ class LiveSnapshot:
         self._history = FrameHistory(duration_ns, latched)
         self._accounts: dict[str, TopicAccount] = {}
 
-    def knows(self, topic: str) -> bool:
+    def has_heard(self, topic: str) -> bool:
         """Tell whether anything of a topic was heard."""
         return topic in self._accounts
 
@@ -40,7 +40,7 @@ class LiveSnapshot:
         """Make a topic known that appeared later."""
         self._topics[topic.name] = topic
 
-    def begin(self, topic: str, epoch: int, first: int) -> None:
+    def expect_from(self, topic: str, epoch: int, first: int) -> None:
         """Nothing is expected of what was before."""
 
     def tick(self, now_ns: int) -> None:

@@ -40,8 +40,8 @@ class LaunchedRecorder(RecorderRun):
         with contextlib.suppress(ChannelClosed):
             self._channel.send(message)
 
-    def wanted(self) -> bool:
-        return super().wanted() or bool(select.select((self._channel.socket,), (), (), 0.0)[0])
+    def end_wanted(self) -> bool:
+        return super().end_wanted() or bool(select.select((self._channel.socket,), (), (), 0.0)[0])
 
 
 def main(connection: socket.socket) -> int:

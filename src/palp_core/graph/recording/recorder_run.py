@@ -47,7 +47,7 @@ class RecorderRun:
         """Ask for the end."""
         self.asked = True
 
-    def wanted(self) -> bool:
+    def end_wanted(self) -> bool:
         """Tell whether the end is asked for."""
         return self.asked
 
@@ -89,9 +89,9 @@ class RecorderRun:
             with contextlib.ExitStack() as stack:
                 told = stack.enter_context(_noted(graph, options)) if options.snapshot_s else None
                 try:
-                    if recorder.begin(self.wanted):
+                    if recorder.await_topics(self.end_wanted):
                         begun()
-                        recorder.run(lambda: self._look(recorder, told))
+                        recorder.run(lambda: self._save_if_asked(recorder, told))
                 finally:
                     summary = recorder.close(patient=not self.asked)
         except OSError as error:
@@ -106,10 +106,10 @@ class RecorderRun:
             text += f"\nnever heard: {', '.join(recorder.unheard)}"
         return summary.complete and not recorder.unheard, text
 
-    def _look(self, recorder: LiveRecorder, told: _NoteFile | None) -> bool:
+    def _save_if_asked(self, recorder: LiveRecorder, told: _NoteFile | None) -> bool:
         if self._save:
             self._write(recorder, told)
-        return self.wanted()
+        return self.end_wanted()
 
     def _write(self, recorder: LiveRecorder, told: _NoteFile | None) -> None:
         self._save = 0

@@ -31,7 +31,7 @@ PROCESS = "player"
 BEAT_NS = 100_000_000
 
 
-class Sink(Protocol):
+class PlaySink(Protocol):
     """Takes what is played."""
 
     @property
@@ -84,7 +84,7 @@ class PlayRun:
                 )
                 for node, node_class in classes.items()
             }
-            self._way = {
+            self._publishers = {
                 out.topic: (executor, out)
                 for executor in self._executors.values()
                 for out in executor.ends.publishers.values()
@@ -111,7 +111,7 @@ class PlayRun:
         nodes = [NodeEntry(n, executor.spec.run, os.getpid(), *at) for n, executor in self._executors.items()]
         entries = []
         for name, topic in topics.items():
-            kind = schema_of(self._way[name][1].message)
+            kind = schema_of(self._publishers[name][1].message)
             entries.append(
                 TopicEntry(
                     name, kind.name, f"{kind.type_hash:016x}", name.split("/")[1], at[0], topic.json_schema
@@ -125,17 +125,17 @@ class PlayRun:
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
-        """As of :class:`Sink`."""
+        """As of :class:`PlaySink`."""
         return (*self._sockets.file_descriptors, *self._bus.file_descriptors)
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """As of :class:`Sink`."""
-        executor, outlet = self._way[topic]
+        """As of :class:`PlaySink`."""
+        executor, outlet = self._publishers[topic]
         executor.begin_command()
         outlet.forward(payload)
 
     def poll(self) -> bool:
-        """As of :class:`Sink`."""
+        """As of :class:`PlaySink`."""
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + BEAT_NS
@@ -146,11 +146,11 @@ class PlayRun:
         return self._sockets.pending()
 
     def reader_count(self) -> int:
-        """As of :class:`Sink`."""
+        """As of :class:`PlaySink`."""
         return self._sockets.publisher.subscription_count
 
     def close(self) -> None:
-        """As of :class:`Sink`."""
+        """As of :class:`PlaySink`."""
         self._bus.report("ending", "", "the bag has come to its end")
         self._sockets.publisher.send_heartbeats()
         self._stack.close()
@@ -194,17 +194,17 @@ class GraphSink:
                 )
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """As of :class:`Sink`; what the node refuses is an error."""
+        """As of :class:`PlaySink`; what the node refuses is an error."""
         _, node, port = topic.split("/")
         self._graph.ask(node, "publish", port=port, message=msgspec.msgpack.decode(payload))
 
     def poll(self) -> bool:
-        """As of :class:`Sink`."""
+        """As of :class:`PlaySink`."""
         return False
 
     def reader_count(self) -> int:
-        """As of :class:`Sink`: a port's node reads it."""
+        """As of :class:`PlaySink`: a port's node reads it."""
         return len(self.taken)
 
     def close(self) -> None:
-        """As of :class:`Sink`: the graph goes on."""
+        """As of :class:`PlaySink`: the graph goes on."""

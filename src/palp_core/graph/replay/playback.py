@@ -99,21 +99,21 @@ class Playback:
         moved_ns = 0 if self.paused else round((now_ns - self._now_ns) * self.rate)
         return min(self._at_ns + moved_ns, self._next.log_ns)
 
-    def take(self, now_ns: int) -> RecordedMessage:
+    def next_due(self, now_ns: int) -> RecordedMessage:
         """Return the next message, which is due."""
         due_ns = self.due_ns()
         assert due_ns is not None
         self.lateness.add(now_ns - due_ns)
-        return self._take(now_ns)
+        return self._advance(now_ns)
 
     def step(self, now_ns: int) -> RecordedMessage | None:
         """Return the next message while paused, whenever it is due; None while playing or at the end."""
         if self._next is None or not self.paused:
             return None
         self._now_ns, self._at_ns = now_ns, self._next.log_ns
-        return self._take(now_ns)
+        return self._advance(now_ns)
 
-    def _take(self, now_ns: int) -> RecordedMessage:
+    def _advance(self, now_ns: int) -> RecordedMessage:
         message = self._next
         assert message is not None
         self.played_count += 1
@@ -124,12 +124,12 @@ class Playback:
 
     def toggle(self, now_ns: int) -> None:
         """Pause, or go on."""
-        self._anchor(now_ns)
+        self._rebase(now_ns)
         self.paused = not self.paused
 
     def set_rate(self, rate: float, now_ns: int) -> None:
         """Go on at another speed, within what is sensible."""
-        self._anchor(now_ns)
+        self._rebase(now_ns)
         self.rate = min(max(rate, SLOWEST), FASTEST)
 
     def seek(self, to_ns: int, now_ns: int) -> None:
@@ -138,6 +138,6 @@ class Playback:
         self._now_ns, self._at_ns = now_ns, at_ns
         self._open(at_ns)
 
-    def _anchor(self, now_ns: int) -> None:
+    def _rebase(self, now_ns: int) -> None:
         self._at_ns = self.position_ns(now_ns)
         self._now_ns = now_ns

@@ -33,7 +33,7 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.replay.streams import InOrder, Inputs, key_of
+from palp_core.graph.replay.streams import OrderedMessages, RecordedInputs, key_of
 
 RECENT = 5
 Close = Callable[[float, float], bool]
@@ -118,8 +118,8 @@ class _Replay:
         self._executor: Executor | None = None
         self._hand_over: HandOver | None = None
         self._order_topic = topic(spec.name, ORDER_PORT)
-        self._inputs = Inputs(bag)
-        self._outputs: dict[str, InOrder] = {}
+        self._inputs = RecordedInputs(bag)
+        self._outputs: dict[str, OrderedMessages] = {}
         self._waiting: dict[str, RecordedMessage | None] = {}
         self._synced: set[str] = set()
         self._last_input: tuple[str, int, int] | None = None
@@ -139,7 +139,7 @@ class _Replay:
                 f"({self._order_topic}): record all topics, palp bag record -a"
             )
         if divergence is None:
-            divergence = self._missing(end)
+            divergence = self._first_missing(end)
             with contextlib.suppress(NodeError):
                 self._executor.transition(Transition.SHUTDOWN)
         return NodeReplay(
@@ -155,10 +155,12 @@ class _Replay:
     def _drive(self) -> tuple[Divergence | None, tuple[int, int]]:
         """Consume the order; return the first difference, and the epoch and time that the order reaches."""
         place, end = (-1, 0), (-1, 0)
-        for message in InOrder(self._bag, self._order_topic):
+        for message in OrderedMessages(self._bag, self._order_topic):
             order = decode(Order, message.payload)
             follows = key_of(message) == (place[0], place[1] + 1)
-            if not self._begin(order, message.stream.epoch, follows=follows and self._executor is not None):
+            if not self._prepare_node(
+                order, message.stream.epoch, follows=follows and self._executor is not None
+            ):
                 continue
             assert self._executor is not None
             place, end = key_of(message), (message.stream.epoch, order.stamp_ns)
@@ -173,12 +175,12 @@ class _Replay:
                         raise
                     self._executor.finish(1)  # it failed then, too: nothing follows but its next process
                 self._consumed += 1
-                divergence = self._difference()
+                divergence = self._first_difference()
                 if divergence is not None or self._cut:
                     return divergence, end
         return None, end
 
-    def _begin(self, order: Order, epoch: int, *, follows: bool) -> bool:
+    def _prepare_node(self, order: Order, epoch: int, *, follows: bool) -> bool:
         """Have a node for a batch of the order; return False if it does not say where to begin."""
         hand_over = decode_any(HandOver, order.hand_over) if order.hand_over else None
         if follows and (hand_over is None or not self._was_replaced(hand_over)):
@@ -245,7 +247,7 @@ class _Replay:
         type_hash = int(message.stream.topic.type_hash, 16)
         return pack(name.encode(), Kind.DATA, epoch, sequence, message.publish_ns, type_hash, message.payload)
 
-    def _difference(self) -> Divergence | None:
+    def _first_difference(self) -> Divergence | None:
         """Compare what the node has just published with the recording."""
         frames, self._frames[:] = self._frames[:], []
         for frame in map(parse, frames):
@@ -256,14 +258,14 @@ class _Replay:
                 self._cut = True
                 return None
             if recorded is None:
-                return self._diverged(frame.topic, frame.sequence, "replayed, but not recorded")
+                return self._divergence(frame.topic, frame.sequence, "replayed, but not recorded")
             if (recorded.sequence, recorded.publish_ns) != (frame.sequence, frame.stamp_ns):
                 was = f"recorded as {recorded.sequence} at {recorded.publish_ns} ns"
-                return self._diverged(
+                return self._divergence(
                     frame.topic, frame.sequence, f"{was}, replayed as {frame.sequence} at {frame.stamp_ns} ns"
                 )
             if not self._same(recorded, bytes(frame.payload)):
-                return self._diverged(
+                return self._divergence(
                     frame.topic, frame.sequence, _differing_fields(recorded.payload, bytes(frame.payload))
                 )
             self._waiting[frame.topic] = None
@@ -279,7 +281,7 @@ class _Replay:
 
     def _next_output(self, name: str, key: tuple[int, int]) -> RecordedMessage | None:
         """Return the recorded output that is due; what is before the place of beginning is not compared."""
-        messages = self._outputs.setdefault(name, InOrder(self._bag, name))
+        messages = self._outputs.setdefault(name, OrderedMessages(self._bag, name))
         message = self._waiting.get(name) or next(messages, None)
         while message is not None and name not in self._synced and key_of(message) < key:
             self._uncovered += 1
@@ -288,7 +290,7 @@ class _Replay:
         self._waiting[name] = message
         return message
 
-    def _missing(self, end: tuple[int, int]) -> Divergence | None:
+    def _first_missing(self, end: tuple[int, int]) -> Divergence | None:
         """Return the first output that was recorded and not replayed, as far as the order reaches."""
         assert self._executor is not None
         taken_in = {topic(self._spec.name, port) for port in (ORDER_PORT, *self._spec.external)}
@@ -297,12 +299,12 @@ class _Replay:
                 continue
             left = self._next_output(name, (outlet.epoch, outlet.sequence + 1))
             if left is not None and (left.stream.epoch, left.publish_ns) <= end:
-                return self._diverged(name, left.sequence, "recorded, but not replayed")
+                return self._divergence(name, left.sequence, "recorded, but not replayed")
             rest = self._outputs[name]
             self._uncovered += (left is not None) + sum(1 for _ in rest)
         return None
 
-    def _diverged(self, name: str, sequence: int, what: str) -> Divergence:
+    def _divergence(self, name: str, sequence: int, what: str) -> Divergence:
         return Divergence(
             topic=name,
             sequence=sequence,

@@ -20,7 +20,7 @@ def key_of(message: RecordedMessage) -> Key:
     return message.stream.epoch, message.sequence
 
 
-class InOrder:
+class OrderedMessages:
     """Iterates one topic by epoch and sequence, each message once.
 
     Args:
@@ -64,7 +64,7 @@ class InOrder:
         heapq.heappush(self._held, (key_of(message), self._count, message))
 
 
-class Inputs:
+class RecordedInputs:
     """Finds what a node consumed; it consumes each topic nearly in order.
 
     Args:
@@ -73,7 +73,7 @@ class Inputs:
 
     def __init__(self, bag: Bag) -> None:
         self._bag = bag
-        self._topics: dict[str, InOrder] = {}
+        self._topics: dict[str, OrderedMessages] = {}
         self._skipped: dict[str, OrderedDict[Key, RecordedMessage]] = {}
 
     def find(self, topic: str, epoch: int, sequence: int) -> RecordedMessage | None:
@@ -83,7 +83,7 @@ class Inputs:
         if found is not None:
             return found
         if topic not in self._topics:
-            self._topics[topic] = InOrder(self._bag, topic)
+            self._topics[topic] = OrderedMessages(self._bag, topic)
         for message in self._topics[topic]:
             key = key_of(message)
             if key == (epoch, sequence):

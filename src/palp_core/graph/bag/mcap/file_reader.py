@@ -75,14 +75,14 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise BagError(f"{path}: {error.strerror}") from error
         try:
             self.size = path.stat().st_size
-            if self._at(0, len(MAGIC)) != MAGIC:
+            if self._read_at(0, len(MAGIC)) != MAGIC:
                 raise BagDamaged(path, 0, "not an MCAP file")
             try:
                 self.closed = self._read_summary()
             except (ValueError, struct.error) as error:
                 self.problems.append(f"the summary is damaged: {error}")
             if not self.closed:
-                self._walk()
+                self._scan()
         except BaseException:
             self._file.close()
             raise
@@ -130,7 +130,9 @@ class FileReader(AbstractContextManager["FileReader"]):
             BagDamaged: It is not what was written.
         """
         try:
-            return split_chunk(open_chunk(self._at(place.offset, place.length), place.entry), self._define)
+            return split_chunk(
+                open_chunk(self._read_at(place.offset, place.length), place.entry), self._define
+            )
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error
 
@@ -157,7 +159,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         found = [self._parsed(Metadata.parse, *place) for place in self._metadata]
         return {metadata.name: metadata.values for metadata in found}
 
-    def _at(self, offset: int, size: int) -> bytes:
+    def _read_at(self, offset: int, size: int) -> bytes:
         self._file.seek(offset)
         return self._file.read(min(size, self.size))
 
@@ -173,7 +175,7 @@ class FileReader(AbstractContextManager["FileReader"]):
 
     def _parsed(self, parse: Callable[[memoryview], T], offset: int, length: int) -> T:
         try:
-            return parse(memoryview(self._at(offset, length))[RECORD_BYTES:])
+            return parse(memoryview(self._read_at(offset, length))[RECORD_BYTES:])
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, offset, str(error)) from error
 
@@ -184,7 +186,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             ValueError: It is not what was written.
         """
         end = self.size - len(MAGIC) - _FOOTER_BYTES
-        footer = self._at(max(end, 0), _FOOTER_BYTES + len(MAGIC))
+        footer = self._read_at(max(end, 0), _FOOTER_BYTES + len(MAGIC))
         if end < len(MAGIC) or footer[-len(MAGIC) :] != MAGIC or footer[0] != Op.FOOTER:
             return False
         start, _, crc = struct.unpack_from("<QQI", footer, RECORD_BYTES)
@@ -192,7 +194,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             return False
         if not len(MAGIC) <= start <= end:
             raise ValueError("its footer points outside the file")
-        summary = memoryview(self._at(start, end - start))
+        summary = memoryview(self._read_at(start, end - start))
         if crc and zlib.crc32(footer[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != crc:
             raise ValueError("its CRC does not match")
         offset = 0
@@ -218,21 +220,21 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise BagError(f"{self.path}: written without chunks; make them with `mcap sort` first")
         return True
 
-    def _walk(self) -> None:
+    def _scan(self) -> None:
         """Find the chunks, attachments and metadata without a summary."""
         self.chunks, self._attachments, self._metadata = [], [], []
         self.schemas, self.channels, self.statistics = {}, {}, None
         offset = len(MAGIC)
         while offset < self.size:
-            head = self._at(offset, _PEEK_BYTES)
+            head = self._read_at(offset, _PEEK_BYTES)
             if len(head) < RECORD_BYTES:
-                return self._broken(offset, "the file ends amid a record")
+                return self._note_damage(offset, "the file ends amid a record")
             op, length = RECORD.unpack_from(head)
             size = RECORD_BYTES + length
             if op == 0 or op > Op.DATA_END or (offset == len(MAGIC)) != (op == Op.HEADER):
-                return self._broken(offset, "no record begins here")
+                return self._note_damage(offset, "no record begins here")
             if offset + size > self.size:
-                return self._broken(offset, "the file ends amid a record")
+                return self._note_damage(offset, "the file ends amid a record")
             if op == Op.CHUNK:
                 self.chunks.append(ChunkPlace(offset, size, None))
             elif op == Op.ATTACHMENT:
@@ -240,7 +242,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             elif op == Op.METADATA:
                 self._metadata.append((offset, size))
             elif op == Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
-                return self._broken(offset, "a message index is damaged")
+                return self._note_damage(offset, "a message index is damaged")
             elif op == Op.MESSAGE:
                 raise BagError(
                     f"{self.path}: a message outside any chunk; make chunks with `mcap sort` first"
@@ -253,6 +255,6 @@ class FileReader(AbstractContextManager["FileReader"]):
         self.problems.append("it was not closed: its writer ended without warning")
         return None
 
-    def _broken(self, offset: int, why: str) -> None:
+    def _note_damage(self, offset: int, why: str) -> None:
         self._damage = BagDamaged(self.path, offset, why)
         self.problems.append(f"at byte {offset} of {self.size}: {why}")

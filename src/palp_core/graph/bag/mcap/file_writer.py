@@ -82,7 +82,7 @@ class FileWriter:
             self._file = path.open("xb", buffering=0)
         except FileExistsError as error:
             raise BagError(f"{path} exists already: choose another name") from error
-        self._put(MAGIC + record(Op.HEADER, text(""), text("palp")))
+        self._write_bytes(MAGIC + record(Op.HEADER, text(""), text("palp")))
 
     def add_schema(self, schema: SchemaRecord) -> None:
         """Make a schema known; its id is 1 or more."""
@@ -94,10 +94,6 @@ class FileWriter:
             raise BagError(f"{channel.topic}: its schema {channel.schema_id} is not known to {self.path}")
         self._channels[channel.id] = (channel.schema_id, channel.pack())
         self.counts[channel.id] = 0
-
-    def has(self, channel: int) -> bool:
-        """Say whether a channel is known."""
-        return channel in self._channels
 
     def write(
         self, channel: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
@@ -166,7 +162,7 @@ class FileWriter:
             len(data),
             len(buffer),
         )
-        self._put(b"".join(parts))
+        self._write_bytes(b"".join(parts))
         self._chunks.append(index)
         self._buffer = bytearray()
         self._index = {}
@@ -181,20 +177,20 @@ class FileWriter:
                 self.written_bytes, len(data), a.log_ns, a.create_ns, len(a.data), a.name, a.media_type
             )
         )
-        self._put(data)
+        self._write_bytes(data)
 
-    def note(self, metadata: Metadata) -> None:
+    def add_metadata(self, metadata: Metadata) -> None:
         """Add a metadata record; it is in the file at once."""
         data = metadata.pack()
         self._metadata.append(MetadataIndex(self.written_bytes, len(data), metadata.name))
-        self._put(data)
+        self._write_bytes(data)
 
     def close(self) -> None:
         """Write the last chunk and the summary, and wait until the disk has them."""
         if self._file.closed:
             return
         self.close_chunk()
-        self._put(record(Op.DATA_END, struct.pack("<I", self._crc)))
+        self._write_bytes(record(Op.DATA_END, struct.pack("<I", self._crc)))
         start = self.written_bytes
         statistics = Statistics(
             self.start_ns,
@@ -224,7 +220,7 @@ class FileWriter:
         summary += offsets
         summary += RECORD.pack(Op.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
         summary += struct.pack("<I", zlib.crc32(summary)) + MAGIC
-        self._put(bytes(summary))
+        self._write_bytes(bytes(summary))
         os.fsync(self._file.fileno())
         self._file.close()
 
@@ -240,7 +236,7 @@ class FileWriter:
             self._buffer += self._schemas[schema] + packed
         return index
 
-    def _put(self, data: bytes) -> None:
+    def _write_bytes(self, data: bytes) -> None:
         view = memoryview(data)
         while view:
             view = view[self._file.write(view) :]
