@@ -30,6 +30,7 @@ from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
+from palp_core.moved import present_name
 
 _LIBRARY = Path(__file__).resolve().parents[2]
 
@@ -171,7 +172,7 @@ def _module(name: str, workspace: Path) -> ModuleType:
     if name.endswith(".py"):
         return _module_at(workspace / name, workspace)
     try:
-        module = importlib.import_module(name)
+        module = importlib.import_module(present_name(name))
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if name != missing and not name.startswith(f"{missing}."):

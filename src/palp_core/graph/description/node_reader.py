@@ -14,6 +14,7 @@ from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
 from palp_core.graph.node.spec import name_mistake
 from palp_core.graph.problems import Problems, nearest
+from palp_core.moved import present_name
 
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
 _KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
@@ -118,7 +119,7 @@ class NodeReader:
     def _target(self, module: str, name: str) -> str:
         """Return a path in the workspace as a module, another path as an absolute one."""
         if not module.endswith(".py"):
-            return f"{module}:{name}"
+            return present_name(f"{module}:{name}")
         path = (self._scope.file.parent / module).resolve()
         if path.is_relative_to(self._workspace):
             parts = path.relative_to(self._workspace).with_suffix("").parts

@@ -32,6 +32,7 @@ from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.rng import rng_from_text, rng_of, rng_to_text
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import Subscription
+from palp_core.moved import present_name
 
 
 class Executor:
@@ -387,7 +388,7 @@ class Succession:
             raise SchemaMismatch(f"a hand-over of version {hand_over.version}; this end speaks {VERSION}")
         own_class = class_name(type(executor.node))
         state = adopt_state(executor.declaration.state, own_class, hand_over)
-        if hand_over.node_class != own_class:
+        if present_name(hand_over.node_class) != own_class:
             return state, None
         known = executor.declaration.params.__struct_fields__  # another version of the class may have others
         kept = {name: value for name, value in hand_over.params.items() if name in known}

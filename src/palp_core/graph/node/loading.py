@@ -14,6 +14,7 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.moved import present_name
 
 
 class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,7 +55,7 @@ def load_module(name: str, workspace: str) -> ModuleType:
     """
     enter_workspace(workspace)
     if not name.endswith(".py"):
-        return importlib.import_module(name)
+        return importlib.import_module(present_name(name))
     path = Path(workspace, name).resolve()
     # A name of its own: a file called random.py must not take the place of a module of that name.
     own_name = f"{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
@@ -78,7 +79,7 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
     Raises:
         GraphError: No such class, or it is not a node.
     """
-    module_name, _, class_name = run.rpartition(":")
+    module_name, _, class_name = present_name(run).rpartition(":")
     if fresh:
         _forget(module_name, workspace)
     loaded = getattr(load_module(module_name, workspace), class_name, None)

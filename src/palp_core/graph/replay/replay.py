@@ -34,6 +34,7 @@ from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.replay.streams import OrderedMessages, RecordedInputs, key_of
+from palp_core.moved import present_name
 
 RECENT = 5
 Close = Callable[[float, float], bool]
@@ -203,12 +204,12 @@ class _Replay:
         return True
 
     def _has_class(self, name: str) -> bool:
-        return class_name(load_class(self._spec.run, self._workspace)) == name
+        return class_name(load_class(self._spec.run, self._workspace)) == present_name(name)
 
     def _was_replaced(self, hand_over: HandOver) -> bool:
         """Tell whether another class is at work since the last batch: a swap."""
         assert self._executor is not None
-        return class_name(type(self._executor.node)) != hand_over.node_class
+        return class_name(type(self._executor.node)) != present_name(hand_over.node_class)
 
     def _consume(self, order: Order, entry: int) -> None:
         executor = self._executor
