@@ -16,16 +16,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again.
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
+PINK, SKY, AMBER = "#CC79A7", "#56B4E9", "#E69F00"
+PALE_BLUE, PALE_GREEN = "#9db8d2", "#cfe8dd"
 INK, GREY = "#222222", "#8a8a8a"
 
-# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again.
 _DEPTHS = (
-    ("#0072B2", "-", "o"),
-    ("#D55E00", "--", "s"),
-    ("#009E73", "-.", "^"),
-    ("#CC79A7", ":", "D"),
-    ("#56B4E9", "-", "v"),
-    ("#E69F00", "--", "P"),
+    (BLUE, "-", "o"),
+    (VERMILION, "--", "s"),
+    (GREEN, "-.", "^"),
+    (PINK, ":", "D"),
+    (SKY, "-", "v"),
+    (AMBER, "--", "P"),
 )
 _STYLE: Any = {
     "font.size": 9.0,

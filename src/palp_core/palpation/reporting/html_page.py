@@ -1,67 +1,141 @@
-"""A page for a study: what was asked, what came out, charts and tables; no other file needed."""
+"""Pages from templates: one base with one style sheet, one file of macros; a page needs no other file.
+
+The words of a page are in its template, ``templates/NAME.html``; Python hands in values, and the filters
+below write them. A value that a template names and nobody hands in is an error.
+"""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from palp_core.palpation.reporting.charts import Chart, save
 from palp_core.whole_file import write_whole
 
-_CSS = """
-:root { color-scheme: light; }
-body { font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
-  color: #222; background: #fff; max-width: 60rem; margin: 2.5rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.2rem; margin: 2.4rem 0 .5rem;
-  border-bottom: 1px solid #ddd; padding-bottom: .2rem; }
-.lead { font-size: 1.08rem; border-left: 4px solid #0072B2; padding: .5rem 1rem; background: #f3f8fb; }
-figcaption { color: #555; font-size: .9rem; }
-table { border-collapse: collapse; margin: .8rem 0; font-variant-numeric: tabular-nums; font-size: .93rem; }
-th, td { text-align: left; padding: .28rem .8rem .28rem 0; border-bottom: 1px solid #e6e6e6;
-  vertical-align: top; } th { font-weight: 600; border-bottom: 2px solid #bbb; }
-figure { margin: 1rem 0 1.6rem; } img { max-width: 100%; height: auto; display: block; }
-"""
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
-def paragraph(text: str, kind: str = "") -> str:
-    """Return a paragraph of plain text."""
-    return f"<p{f' class={kind}' if kind else ''}>{escape(text)}</p>"
+@dataclass(frozen=True)
+class Picture:
+    """A chart as it was drawn.
+
+    Attributes:
+        name: Stem of its files.
+        title: What it shows.
+        caption: How to read it.
+        png: The picture.
+        files: Names of its files.
+    """
+
+    name: str
+    title: str
+    caption: str
+    png: bytes
+    files: tuple[str, ...] = ()
+
+    @property
+    def base64(self) -> str:
+        """The picture as part of a page."""
+        return base64.b64encode(self.png).decode("ascii")
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of plain text."""
-
-    def line(tag: str, cells: Sequence[str]) -> str:
-        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-    body = "".join(line("td", row) for row in rows)
-    return f"<table><thead>{line('th', head)}</thead><tbody>{body}</tbody></table>"
+def picture(chart: Chart, folder: Path, *, svg: bool = True) -> Picture:
+    """Save a chart as PNG, CSV and, unless told not to, SVG; return it for a page."""
+    png = save(chart, folder, svg=svg)
+    kinds = ("png", "svg", "csv") if svg else ("png", "csv")
+    files = tuple(f"{chart.name}.{kind}" for kind in kinds)
+    return Picture(chart.name, chart.title, chart.caption, png, files)
 
 
-def figure(chart: Chart, folder: Path, *, svg: bool = True) -> str:
-    """Save a chart as PNG, CSV and, unless told not to, SVG; return it as part of a page."""
-    data = base64.b64encode(save(chart, folder, svg=svg)).decode("ascii")
-    files = [
-        f"<code>{escape(chart.name)}.{kind}</code>" for kind in ("png", *(["svg"] if svg else []), "csv")
-    ]
-    return (
-        f"<h2>{escape(chart.title)}</h2><figure><img alt={escape(chart.title)!r} "
-        f'src="data:image/png;base64,{data}"><figcaption>{escape(chart.caption)} '
-        f"Files: {', '.join(files)}.</figcaption></figure>"
+def write_page(path: Path, template: str, **values: Any) -> Path:
+    """Write a page; it appears under its name only when complete.
+
+    Args:
+        path: The page; its folder is made if missing.
+        template: Its template, ``studies/paper.html`` say.
+        values: What the template names.
+
+    Raises:
+        jinja2.UndefinedError: The template names what is not among the values.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, _environment().get_template(template).render(values))
+    return path
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    found = Environment(
+        loader=PackageLoader("palp_core.palpation.reporting"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
+    found.filters |= {
+        "number": format,
+        "percent": percent,
+        "span": span,
+        "points": points,
+        "plain": plain,
+        "spaced": spaced,
+    }
+    return found
 
 
-def write_page(folder: Path, title: str, parts: Sequence[str]) -> Path:
-    """Write ``index.html`` into the folder; it appears under its name only when complete."""
-    folder.mkdir(parents=True, exist_ok=True)
-    target = folder / "index.html"
-    write_whole(
-        target,
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
-        f"<style>{_CSS}</style>\n</head>\n<body>\n<h1>{escape(title)}</h1>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n",
-    )
-    return target
+def percent(share: float, digits: int = 1) -> str:
+    """Return a share in per cent.
+
+    >>> percent(0.6667)
+    '66.7 %'
+    """
+    return f"{100.0 * share:.{digits}f} %"
+
+
+def span(ends: Sequence[float], form: str = ".1f", scale: float = 100.0) -> str:
+    """Return an interval of shares in per cent, without the sign.
+
+    >>> span((0.5, 0.75))
+    '50.0 to 75.0'
+    """
+    low, high = ends
+    return f"{scale * low:{form}} to {scale * high:{form}}"
+
+
+def points(difference: float) -> str:
+    """Return a difference of shares in percentage points.
+
+    >>> points(-0.015)
+    '-1.5'
+    """
+    return f"{100.0 * difference:+.1f}"
+
+
+def plain(value: Any, digits: int = 6, nothing: str = "(none)") -> str:
+    """Return any value for people; ``digits`` count for floats, ``nothing`` stands for no value.
+
+    >>> plain([0.1, "a"]), plain(""), plain(1 / 3, 4)
+    ('0.1, a', '(none)', '0.3333')
+    """
+    if isinstance(value, float):
+        return f"{value:.{digits}g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(plain(one, digits, nothing) for one in value)
+    return nothing if value in ("", None) else str(value)
+
+
+def spaced(name: str) -> str:
+    """Return a name as words.
+
+    >>> spaced("fixed_best")
+    'fixed best'
+    """
+    return name.replace("_", " ")

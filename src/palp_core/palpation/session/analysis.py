@@ -21,7 +21,7 @@ from palp_core.palpation.perception.statistics.resampling import (
     cluster_bootstrap,
     share_interval,
 )
-from palp_core.palpation.reporting.html_page import paragraph, table, write_page
+from palp_core.palpation.reporting.html_page import write_page
 from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.whole_file import write_json
@@ -168,23 +168,13 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
     rows = rows_of(record)
     with (out / "analysis.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(rows)
-    sessions = record["sessions"]
-    parts = [
-        paragraph(
-            f"{len(sessions)} sessions decided again from stored sweeps. Intervals: {record['interval']}. "
-            "A trial holds as many sweeps as its own rule asked for then: where another rule wants more, it "
-            "ran out, and its best guess so far counts. Which ring positions were visited is the recorded "
-            "policy's, whatever the methods here.",
-            "lead",
-        ),
-        table(rows[0], rows[1:]),
-        "<h2>Sessions</h2>",
-        table(
-            ["session", "training sweeps", "estimation sweeps"],
-            [[s["path"], str(s["training_sweeps"]), str(s["estimation_sweeps"])] for s in sessions],
-        ),
-    ]
-    return write_page(out, "Sessions decided again", parts)
+    return write_page(
+        out / "index.html",
+        "analysis.html",
+        sessions=record["sessions"],
+        interval=record["interval"],
+        rows=rows,
+    )
 
 
 def rows_of(record: dict[str, Any]) -> list[list[str]]:

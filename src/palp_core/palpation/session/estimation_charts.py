@@ -8,7 +8,17 @@ import numpy as np
 
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.statistics import wilson
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, ring_colours, tidy
+from palp_core.palpation.reporting.charts import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    VERMILION,
+    Chart,
+    depth_style,
+    ring_colours,
+    tidy,
+)
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY
 from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.units import Float64Array
@@ -99,9 +109,7 @@ def accuracy_chart(session: RecordedSession) -> Chart | None:
         for x, (_, share) in enumerate(shares):
             value = 100.0 * share.value
             reach = [[value - 100.0 * share.low], [100.0 * share.high - value]]
-            axes.bar(
-                x, value, width=0.5, color="#0072B2", alpha=0.85, label="this session" if x == 0 else None
-            )
+            axes.bar(x, value, width=0.5, color=BLUE, alpha=0.85, label="this session" if x == 0 else None)
             axes.errorbar(x, value, yerr=reach, color=INK, capsize=5, lw=1.4)
             axes.annotate(f"{value:.0f} %", (x, 3), ha="center", color="white", fontweight="bold")
         published = [(x + beside, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
@@ -111,12 +119,12 @@ def accuracy_chart(session: RecordedSession) -> Chart | None:
                 "D",
                 ms=7,
                 mfc="white",
-                mec="#D55E00",
+                mec=VERMILION,
                 mew=1.6,
                 label="paper: fixed\n(average of five $r_a$)",
             )
         axes.plot(
-            len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec="#009E73", mew=1.4
+            len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec=GREEN, mew=1.4
         )
         axes.lines[-1].set_label("paper: human strategy\n(slightly above 90 %)")
         axes.axhline(chance, color=GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
@@ -152,7 +160,7 @@ def calibration_chart(session: RecordedSession) -> Chart | None:
         for b in found.bins:
             x, y = 100.0 * b.mean_confidence, 100.0 * b.accuracy.value
             reach = [[y - 100.0 * b.accuracy.low], [100.0 * b.accuracy.high - y]]
-            axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color="#0072B2")
+            axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color=BLUE)
             axes.annotate(
                 f"n = {b.accuracy.trial_count}",
                 (x, 100.0 * b.accuracy.high),

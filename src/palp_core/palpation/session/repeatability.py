@@ -19,7 +19,7 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 from palp_core.palpation.perception.statistics.variance_components import Block, Estimate, estimate
-from palp_core.palpation.reporting.html_page import paragraph, table, write_page
+from palp_core.palpation.reporting.html_page import write_page
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.plan_repeatability import CONDITIONS
 from palp_core.palpation.session.reanalysis import Methods, readings
@@ -168,50 +168,15 @@ def write_repeatability(found: Repeatability, out: Path) -> dict[str, Any]:
         ],
     }
     write_json(out / "repeatability.json", record)
-    page = write_page(out, "How well the rig repeats itself", _parts(found))
-    page.rename(out / "report.html")
+    write_page(
+        out / "report.html",
+        "repeatability.html",
+        sweep_count=found.sweep_count,
+        noise=found.noise,
+        strongest_ring_slope=max(abs(slope) for slope in found.ring_slope.values()),
+        height_slope=found.height_slope,
+    )
     return record
-
-
-def _parts(found: Repeatability) -> list[str]:
-    noise = found.noise
-    strongest = max(abs(slope) for slope in found.ring_slope.values())
-    rows = [
-        ["a torque sample", *_shown(noise.sample_sd_n_m, 1e3, "N mm"), "noise of the sensor"],
-        ["a sweep, nothing moved", *_shown(noise.sweep_sd_n_m, 1e3, "N mm"), "what repeating averages out"],
-        [
-            "the ring, positioned anew",
-            *_shown(noise.ring_sd_m, 1e3, "mm"),
-            f"{1e3 * strongest * noise.ring_sd_m.value:.3g} N mm of the reading at most",
-        ],
-        [
-            "the phantom, mounted anew",
-            *_shown(noise.height_sd_m, 1e3, "mm"),
-            f"{1e3 * abs(found.height_slope) * noise.height_sd_m.value:.3g} N mm; by the mechanics",
-        ],
-        ["an hour, nothing moved", *_shown(noise.hour_sd_n_m, 1e3, "N mm"), "change of the reading"],
-    ]
-    return [
-        paragraph(
-            f"{found.sweep_count} sweeps. Standard deviations by restricted maximum likelihood, 95 % "
-            "intervals of the profile likelihood. noise.yaml is loaded by the simulation (noise:=FILE) and "
-            "by the latent filter (palp analyse --filter latent --noise FILE).",
-            "lead",
-        ),
-        table(["what differs", "standard deviation", "95 %", "remark"], rows),
-        paragraph(
-            "The ring's part is turned into millimetres by the session's own means over the rings; the "
-            "height's by the mechanics of the scene, for no session moves the height by a known amount: it "
-            "also holds whatever else a mounting changes."
-        ),
-        paragraph(noise.basis),
-    ]
-
-
-def _shown(value: Component, scale: float, unit: str) -> tuple[str, str]:
-    low = "-" if value.low is None else f"{scale * value.low:.3g}"
-    high = "no bound" if value.high is None else f"{scale * value.high:.3g}"
-    return f"{scale * value.value:.3g} {unit}", f"{low} to {high}"
 
 
 def repeatability_headline(found: Repeatability) -> str:

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.reporting.charts import Chart, save
+from palp_core.palpation.reporting.charts import Chart
+from palp_core.palpation.reporting.html_page import picture
 from palp_core.palpation.session.estimation_charts import (
     accuracy_chart,
     belief_chart,
@@ -24,10 +25,9 @@ from palp_core.palpation.session.repeatability import (
     repeatability_headline,
     write_repeatability,
 )
-from palp_core.palpation.session.report_page import headline, page
+from palp_core.palpation.session.report_page import headline, write_report
 from palp_core.palpation.session.result_json import build, out_of, write_result
 from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
-from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -47,9 +47,8 @@ def session(summary: RunSummary) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary)
-    drawn = [(chart, save(chart, found.folder / "charts")) for chart in _charts(found, summary.params)]
-    target = found.folder / "report.html"
-    write_whole(target, page(result, drawn))
+    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, summary.params)]
+    target = write_report(found.folder / "report.html", result, pictures)
     return f"{headline(result)}\nReport: {target}"
 
 

@@ -10,7 +10,16 @@ import numpy as np
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.features import peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, ring_colours, tidy
+from palp_core.palpation.reporting.charts import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILION,
+    Chart,
+    depth_style,
+    ring_colours,
+    tidy,
+)
 from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.palpation.session.trials_csv import read_sweep
 from palp_core.units import Float64Array
@@ -130,8 +139,8 @@ def sweeps_chart(session: RecordedSession, params: Mapping[str, Mapping[str, Any
         window = slice(max(one.index - half, 0), min(one.index + half, length))
         measured = raw[shown_m][0][:length] * 1e3
         near.plot(along[window], measured[window], ".", ms=2.2, color=GREY, label="as measured")
-        near.plot(along[window], clean[shown_m][0][window] * 1e3, color="#0072B2", lw=1.8, label="de-noised")
-        near.plot(along[one.index], one.value_n_m * 1e3, "v", ms=8, color="#D55E00", label="peak")
+        near.plot(along[window], clean[shown_m][0][window] * 1e3, color=BLUE, lw=1.8, label="de-noised")
+        near.plot(along[one.index], one.value_n_m * 1e3, "v", ms=8, color=VERMILION, label="peak")
         near.legend(loc="best")
         tidy(near, f"One palpation near its peak, $r_a$ = {mm(shown_m)} mm", along_label, "torque, N mm")
         for colour, ring_m in zip(ring_colours(len(means)), means, strict=True):

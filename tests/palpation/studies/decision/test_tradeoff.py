@@ -18,10 +18,10 @@ from palp_core.palpation.studies.decision.tradeoff import (
     pareto,
     tradeoff_session,
 )
-from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.toolkit.parallel import seeds
 
 points = st.lists(st.tuples(st.floats(0, 10), st.floats(0, 1)), min_size=1, max_size=8)
 

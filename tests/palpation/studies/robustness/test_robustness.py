@@ -13,16 +13,16 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim
 from palp_core.palpation.perception.strategy import figure5
+from palp_core.palpation.reporting.html_page import Picture
 from palp_core.palpation.studies.catalogue import study
-from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.robustness import study as robustness_study
 from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, RobustnessCell, cells
-from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged
+from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged, reasons
 from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, CellJob, promises, run_cell
 from palp_core.palpation.studies.robustness.study import RobustnessSize
-from palp_core.palpation.studies.robustness.text import reasons
 from palp_core.palpation.studies.simulation.policies import begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import ERRORS_M, Gel, ReadingTable, tabulate
+from palp_core.palpation.studies.toolkit.parallel import seeds
 
 PAPER = (("paper", DESIGNS["paper"]),)
 
@@ -212,7 +212,7 @@ def test_a_run_that_was_stopped_goes_on_with_what_it_has(
     (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
     whole = (out / "one" / "robustness.json").read_bytes()
     monkeypatch.setattr(robustness_study, "_family", lambda *_: json.loads(whole)["family"])
-    monkeypatch.setattr(robustness_study, "figure", lambda *_, **__: "")
+    monkeypatch.setattr(robustness_study, "picture", lambda *_, **__: Picture("one", "", "", b""))
     ran: list[str] = []
 
     def run_again(job: CellJob) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +14,6 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import is_recording
-from palp_core.palpation.identification.emg.page import COLUMNS, emg_page
 from palp_core.palpation.identification.emg.trial import (
     Choices,
     EmgTrial,
@@ -24,7 +24,12 @@ from palp_core.palpation.identification.emg.trial import (
 from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eigenvalue
 from palp_core.palpation.perception.emg.sweep import sweep
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
+from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 
+COLUMNS = (
+    "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "cocontraction_mean",
+    "lambda_2", "mvc_ratio", "clipped", "lost", "longest_gap_s", "above_mvc", "clamped", "flags", "error",
+)  # fmt: skip
 _LEVEL_COUNT = 5
 _SPECIAL = ("mvc", "rest")
 
@@ -78,12 +83,10 @@ def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
 def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
     """Write the page, its numbers and the time series of one trial, and return its record."""
     from palp_core.palpation.identification.emg.chart import trial_chart
-    from palp_core.palpation.reporting.charts import save
 
     record = {"subject": "", "phase": "", "trial": trial.path.stem, "error": None, **trial_record(trial)}
-    chart = trial_chart(trial)
-    image = save(chart, out)
-    _write(out, [record], record, f"EMG of {trial.path.name}", (chart.caption, image))
+    shown = picture(trial_chart(trial), out, svg=False)
+    _write(out, [record], record, f"EMG of {trial.path.name}", shown)
     heading, rows = series_rows(trial)
     with (out / "series.csv").open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(heading) + "\n")
@@ -109,7 +112,7 @@ def _write(
     records: Sequence[dict[str, Any]],
     result: dict[str, Any],
     title: str,
-    picture: tuple[str, bytes] | None,
+    shown: Picture | None,
 ) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with (out / "quality.csv").open("w", encoding="utf-8", newline="") as file:
@@ -118,8 +121,18 @@ def _write(
         writer.writerows([_cell(record.get(name)) for name in COLUMNS] for record in records)
     text = json.dumps(result, indent=1, allow_nan=False)
     (out / "quality.json").write_text(text + "\n", encoding="utf-8")
-    page = emg_page(title, records, result.get("by_phase", {}), picture)
-    (out / "quality.html").write_text(page, encoding="utf-8")
+    counts = Counter(flag for record in records for flag in record["flags"])
+    write_page(
+        out / "quality.html",
+        "emg_quality.html",
+        title=title,
+        columns=COLUMNS,
+        trials=records,
+        flags=counts.most_common(),
+        by_phase=result.get("by_phase", {}),
+        picture=shown,
+        settings=next((record["settings"] for record in records if "settings" in record), None),
+    )
 
 
 def _cell(value: Any) -> Any:

@@ -9,7 +9,7 @@ from palp_core.palpation.identification.emg.markov_fit import FittedChain, Strat
 from palp_core.palpation.perception.strategy.chain_file import write_chains
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting.charts import Chart
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -24,88 +24,14 @@ def write_fit(found: StrategyFit, out: Path) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
     write_chains(chain_file(found), out / "chain.json")
     write_json(out / "markov.json", record)
-    parts = [
-        paragraph(_lead(record), "lead"),
-        figure(_matrices_chart(found), out),
-        "<h2>What each chain says</h2>",
-        table(
-            [
-                "trials of",
-                "transitions",
-                "|lambda_2|",
-                "relaxation, steps",
-                "Kemeny, steps",
-                "structure seen",
-            ],
-            [_line(one) for one in record["chains"]],
-        ),
-        "<h2>Eigenvalues</h2>",
-        table(
-            ["trials of", *(f"{i + 1}" for i in range(len(LEVELS)))],
-            [
-                [_depth(one), *(_eigenvalue(value) for value in one["eigenvalues"])]
-                for one in record["chains"]
-            ],
-        ),
-        "<h2>Long run under the three readings of eqs. (4) and (5)</h2>",
-        table(
-            ["trials of", "reading", *(f"level {level:g}" for level in LEVELS), "freezes"],
-            [
-                [_depth(one), name, *(f"{share:.2f}" for share in run["law"]), _frozen(run)]
-                for one in record["chains"]
-                for name, run in one["readings"].items()
-            ],
-        ),
-    ]
-    write_page(out, "Strategy learnt from EMG", parts)
-    return record
-
-
-def _lead(record: dict[str, Any]) -> str:
-    used, pooled = record["settings"], record["chains"][0]
-    return (
-        f"{pooled['transitions']} transitions between {pooled['bursts']} bursts, {pooled['trials']} trials; "
-        f"RMS window {1e3 * used['window_s']:g} ms, prominence {used['prominence']:g}, at least "
-        f"{used['distance_s']:g} s apart. Each column has a Dirichlet prior of {used['prior_count']:g} a "
-        f"transition; intervals hold {100.0 * used['interval_mass']:g} %. They span the transitions that "
-        "were counted, not what the peak rule missed, nor other subjects. `chain.json` can be loaded by the "
-        "Markov policy."
+    write_page(
+        out / "index.html",
+        "markov_fit.html",
+        fit=record,
+        levels=[f"level {level:g}" for level in LEVELS],
+        matrices=picture(_matrices_chart(found), out),
     )
-
-
-def _depth(one: dict[str, Any]) -> str:
-    return "all depths" if one["depth_mm"] is None else f"{one['depth_mm']:g} mm"
-
-
-def _interval(value: dict[str, float], form: str = ".2f") -> str:
-    return f"{value['value']:{form}} ({value['low']:{form}} to {value['high']:{form}})"
-
-
-def _line(one: dict[str, Any]) -> list[str]:
-    seen = one["observed"]
-    words = ["irreducible" if seen["irreducible"] else f"{seen['closed_classes']} closed classes, reducible"]
-    if seen["period"] > 1:
-        words.append(f"period {seen['period']}")
-    for key, said in (("levels_never_visited", "never visited"), ("levels_never_left", "never left")):
-        if seen[key]:
-            words.append(f"levels {', '.join(map(str, seen[key]))} {said}")
-    return [
-        _depth(one),
-        str(one["transitions"]),
-        _interval(one["eigenvalues"][1]["modulus"], ".3f"),
-        _interval(one["relaxation_time_steps"]),
-        _interval(one["kemeny_steps"]),
-        "; ".join(words),
-    ]
-
-
-def _eigenvalue(value: dict[str, Any]) -> str:
-    turn = f" {value['imaginary']:+.4f}i" if abs(value["imaginary"]) > 1e-9 else ""
-    return f"{value['real']:.4f}{turn}"
-
-
-def _frozen(run: dict[str, Any]) -> str:
-    return "no" if run["frozen_after"] is None else f"after {run['frozen_after']} steps"
+    return record
 
 
 def _matrices_chart(found: StrategyFit) -> Chart:

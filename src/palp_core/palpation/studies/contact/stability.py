@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, Chart, tidy
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.charts import BLUE, GREY, PALE_GREEN, VERMILION, Chart, tidy
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.contact.cases_fem import fem_cases
 from palp_core.palpation.studies.contact.cases_joint import joint_cases
@@ -20,7 +20,7 @@ from palp_core.palpation.studies.toolkit.progress import followed, progress
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FAILING, _SURVIVOR = "#D55E00", "#0072B2"
+_FAILING, _SURVIVOR = VERMILION, BLUE
 _HUGE = 1e6
 _HEAD = ("failing method", "symptom", "fails at", "survivor")
 
@@ -38,30 +38,14 @@ def run(out: Path, *, quick: bool = False) -> Path:
         found = verdicts(quick=quick, progress=advance)
     out.mkdir(parents=True, exist_ok=True)
     (out / "stability.md").write_text(markdown(cases), encoding="utf-8")
-    rows = [
-        [*case.row, "below the limit everywhere" if case.survived else "ABOVE THE LIMIT SOMEWHERE"]
-        for case in cases
-    ]
-    parts = [
-        paragraph(
-            "Each line is a method that looks reasonable and fails. It was run over the parameter at "
-            "which it does, "
-            "and its survivor over the same values; a value counts as failed where the symptom passes "
-            "the limit.",
-            "lead",
-        ),
-        table([*_HEAD, "survivor over the range"], rows),
-        figure(_overview(cases), out),
-        *(figure(_case_chart(case), out) for case in cases),
-        "<h2>On your own axes</h2>",
-        paragraph(
-            "Find your phantom and ring: a cross says that the method is not to be used there. Runs are "
-            "guarded: "
-            "they use the survivor there, or stop, by name, and their record says so."
-        ),
-        *(figure(map_chart(found, name), out) for name in METHODS),
-    ]
-    return write_page(out, "Where methods fail", parts)
+    return write_page(
+        out / "index.html",
+        "studies/contact_stability.html",
+        head=list(_HEAD),
+        cases=cases,
+        pictures=[picture(one, out) for one in (_overview(cases), *map(_case_chart, cases))],
+        maps=[picture(map_chart(found, name), out) for name in METHODS],
+    )
 
 
 def markdown(cases: Sequence[FailureCase]) -> str:
@@ -80,7 +64,7 @@ def _overview(cases: Sequence[FailureCase]) -> Chart:
             for k, bad in enumerate(case.failed):
                 axes.barh(
                     i, edges[k + 1] - edges[k], left=edges[k], height=0.62,
-                    color=_FAILING if bad else "#cfe8dd", hatch="///" if bad else None, edgecolor="white",
+                    color=_FAILING if bad else PALE_GREEN, hatch="///" if bad else None, edgecolor="white",
                     linewidth=0,
                 )  # fmt: skip
             axes.text(0.0, i + 0.36, f"{case.values[0]:.5g}", fontsize=6.5, color=GREY)

@@ -11,8 +11,8 @@ import numpy as np
 from palp_core.errors import MechanicsError, MethodError
 from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, Tolerance, choose_rung
 from palp_core.palpation.mechanics import Path as StagePath
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, SKY, Chart, tidy
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.cost import RungCost, RungVariant, measure, variants
 from palp_core.palpation.studies.toolkit.progress import followed
 
@@ -30,12 +30,12 @@ _KEY = (
 )
 _MARKERS = {"l0": "v", "l1": "P", "l2": "o", "l3": "X", "l4": "s", "l5": "D"}
 _COLOURS = {
-    "l0": "#56B4E9",
-    "l1": "#E69F00",
-    "l2": "#009E73",
-    "l3": "#8a8a8a",
-    "l4": "#0072B2",
-    "l5": "#CC79A7",
+    "l0": SKY,
+    "l1": AMBER,
+    "l2": GREEN,
+    "l3": GREY,
+    "l4": BLUE,
+    "l5": PINK,
 }
 _FLOOR = 1e-5
 
@@ -61,27 +61,19 @@ def run(out: Path, *, quick: bool = False) -> Path:
             except (MechanicsError, MethodError) as error:
                 refused.append((f"{variant.label}, d = {depth_m * 1e3:g} mm", str(error)))
         rows.append(truth)
-    parts = [
-        paragraph(_summary(rows, reference), "lead"),
-        *(figure(_chart(rows, output, reference), out) for output in ("normal", "peak", "contrast")),
-        figure(_table_chart(rows, reference), out),
-        "<h2>How to read it</h2>",
-        paragraph(
-            "Set-up is paid once per phantom and ball; from then on every rung is a table or a closed "
-            "form, so that a "
-            "sweep of 3000 positions costs milliseconds whatever the rung. The error is against the finest "
-            "resolution of L4, which shares L4's assumption of small strain; L5 does not, so its distance is "
-            "no error but what finite strain changes, and it is not on the front. "
-            "L3 is a cylinder, not a ball, and is there for tests of methods. The front joins what "
-            "nothing else beats "
-            "in both cost and error. A ring marks what is chosen for that output: the cheapest rung whose "
-            f"stated bound is within {TOLERANCES['peak']:.0%} of the peak or "
-            f"{TOLERANCES['contrast']:.0%} of the contrast."
-        ),
-    ]
-    if refused:
-        parts += ["<h2>Refused</h2>", table(["rung", "why"], refused)]
-    return write_page(out, "Contact models: speed against accuracy", parts)
+    charts = [_chart(rows, output, reference) for output in ("normal", "peak", "contrast")]
+    return write_page(
+        out / "index.html",
+        "studies/contact_tradeoff.html",
+        chosen={
+            output: {f"{d * 1e3:g} mm": _chosen(d, output) or "none" for d in sorted(depths)}
+            for output in TOLERANCES
+        },
+        tolerances=TOLERANCES,
+        reference=reference.label,
+        pictures=[picture(chart, out) for chart in (*charts, _table_chart(rows, reference))],
+        refused=refused,
+    )
 
 
 def pareto(cost: Sequence[float], error: Sequence[float]) -> list[int]:
@@ -121,19 +113,6 @@ def _chosen(depth_m: float, output: str) -> str:
 
 def _total_s(row: RungCost) -> float:
     return row.setup_s + (0.0 if np.isnan(row.sweep_s) else row.sweep_s)
-
-
-def _summary(rows: Sequence[RungCost], reference: RungVariant) -> str:
-    said = []
-    for output, tolerance in TOLERANCES.items():
-        picks = {f"{d * 1e3:g} mm": _chosen(d, output) or "none" for d in sorted({r.depth_m for r in rows})}
-        words = ", ".join(f"{rung} at {depth}" for depth, rung in picks.items())
-        said.append(f"for the {output} within {tolerance:.0%}: {words}")
-    return (
-        f"Chosen {'; '.join(said)}. Errors are against {reference.label}, measured on this machine, one "
-        f"core, "
-        "nothing cached; sweeps are the median of repeats."
-    )
 
 
 def _chart(rows: Sequence[RungCost], output: str, reference: RungVariant) -> Chart:
@@ -226,10 +205,8 @@ def _table_chart(rows: Sequence[RungCost], reference: RungVariant) -> Chart:
     def draw(to: Figure) -> None:
         axes = to.subplots()
         at = np.arange(len(first))
-        axes.barh(at + 0.18, [row.setup_s for row in first], 0.34, color="#0072B2", label="set-up")
-        axes.barh(
-            at - 0.18, [row.sweep_s for row in first], 0.34, color="#E69F00", hatch="//", label="a sweep"
-        )
+        axes.barh(at + 0.18, [row.setup_s for row in first], 0.34, color=BLUE, label="set-up")
+        axes.barh(at - 0.18, [row.sweep_s for row in first], 0.34, color=AMBER, hatch="//", label="a sweep")
         axes.set_yticks(at, [row.variant.label for row in first])
         axes.set_xscale("log")
         axes.legend(fontsize=7)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, Chart, tidy
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, SKY, Chart, tidy
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.judged import NEAR, Judged, judge
 from palp_core.palpation.studies.toolkit.checkpoint import append_line, read_lines
 
@@ -85,29 +85,29 @@ def run(out: Path, *, quick: bool = False) -> Path:
     chosen = [one for one in judged if one.rung]
     ratios = [one.cost_ratio for one in chosen if one.cost_ratio is not None]
     counts = {name: sum(one.rung == name for one in chosen) for name in sorted({one.rung for one in chosen})}
-    broken = [words for one in judged for words in one.broken]
     setups = [one.setup_s["l4"] / len(one.scene.phantoms) for one in judged if "l4" in one.setup_s]
-    said = [
-        f"{len(judged)} random scenes, of which {near} near the published rig; {len(chosen)} answered "
-        f"({', '.join(f'{n} by {name}' for name, n in counts.items())}), "
-        f"{len(judged) - len(chosen)} refused because no rung vouches for the tolerance; "
-        f"{len(drawn) - len(judged) - len(failed)} more had no equilibrium with a lagging tip and were drawn "
-        f"again; in {len(failed)} the reference itself failed.",
-        f"Chosen and less right than asked for: {sum(one.wrong for one in chosen)}. "
-        f"Stated bounds not kept: {len(broken)}.",
-        f"Cost of the choice over the cheapest rung that would have done: at most "
-        f"{max(ratios, default=1.0):.2f}, median {np.median(ratios or [1.0]):.2f} "
-        "(median of seven runs, set-ups in the cache).",
-        f"Set-up of L4 per phantom, nothing cached: median {np.median(setups or [0.0]):.1f} s, "
-        f"at most {max(setups, default=0.0):.1f} s.",
-    ]
-    parts = [*(paragraph(text, "lead") for text in said), figure(_chart(judged), out)]
-    parts += [_closest(judged), *(paragraph(words) for words in [*broken, *(one.skipped for one in failed)])]
-    return write_page(out, "Is the chosen contact model right enough?", parts)
+    return write_page(
+        out / "index.html",
+        "studies/contact_validity.html",
+        judged_count=len(judged),
+        near_count=near,
+        chosen_count=len(chosen),
+        counts=counts,
+        redrawn_count=len(drawn) - len(judged) - len(failed),
+        failed=[one.skipped for one in failed],
+        wrong_count=sum(one.wrong for one in chosen),
+        broken=[words for one in judged for words in one.broken],
+        cost_ratios=ratios or [1.0],
+        median_cost_ratio=np.median(ratios or [1.0]),
+        setups_s=setups or [0.0],
+        median_setup_s=np.median(setups or [0.0]),
+        picture=picture(_chart(judged), out),
+        worst=_closest(judged),
+    )
 
 
-def _closest(judged: Sequence[Judged]) -> str:
-    """Return a table of the largest errors, by rung, output and stated bound."""
+def _closest(judged: Sequence[Judged]) -> list[tuple[str, str, float, float, int]]:
+    """Return rung, output and stated bound with the largest error seen, and in how many scenes."""
     worst: dict[tuple[str, str, float], tuple[float, int]] = {}
     for one in judged:
         for output, stated in one.bounds.items():
@@ -115,11 +115,7 @@ def _closest(judged: Sequence[Judged]) -> str:
                 error, count = worst.get((rung, output, bound), (0.0, 0))
                 here = one.errors[output].get(rung, np.inf)
                 worst[rung, output, bound] = (max(error, here), count + 1)
-    rows = [
-        [rung, output, f"{bound:.1%}", f"{error:.2%}", str(count)]
-        for (rung, output, bound), (error, count) in sorted(worst.items())
-    ]
-    return table(["rung", "output", "stated", "largest seen", "scenes"], rows)
+    return [(*key, *found) for key, found in sorted(worst.items())]
 
 
 def _chart(judged: Sequence[Judged]) -> Chart:
@@ -133,7 +129,7 @@ def _chart(judged: Sequence[Judged]) -> Chart:
 
     def draw(to: Figure) -> None:
         axes = to.subplots()
-        for rung, marker, colour in (("l2", "o", "#009E73"), ("l4", "s", "#0072B2"), ("l0", "v", "#56B4E9")):
+        for rung, marker, colour in (("l2", "o", GREEN), ("l4", "s", BLUE), ("l0", "v", SKY)):
             x = [p[2] for p in points if p[0] == rung]
             y = [max(p[3], 1e-6) for p in points if p[0] == rung]
             axes.scatter(x, y, s=16, marker=marker, color=colour, alpha=0.7, label=rung.upper())

@@ -7,16 +7,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
+from palp_core.palpation.reporting.charts import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PINK,
+    SKY,
+    VERMILION,
+    Chart,
+    tidy,
+)
 from palp_core.palpation.studies.decision.limits import Limits, least_seconds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = Sequence[Mapping[str, Any]]
-_FAMILIES = {"fixed": "#8a8a8a", "markov": "#D55E00", "uniform": "#009E73", "reposition": "#56B4E9"}
-_GAIN = "#0072B2"
-_FILTERS = {"naive": "#D55E00", "latent_ring": "#E69F00", "latent_trial": "#CC79A7", "latent": _GAIN}
+_FAMILIES = {"fixed": GREY, "markov": VERMILION, "uniform": GREEN, "reposition": SKY}
+_GAIN = BLUE
+_FILTERS = {"naive": VERMILION, "latent_ring": AMBER, "latent_trial": PINK, "latent": _GAIN}
 
 
 def _colour(policy: str) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.palpation.perception.signal.wavelet_stream import tail_weight
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, Chart, tidy
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.decision.feature_cases import (
     FEATURES,
     FeatureError,
@@ -31,12 +31,12 @@ NOISE_FACTORS = (1.0, 5.0)
 SEED = 20
 _STYLE = {
     "none": (GREY, "x"),
-    "low_pass": ("#E69F00", "v"),
-    "savitzky_golay": ("#009E73", "s"),
-    "db10 soft, stream": ("#0072B2", "o"),
-    "db10 approximation, stream": ("#CC79A7", "D"),
-    "db10 soft, offline": ("#0072B2", "*"),
-    "db10 approximation, offline": ("#CC79A7", "P"),
+    "low_pass": (AMBER, "v"),
+    "savitzky_golay": (GREEN, "s"),
+    "db10 soft, stream": (BLUE, "o"),
+    "db10 approximation, stream": (PINK, "D"),
+    "db10 soft, offline": (BLUE, "*"),
+    "db10 approximation, offline": (PINK, "P"),
 }
 _LEAST_LAG_S = 1e-3
 
@@ -63,71 +63,21 @@ def run(out: Path, *, quick: bool = False) -> Path:
         "tail_weight": {str(lag): tail_weight(lag) for lag in (0, 50, 100, 200, 300, 400, edge_cone())},
     }
     write_json(out / "features.json", record)
-    parts = [
-        paragraph(_lead(rows), "lead"),
-        figure(_chart(rows), out),
-        "<h2>How to read it</h2>",
-        paragraph(
-            "Simulated sweeps over the paper's three depths at r_a = 4 and 16 mm, with the sensor's noise of "
-            "one and five steps of its resolution (the first assumed). The error is that of the feature "
-            "against the same "
-            "feature of the sweep without noise, over the least distance to another depth's at that ring: "
-            "at 0.5 two depths would be confused by it alone. Shared errors of ring and mounting are not in "
-            "it; they are larger, and no smoothing touches them. Lag is the time after a sample at which its "
-            "value is known; blocks of 50 samples add up to 50 ms. Offline ways are charted at the length of "
-            "the sweep. Cost is CPU for a sweep of 4 s, the feature included, on this machine. Lines join "
-            "what nothing else beats in both."
-        ),
-        paragraph(
-            "A stream that is late by the edge cone, 589 samples, equals the offline result to rounding; by "
-            "200, the linear rule differs by at most "
-            f"{100.0 * tail_weight(200):.2g} % of what the sweep still does. The soft rule's threshold is "
-            "then the sensor's stated noise, not the sweep's."
-        ),
-        "<h2>Numbers</h2>",
-        table(
-            [
-                "way",
-                "setting",
-                "lag, ms",
-                "noise",
-                "feature",
-                "rms, N mm",
-                "bias, N mm",
-                "of gap",
-                "cost, ms",
-            ],
-            [
-                [
-                    r.way.family,
-                    r.way.label,
-                    f"{1e3 * r.way.lag_s:.0f}",
-                    f"{r.noise_factor:g} steps",
-                    r.feature,
-                    f"{1e3 * r.rms_n_m:.4f}",
-                    f"{1e3 * r.bias_n_m:+.4f}",
-                    f"{r.relative:.3f}",
-                    f"{1e3 * r.cost_s:.2f}",
-                ]
-                for r in rows
-            ],
-        ),
-    ]
-    return write_page(out, "Features of a sweep: error against lag and cost", parts)
+    return write_page(
+        out / "index.html",
+        "studies/features.html",
+        rows=rows,
+        least=[_least(rows, feature, factor) for factor in NOISE_FACTORS for feature in FEATURES],
+        picture=picture(_chart(rows), out),
+        tail_weight_at_200=tail_weight(200),
+    )
 
 
-def _lead(rows: Sequence[FeatureError]) -> str:
-    said = []
-    for factor in NOISE_FACTORS:
-        for feature in FEATURES:
-            here = [r for r in rows if r.feature == feature and r.noise_factor == factor]
-            best = min(here, key=lambda r: r.relative)
-            default = next(r for r in here if r.way.family == "db10 soft, offline")
-            said.append(
-                f"{feature} at {factor:g} steps: {best.way.family} {best.way.label} "
-                f"{best.relative:.3f} of the gap, the default {default.relative:.3f}"
-            )
-    return f"Least error, {'; '.join(said)}."
+def _least(rows: Sequence[FeatureError], feature: str, noise_factor: float) -> dict[str, FeatureError]:
+    """Return the way of the least error, and the default."""
+    here = [row for row in rows if row.feature == feature and row.noise_factor == noise_factor]
+    default = next(row for row in here if row.way.family == "db10 soft, offline")
+    return {"best": min(here, key=lambda row: row.relative), "default": default}
 
 
 def _record(row: FeatureError) -> dict[str, Any]:

@@ -13,11 +13,10 @@ from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.methods import find
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
-from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import STIFF_M, begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, tabulate
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 REFERENCE = "l4"
 RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from palp_core.palpation.reporting.html_page import paragraph, table, write_page
+from palp_core.palpation.reporting.html_page import write_page
 from palp_core.palpation.studies.decision import traps_belief, traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
 from palp_core.whole_file import write_json
@@ -44,31 +44,4 @@ def run(out: Path, *, quick: bool = False) -> Path:  # noqa: ARG001  it is quick
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    held = sum(one["ours_survives"] for one in rows)
-    fell = sum(not one["naive_survives"] for one in rows)
-    return write_page(
-        out,
-        "Where the published algorithm fails, and what survives",
-        [
-            paragraph(
-                f"{len(rows)} traps, each with the smallest input that springs it: the naive way falls into "
-                f"{fell}, ours holds in {held}.",
-                "lead",
-            ),
-            table(
-                ["trap", "about", "input", "naive way", "gives", "ours", "gives"],
-                [
-                    [
-                        one["trap"],
-                        one["about"],
-                        one["input"],
-                        one["naive_way"],
-                        one["naive"],
-                        one["our_way"],
-                        one["ours"],
-                    ]
-                    for one in rows
-                ],
-            ),
-        ],
-    )
+    return write_page(out / "index.html", "studies/decision_stability.html", traps=rows)

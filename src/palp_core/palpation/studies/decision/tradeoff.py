@@ -15,17 +15,16 @@ from palp_core.palpation.perception.belief.stopping import (
     PosteriorThreshold,
     StopRule,
 )
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.decision.charts import calibration_chart, rungs_chart, tradeoff_chart
 from palp_core.palpation.studies.decision.limits import limits
 from palp_core.palpation.studies.decision.rungs import rung_rows
-from palp_core.palpation.studies.paper.jobs import seeds
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.whole_file import write_json
 
 POLICIES = NAMES
@@ -133,45 +132,21 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         rungs_chart(rungs),
     ]
     return write_page(
-        out,
-        "Speed against accuracy of decisions",
-        [_lead(rows, count), *(figure(chart, out, svg=False) for chart in charts), _front(rows)],
+        out / "index.html",
+        "studies/decision_tradeoff.html",
+        rows=rows,
+        session_count=count,
+        pictures=[picture(chart, out, svg=False) for chart in charts],
+        front=_front(rows),
     )
 
 
 _KEPT = ("accuracy", "ci", "probes", "seconds", "moves", "ece", "overconfidence", "undecided", "sessions")
 
 
-def _label(row: dict[str, Any]) -> str:
-    return f"{row['policy']}, {row['stop']}, {row['feature']}, {row['filter']} filter".replace("_", " ")
-
-
-def _lead(rows: Sequence[dict[str, Any]], sessions: int) -> str:
-    best = max(rows, key=lambda row: row["accuracy"])
-    return paragraph(
-        f"{len(rows)} combinations of policy, stop rule, feature and filter on {sessions} common sessions. "
-        f"The most accurate is {_label(best)}: {100 * best['accuracy']:.1f} % after {best['probes']:.1f} "
-        f"probes and {best['seconds']:.0f} s. The height differs from trial to trial (0.1 mm sd, assumed).",
-        "lead",
-    )
-
-
-def _front(rows: Sequence[dict[str, Any]]) -> str:
+def _front(rows: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
+    """Return the rows on the front of accuracy against seconds, each with how many more are equal to it."""
     front: dict[tuple[float, float], list[dict[str, Any]]] = {}
     for row in sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"])):
         front.setdefault((row["seconds"], row["accuracy"]), []).append(row)
-    return "<h2>On the front of accuracy against seconds</h2>" + table(
-        ["combination", "accuracy", "95 %", "probes", "seconds", "calibration error"],
-        [
-            [
-                _label(r) + (f", and {len(alike) - 1} more with the same" if len(alike) > 1 else ""),
-                f"{100 * r['accuracy']:.1f} %",
-                f"{100 * r['ci'][0]:.1f} to {100 * r['ci'][1]:.1f} %",
-                f"{r['probes']:.2f}",
-                f"{r['seconds']:.1f}",
-                f"{r['ece']:.3f}",
-            ]
-            for alike in front.values()
-            for r in alike[:1]
-        ],
-    )
+    return [(alike[0], len(alike) - 1) for alike in front.values()]

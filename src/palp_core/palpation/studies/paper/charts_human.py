@@ -9,7 +9,7 @@ import numpy as np
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, tidy
+from palp_core.palpation.reporting.charts import GREY, INK, VERMILION, Chart, depth_style, tidy
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def figure_3(seed: int) -> Chart:
             tidy(axes, f"{name}, eq. (1)", "", "share of MVC")
         panels[2].plot(time_s, found.cocontraction[::step], color=INK, linewidth=0.8)
         at = [burst.index for burst in found.bursts]
-        panels[2].plot([i / 1500.0 for i in at], found.cocontraction[at], "o", color="#D55E00", markersize=4)
+        panels[2].plot([i / 1500.0 for i in at], found.cocontraction[at], "o", color=VERMILION, markersize=4)
         tidy(panels[2], "co-contraction, eq. (3), and its bursts", "time, s", "share of MVC")
 
     return Chart(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, tidy
+from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, INK, VERMILION, Chart, depth_style, tidy
 from palp_core.palpation.studies.paper.numbers import PUBLISHED
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
@@ -68,9 +68,7 @@ def figure_12(table: Mapping[str, dict[str, Any]]) -> Chart:
         axes = figure.subplots()
         axes.bar([0, 1, 2], [row[1] for row in rows], width=0.35, color=GREY, label="paper")
         for place in (1, 2):
-            axes.bar(
-                place + 0.38, rows[place][2], width=0.35, color="#0072B2", label="ours" if place == 1 else ""
-            )
+            axes.bar(place + 0.38, rows[place][2], width=0.35, color=BLUE, label="ours" if place == 1 else "")
             axes.plot([place + 0.38] * 2, rows[place][3:], color=INK, linewidth=1.4)
         axes.set_xticks([0, 1.19, 2.19], ["human", "fixed,\naverage", "human\nstrategy"])
         axes.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0)
@@ -96,13 +94,13 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(2, 1, sharex=True)
-        _bars(left, names, table, "#0072B2")
+        _bars(left, names, table, BLUE)
         for level, text in ((0.667, "paper, fixed"), (0.9, "paper, human strategy"), (1 / 3, "chance")):
             left.axhline(level, color=GREY, linestyle="--", linewidth=0.9)
             left.annotate(text, (len(names) - 0.5, level), fontsize=7, va="bottom")
         left.set_xlim(-0.8, len(names) + 2.2)  # room for the words beside the bars
         tidy(left, "accuracy, 95 % intervals over sessions", "", "share right")
-        right.bar(range(len(names)), [table[n]["seconds"] for n in names], color="#009E73", width=0.7)
+        right.bar(range(len(names)), [table[n]["seconds"] for n in names], color=GREEN, width=0.7)
         for place, name in enumerate(names):
             right.annotate(
                 f"{table[name]['probes']:.1f}",
@@ -134,7 +132,7 @@ def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
         axes = figure.subplots()
         axes.plot([0.3, 1], [0.3, 1], color=GREY, linestyle=":")
         for name, stated, share, _ in rows:
-            axes.plot(stated, share, "o", color="#D55E00", markersize=4)
+            axes.plot(stated, share, "o", color=VERMILION, markersize=4)
             axes.annotate(
                 str(name).replace("_", " "),
                 (stated, share),
@@ -175,7 +173,7 @@ def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
         axes = figure.subplots()
         at = np.arange(len(rows))
         for first, shift, colour, label in (
-            (1, -0.2, "#0072B2", "information gain, latent filter"),
+            (1, -0.2, BLUE, "information gain, latent filter"),
             (4, 0.2, GREY, "best fixed ring at equal seconds"),
         ):
             axes.bar(at + shift, [r[first] for r in rows], width=0.38, color=colour, label=label)

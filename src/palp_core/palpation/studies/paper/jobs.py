@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -137,8 +136,3 @@ def _aware(model: OffsetModel, table: ReadingTable, conditions: Conditions, floo
 
 def _squared(expected_m: Float64Array, truth_m: Float64Array) -> Float64Array:
     return np.asarray(((expected_m - truth_m[:, None]) ** 2).mean(axis=0))
-
-
-def seeds(study: int, seed: int, count: int) -> Sequence[tuple[int, ...]]:
-    """Return the seeds of a study's sessions."""
-    return [(study, seed, number) for number in range(count)]

@@ -12,7 +12,7 @@ import numpy as np
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import Chart
-from palp_core.palpation.reporting.html_page import figure, write_page
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results
 from palp_core.palpation.studies.paper.jobs import (
     GRID_M,
@@ -24,18 +24,16 @@ from palp_core.palpation.studies.paper.jobs import (
     grid_session,
     paper_session,
     scene_session,
-    seeds,
 )
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
-from palp_core.palpation.studies.paper.text import closing, opening
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -104,8 +102,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     if report["scenes"]:
         charts.append(charts_results.scenes_chart(report["scenes"]))
         charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
-    parts = [*opening(report), *(figure(chart, out, svg=False) for chart in charts), *closing(report)]
-    return write_page(out, "A soft probe that varies its stiffness: the paper re-run", parts)
+    pictures = [picture(chart, out, svg=False) for chart in charts]
+    return write_page(out / "index.html", "studies/paper.html", report=report, pictures=pictures)
 
 
 def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:

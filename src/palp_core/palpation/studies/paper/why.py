@@ -17,15 +17,14 @@ import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
-from palp_core.palpation.reporting.html_page import figure, paragraph, table, write_page
-from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.reporting.charts import GREY, INK, PALE_BLUE, Chart, tidy
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -164,16 +163,17 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         writer.writeheader()
         writer.writerows(crossed)
     return write_page(
-        out,
-        "Why would a fixed stiffness make no progress?",
-        [
-            _lead(rows),
-            _meanings(),
-            figure(_chart(rows), out, svg=False),
-            _table(rows),
-            _control(report["control"]),
-            _crossed(crossed, names),
+        out / "index.html",
+        "studies/why.html",
+        **report,
+        near=[
+            one["cell"]
+            for one in rows
+            if one["cell"].startswith("only") and one["low"] <= 2 / 3 <= one["high"]
         ],
+        together=next(one for one in rows if one["cell"] == "all"),
+        picture=picture(_chart(rows), out, svg=False),
+        probe_count=PROBES,
     )
 
 
@@ -216,65 +216,11 @@ def by_position(sessions: dict[str, list[Outcomes]]) -> dict[str, list[float]]:
     }
 
 
-def _control(lines: dict[str, list[float]]) -> str:
-    words = "; ".join(
-        f"{name.replace('_', ' ')}: {100 * first:.1f} %, then {100 * last:.1f} %"
-        for name, (first, last) in lines.items()
-    )
-    return paragraph(f"The control, right after the first probe and after the {PROBES}th. {words}.")
-
-
-def _lead(rows: Sequence[dict[str, Any]]) -> str:
-    near = [
-        row["cell"] for row in rows if row["cell"].startswith("only") and row["low"] <= 2 / 3 <= row["high"]
-    ]
-    words = ", ".join(near) if near else "none"
-    control, together = rows[0], next(row for row in rows if row["cell"] == "all")
-    return paragraph(
-        f"Without shared errors the fixed positions from 4 mm on are right in "
-        f"{100 * control['accuracy']:.1f} % of trials. Hypotheses whose interval, alone, holds the "
-        f"published 66.7 %: {words}. All together: {100 * together['accuracy']:.1f} %.",
-        "lead",
-    )
-
-
-def _meanings() -> str:
-    return table(["hypothesis", "what it says"], [[name, words] for name, (words, _) in HYPOTHESES.items()])
-
-
-def _table(rows: Sequence[dict[str, Any]]) -> str:
-    return "<h2>Each alone, all, and all but each</h2>" + table(
-        ["cell", "accuracy", "95 %", "progress over probes", "probes", "calibration error"],
-        [
-            [
-                r["cell"],
-                f"{100 * r['accuracy']:.1f} %",
-                f"{100 * r['low']:.1f} to {100 * r['high']:.1f} %",
-                f"{100 * r['progress']:+.1f} ({100 * r['progress_low']:+.1f} to "
-                f"{100 * r['progress_high']:+.1f})",
-                f"{r['probes']:.2f}",
-                f"{r['ece']:.3f}",
-            ]
-            for r in rows
-        ],
-    )
-
-
-def _crossed(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
-    return "<h2>Crossed: best fixed position, or drawn from 8, 12 and 16 mm</h2>" + table(
-        [*(n.replace("_", " ") for n in names), "accuracy", "probes", "calibration error"],
-        [
-            [*(r[n] for n in names), f"{100 * r['accuracy']:.1f} %", f"{r['probes']:.2f}", f"{r['ece']:.3f}"]
-            for r in rows
-        ],
-    )
-
-
 def _chart(rows: Sequence[dict[str, Any]]) -> Chart:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         at = np.arange(len(rows))
-        axes.barh(at, [r["accuracy"] for r in rows], color="#9db8d2")
+        axes.barh(at, [r["accuracy"] for r in rows], color=PALE_BLUE)
         for place, r in zip(at, rows, strict=True):
             axes.plot([r["low"], r["high"]], [place, place], color=INK, linewidth=1.4)
         axes.axvline(2 / 3, color=GREY, linestyle="--")

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.reporting.html_page import figure, write_page
-from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT, PUBLISHED
 from palp_core.palpation.studies.power.charts import curves_chart, effect_chart, paper_chart
 from palp_core.palpation.studies.power.jobs import (
@@ -38,10 +37,9 @@ from palp_core.palpation.studies.power.model import (
     least_sessions,
     paired_power,
 )
-from palp_core.palpation.studies.power.text import page_parts
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -114,8 +112,16 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         effect_chart(report["policies"]),
         paper_chart(report["paper"]),
     ]
-    pictures = [figure(chart, out, svg=False) for chart in charts]
-    return write_page(out, "How many trials, and how many sessions?", page_parts(report, pictures))
+    independent, one_session = list(report["paper"]["detectable"].values())[:2]
+    return write_page(
+        out / "index.html",
+        "studies/power.html",
+        report=report,
+        pictures=[picture(chart, out, svg=False) for chart in charts],
+        independent=independent["80"],
+        one_session=one_session["80"],
+        differences={f"{one['first']} - {one['second']}": one for one in report["differences"]},
+    )
 
 
 def _formula(pool: Mapping[str, Float64Array], row: Mapping[str, Any]) -> float:

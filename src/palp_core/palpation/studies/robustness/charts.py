@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, tidy
+from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, VERMILION, Chart, tidy
 from palp_core.palpation.studies.robustness.cells import FACTORS, Factor
 
 if TYPE_CHECKING:
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette; line style and marker say the same again
 _LOOKS: dict[str, tuple[str, str, str]] = {
-    "fixed_average": ("#8a8a8a", ":", "x"),
-    "fixed_best": ("#222222", "-", "s"),
-    "markov": ("#E69F00", "--", "^"),
-    "uniform": ("#CC79A7", "-.", "v"),
-    "information_gain": ("#0072B2", "-", "o"),
-    "information_gain_latent": ("#009E73", "-", "D"),
-    "reposition_best": ("#D55E00", "--", "P"),
+    "fixed_average": (GREY, ":", "x"),
+    "fixed_best": (INK, "-", "s"),
+    "markov": (AMBER, "--", "^"),
+    "uniform": (PINK, "-.", "v"),
+    "information_gain": (BLUE, "-", "o"),
+    "information_gain_latent": (GREEN, "-", "D"),
+    "reposition_best": (VERMILION, "--", "P"),
 }
 _AXES = {
     "accuracy": "share right",
@@ -31,7 +31,7 @@ _AXES = {
     "probes": "probes",
 }
 _COLUMNS = 3
-_KINDS = {"": ("#0072B2", "o"), "suspected": ("#E69F00", "v"), "worse": ("#D55E00", "X")}
+_KINDS = {"": (BLUE, "o"), "suspected": (AMBER, "v"), "worse": (VERMILION, "X")}
 
 
 def factors_chart(
@@ -162,7 +162,7 @@ def family_chart(family: Mapping[str, Any], centre: Mapping[str, Any]) -> Chart:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.plot(np.arange(1, len(shares) + 1), shares, ".", color="#0072B2", label="a chain of the family")
+        axes.plot(np.arange(1, len(shares) + 1), shares, ".", color=BLUE, label="a chain of the family")
         for name in others:
             colour, line, _ = _LOOKS[name]
             label = "markov, AR(1)" if name == "markov" else name.replace("_", " ")

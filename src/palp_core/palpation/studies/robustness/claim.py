@@ -29,6 +29,8 @@ CLAIMS = (
 """Policy and design; the first is the paper's filter throughout."""
 
 LEVEL = 0.05
+_ALL_BITS = float(np.log2(3.0))
+_SATURATED = 0.02  # bits below what three depths hold
 _PROBES = 6
 _TRAINING = 2000
 
@@ -155,3 +157,36 @@ def judged(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         }
         for row, p in zip(rows, holm([row["p"] for row in rows]), strict=True)
     ]
+
+
+def reasons(
+    row: Mapping[str, Any], changed: Sequence[Mapping[str, Any]], promised: Mapping[str, Mapping[str, float]]
+) -> list[str]:
+    """Return why information gain is worse in a cell.
+
+    Args:
+        row: Its comparison with the best of the others.
+        changed: The same comparison, with one thing changed each.
+        promised: What it is promised by each ring position, as of
+            :func:`~palp_core.palpation.studies.robustness.jobs.promises`.
+    """
+    by_name = {one.name: one for one in CHANGES}
+    found = [
+        f"{by_name[one['change']].reason} ({_points(one)} instead of {_points(row)})"
+        for one in changed
+        if one["ci"][1] >= 0.0 and one["difference"] > 0.5 * row["difference"]
+    ]
+    full = [ring for ring, one in promised.items() if one["bits"] > _ALL_BITS - _SATURATED]
+    if len(full) > 1:
+        found.append(
+            f"its promise is full: by its model one reading tells all {_ALL_BITS:.2f} bits at "
+            f"{', '.join(full)} mm alike, so it does not see which position errs least"
+        )
+    return found or [
+        "none of the changes alone takes it away: what is left is that it looks one probe ahead, and takes "
+        "readings to answer in straight lines to landing and height"
+    ]
+
+
+def _points(row: Mapping[str, Any]) -> str:
+    return f"{100 * row['difference']:+.1f} points, {100 * row['ci'][0]:+.1f} to {100 * row['ci'][1]:+.1f}"

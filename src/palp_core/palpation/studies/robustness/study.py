@@ -16,11 +16,17 @@ from typing import Any
 import numpy as np
 
 from palp_core.palpation.perception.strategy.isospectral_family import figure5_family
-from palp_core.palpation.reporting.html_page import figure, write_page
-from palp_core.palpation.studies.paper.jobs import seeds
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.robustness.cells import RobustnessCell, cells
 from palp_core.palpation.studies.robustness.charts import differences_chart, factors_chart, family_chart
-from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged
+from palp_core.palpation.studies.robustness.claim import (
+    CLAIMS,
+    LEVEL,
+    against_best,
+    changes_of,
+    judged,
+    reasons,
+)
 from palp_core.palpation.studies.robustness.jobs import (
     DESIGNS,
     CellJob,
@@ -29,13 +35,22 @@ from palp_core.palpation.studies.robustness.jobs import (
     promises,
     run_cell,
 )
-from palp_core.palpation.studies.robustness.text import page_parts, reasons
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
 Report = dict[str, Any]
+_SHOWN = (
+    "fixed_0",
+    "fixed_average",
+    "fixed_best",
+    "markov",
+    "uniform",
+    "information_gain",
+    "information_gain_latent",
+    "reposition_best",
+)
 
 
 @dataclass(frozen=True)
@@ -97,8 +112,15 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         differences_chart(claims),
         family_chart(report["family"], lines["centre"]["paper"]),
     ]
-    pictures = [figure(chart, out, svg=False) for chart in charts]
-    return write_page(out, "Does it hold elsewhere? One factor at a time", page_parts(report, pictures))
+    return write_page(
+        out / "index.html",
+        "studies/robustness.html",
+        report=report,
+        pictures=[picture(chart, out, svg=False) for chart in charts],
+        shown=_SHOWN,
+        significance=LEVEL,
+        widest=[max(0.5 * (row["ci"][1] - row["ci"][0]) for row in claim["cells"]) for claim in claims],
+    )
 
 
 _READ = "Mean over sessions with 95 % intervals; the other factors are at the paper's design. "

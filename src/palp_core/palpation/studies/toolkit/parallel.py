@@ -70,6 +70,11 @@ def run_jobs(
     return [found[number] for number in range(len(jobs))]
 
 
+def seeds(study: int, seed: int, count: int) -> Sequence[tuple[int, ...]]:
+    """Return the seeds of a study's sessions."""
+    return [(study, seed, number) for number in range(count)]
+
+
 def _on_processes(
     function: Callable[[J], R], jobs: Mapping[int, J], workers: int
 ) -> Generator[tuple[int, R]]:

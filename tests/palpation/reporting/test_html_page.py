@@ -1,0 +1,72 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import jinja2
+import pytest
+
+import palp_core.palpation
+from palp_core.palpation.reporting.charts import Chart
+from palp_core.palpation.reporting.html_page import picture, write_page
+
+ROOM = Path(palp_core.palpation.__file__).parent
+ROWS = [["<b>trap</b>", "a & b", "0", "naive", "1", "ours", "2"]]
+TRAPS = [
+    dict(
+        zip(("trap", "about", "input", "naive_way", "naive", "our_way", "ours"), ROWS[0], strict=True),
+        naive_survives=False,
+        ours_survives=True,
+    )
+]
+
+
+def test_a_page_needs_no_other_file_and_shows_markup_as_text(tmp_path: Path) -> None:
+    page = write_page(tmp_path / "new" / "index.html", "studies/decision_stability.html", traps=TRAPS)
+    text = page.read_text(encoding="utf-8")
+    assert "&lt;b&gt;trap&lt;/b&gt;" in text
+    assert "a &amp; b" in text
+    assert "<b>" not in text
+    assert "border-collapse" in text
+    assert not re.search(r'(src|href)="(?!data:)', text)
+    assert [path.name for path in page.parent.iterdir()] == ["index.html"]
+
+
+def test_a_value_that_nobody_hands_in_is_an_error_and_leaves_no_page(tmp_path: Path) -> None:
+    with pytest.raises(jinja2.UndefinedError, match="traps"):
+        write_page(tmp_path / "index.html", "studies/decision_stability.html")
+    traps = [{name: value for name, value in TRAPS[0].items() if name != "our_way"}]
+    with pytest.raises(jinja2.UndefinedError, match="our_way"):
+        write_page(tmp_path / "index.html", "studies/decision_stability.html", traps=traps)
+    assert not (tmp_path / "index.html").exists()
+
+
+@pytest.mark.parametrize("svg", [False, True])
+def test_a_picture_names_the_files_it_left(tmp_path: Path, svg: bool) -> None:
+    chart = Chart("one", "Title", "Caption.", (1.0, 1.0), ("x",), [(1,)], lambda figure: None)
+    shown = picture(chart, tmp_path, svg=svg)
+    assert {path.name for path in tmp_path.iterdir()} == set(shown.files)
+    assert (tmp_path / "one.png").read_bytes() == shown.png
+
+
+def test_tags_and_styles_are_in_templates_alone() -> None:
+    found = [
+        str(path.relative_to(ROOM))
+        for path in ROOM.rglob("*.py")
+        if re.search(r"</?(p|h[1-6]|table|tr|td|th|figure|html|style|div)\b[^>]*>", path.read_text("utf-8"))
+    ]
+    assert found == []
+
+
+def test_templates_stand_on_one_base_with_one_style_sheet() -> None:
+    templates = ROOM / "reporting" / "templates"
+    pages = [path for path in templates.rglob("*.html") if path.name not in ("base.html", "macros.html")]
+    assert len(pages) >= 15
+    assert all(path.read_text("utf-8").startswith('{% extends "base.html" %}') for path in pages)
+    styled = [path.name for path in templates.rglob("*.html") if "<style" in path.read_text("utf-8")]
+    assert styled == ["base.html"]
+
+
+def test_importing_pages_does_not_load_their_engine() -> None:
+    check = "import sys, palp_core.palpation.reporting.html_page; sys.exit('jinja2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
