@@ -176,6 +176,7 @@ def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, su
 def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, summary: Summariser) -> None:
     described = summary(out := record(trials=TRIALS))
     described.params.pop("phantom")
+    described.publishes.pop("phantom")
     described.params["policy"] = {"rings_mm": (0.0, 16.0)}
     session(described)
     page = (out / "report.html").read_text(encoding="utf-8")

@@ -151,6 +151,7 @@ def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summ
     real = msgspec.structs.replace(
         described, params={k: v for k, v in described.params.items() if k not in ("phantom", "estimator")}
     )
+    real.publishes.pop("phantom")
     found = built(out, real)
     assert found["mechanics"] is None
     assert found["stop_rule"] is None

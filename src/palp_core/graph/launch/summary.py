@@ -18,6 +18,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         args: The launch file's arguments as resolved.
         params: Parameters of every node, by node.
+        publishes: Names of the message types that each node publishes, by node.
+        listens: Nodes that each node listens to, by node.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep.
@@ -31,6 +33,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     composed: bool
     args: dict[str, Any]
     params: dict[str, dict[str, Any]]
+    publishes: dict[str, list[str]]
+    listens: dict[str, list[str]]
     exit_code: int
     clock_s: float
     wall_s: float
@@ -46,6 +50,7 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         path: Its launch file, as given.
         outcome: What only the run itself can tell.
     """
+    topics = checked.topics
     return RunSummary(
         graph=checked.graph,
         file=str(path),
@@ -53,6 +58,16 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         seed=checked.seed,
         args=checked.args,
         params={spec.name: spec.params for spec in checked.nodes},
+        publishes={
+            spec.name: sorted(topic.type for topic in topics.values() if topic.node == spec.name)
+            for spec in checked.nodes
+        },
+        listens={
+            node: sorted(
+                {checked.topics[one.topic].node for one in wires.values() if one.topic in checked.topics}
+            )
+            for node, wires in checked.readings.items()
+        },
         **outcome,
     )
 

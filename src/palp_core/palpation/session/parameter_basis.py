@@ -1,7 +1,7 @@
 """On what each number of the protocol rests: published, a data sheet, or assumed.
 
-Keys are ``node.parameter`` as in the launch file. What is not listed is a choice of the run, such as its
-seed, or of the software, such as the length of a block.
+Keys are ``role.parameter``, the role as of :mod:`palp_core.palpation.session.roles`. What is not listed is a
+choice of the run, such as its seed, or of the software, such as the length of a block.
 """
 
 from __future__ import annotations
@@ -109,6 +109,6 @@ SCENE = {
 """What each number of the simulated probe and of the paper's phantoms rests on."""
 
 
-def basis_of(node: str, parameter: str) -> str:
-    """Return what a parameter's value rests on; empty where nothing is to be said."""
-    return BASIS.get(f"{node}.{parameter}", "")
+def basis_of(role: str, parameter: str) -> str:
+    """Return what a parameter of a node in a role rests on; empty where nothing is to be said."""
+    return BASIS.get(f"{role}.{parameter}", "")

@@ -16,9 +16,8 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
 
-_TOPICS = ("/experiment/mount", "/experiment/trial", "/estimator/palpation")
-_RING = "/actuator/ring_state"
-_TRUTH = "/phantom/truth"
+_NEEDED = ("Mount", "Trial", "Palpation")  # types of messages; what their topics are called is the graph's
+_TOLD = ("RingState", "PhantomTruth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,41 +126,61 @@ def _of_record(folder: Path) -> Iterator[RecordedSweep]:
 def _rehomes(folder: Path) -> bool | None:
     try:
         result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        return bool(result["protocol"]["experiment"]["rehome"]["value"] == "palpation")
-    except (OSError, ValueError, KeyError, TypeError):
+        said = [node["rehome"]["value"] for node in result["protocol"].values() if "rehome" in node]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
+    return said == ["palpation"] if said else None
 
 
 def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     """Yield the bag's sweeps; a phantom's depth is what was recorded of it, else what training told."""
     with Bag(path) as bag:
-        missing = [topic for topic in _TOPICS if topic not in bag.topics()]
-        if missing:
-            raise PalpError(
-                f"{path}: has no {', '.join(missing)}; record the whole run: palp launch FILE --record DIR"
-            )
-        told = _RING in bag.topics()
-        there = [topic for topic in (*_TOPICS, _RING, _TRUTH) if topic in bag.topics()]
-        messages = list(bag.messages(there))  # in the order of recording: a mount follows its last sweep
+        type_of = _topics(path, {name: topic.type for name, topic in bag.topics().items()})
+        messages = list(bag.messages(list(type_of)))  # as recorded: a mount follows its last sweep
+    told = "RingState" in type_of.values()
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
     homed, ring_m = False, -1.0
     for message in messages:
         value: Any = message.value
-        if message.topic == _TOPICS[0]:
-            code, remount = value.code, value.remount
-        elif message.topic == _TOPICS[1]:
-            trial = value
-            if value.label_known:
-                depths[code] = value.depth_m
-        elif message.topic == _TRUTH:
-            depths[value.code] = value.depth_m
-        elif message.topic == _RING:
-            homed = homed or value.rehome
-        elif trial is not None and value.trial == trial.trial:
-            landed = (homed or value.ring_m != ring_m) if told else None
-            homed, ring_m = False, value.ring_m
-            yield RecordedSweep(
-                trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
-                value.torque_n_m, value.rate_hz, landed,
-            )  # fmt: skip
+        match type_of[message.topic]:
+            case "Mount":
+                code, remount = value.code, value.remount
+            case "Trial":
+                trial = value
+                if value.label_known:
+                    depths[code] = value.depth_m
+            case "PhantomTruth":
+                depths[value.code] = value.depth_m
+            case "RingState":
+                homed = homed or value.rehome
+            case "Palpation" if trial is not None and value.trial == trial.trial:
+                landed = (homed or value.ring_m != ring_m) if told else None
+                homed, ring_m = False, value.ring_m
+                yield RecordedSweep(
+                    trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
+                    value.torque_n_m, value.rate_hz, landed,
+                )  # fmt: skip
+
+
+def _topics(path: Path, types: dict[str, str]) -> dict[str, str]:
+    """Return type by topic of those that a session is read from.
+
+    Raises:
+        PalpError: One is missing, or there are two of a type.
+    """
+    found = {name: kind for name, kind in types.items() if kind in (*_NEEDED, *_TOLD)}
+    missing = [kind for kind in _NEEDED if kind not in found.values()]
+    if missing:
+        raise PalpError(
+            f"{path}: has no topic of {', '.join(missing)}; "
+            "record the whole run: palp launch FILE --record DIR"
+        )
+    for kind in set(found.values()):
+        alike = sorted(name for name, one in found.items() if one == kind)
+        if len(alike) > 1:
+            raise PalpError(
+                f"{path}: {' and '.join(alike)} are both of {kind}, and a session has one; write a bag "
+                "without the other: palp bag filter"
+            )
+    return found

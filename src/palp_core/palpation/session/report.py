@@ -5,8 +5,8 @@ A launch file names it: ``report: palp_core.palpation.session.report:session``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.reporting.charts import Chart
@@ -27,6 +27,7 @@ from palp_core.palpation.session.repeatability import (
 )
 from palp_core.palpation.session.report_page import headline, write_report
 from palp_core.palpation.session.result_json import build, out_of, write_result
+from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
 
 if TYPE_CHECKING:
@@ -47,20 +48,20 @@ def session(summary: RunSummary) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary)
-    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, summary.params)]
+    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, roles_of(summary))]
     target = write_report(found.folder / "report.html", result, pictures)
     return f"{headline(result)}\nReport: {target}"
 
 
 def _repeatability(found: RecordedSession, summary: RunSummary) -> str:
     """Write the noise file and the page of the plan ``repeatability``."""
-    path = summary.params.get("phantom", {}).get("scene", "")
+    path = roles_of(summary).params("phantom").get("scene", "")
     measured = measure_repeatability(read_sweeps(found.folder), scene=read_scene(path) if path else None)
     write_repeatability(measured, found.folder)
     return f"{repeatability_headline(measured)}\nReport: {found.folder / 'report.html'}"
 
 
-def _charts(found: RecordedSession, params: Mapping[str, Mapping[str, Any]]) -> Iterator[Chart]:
+def _charts(found: RecordedSession, roles: Roles) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
     for chart in (
         accuracy_chart(found),
@@ -68,7 +69,12 @@ def _charts(found: RecordedSession, params: Mapping[str, Mapping[str, Any]]) -> 
         calibration_chart(found),
         rings_chart(found),
         primitives_chart(found),
-        sweeps_chart(found, params),
+        sweeps_chart(
+            found,
+            estimator=roles.params("estimator"),
+            from_m=roles.params("experiment").get("from_m"),
+            speed_m_s=roles.params("stage").get("sweep_speed_m_s", 0.020),
+        ),
     ):
         if chart is not None:
             yield chart

@@ -24,6 +24,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
+from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def out_of(summary: RunSummary) -> Path:
     Raises:
         PalpError: The run names none.
     """
-    out = summary.args.get("out") or summary.params.get("experiment", {}).get("out")
+    out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
     if not out:
         raise PalpError(
             f"{summary.file}: the run names no folder of a record; give the launch file an argument 'out' "
@@ -66,7 +67,8 @@ def out_of(summary: RunSummary) -> Path:
 
 def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     """Return the result of a session and its run, in the order in which a person reads it."""
-    experiment = {**summary.params.get("experiment", {}), **summary.args}
+    roles = roles_of(summary)
+    experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
     trials = session.trials
     return {
@@ -90,9 +92,10 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "confusion": _confusion(session),
         "grid_depths": session.grid_count,
         "rmse_mm": _rmse_mm(trials),
-        "stop_rule": _stop_rule(summary.params.get("estimator", {})),
-        "mechanics": _mechanics(summary.params.get("phantom"), session),
-        "protocol": _protocol(summary.params),
+        "stop_rule": _stop_rule(roles.params("estimator")),
+        "mechanics": _mechanics(roles.params("phantom"), session) if roles.touch_simulated else None,
+        "roles": dict(roles.node),
+        "protocol": _protocol(summary.params, roles),
         "clock": summary.clock,
         "sim_time_s": summary.clock_s,
         "palpations": len(session.rows),
@@ -134,14 +137,20 @@ def read_result(out: str | Path) -> dict[str, Any]:
 
 def policy_label(result: dict[str, Any]) -> str:
     """Return the policy's name, with its ring position where it has one, and those that took over from it."""
-    protocol = result["protocol"]
-    ring = protocol.get("policy", {}).get("ring_mm")
+    ring = _of_role(result, "policy").get("ring_mm")
     label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
-    swaps = protocol.get("experiment", {}).get("swaps", {}).get("value", "")
+    swaps = _of_role(result, "experiment").get("swaps", {}).get("value", "")
     for swap in filter(None, swaps.split(",")):
         trial, _, run = swap.partition("=")
         label += f", from trial {trial.strip()} on {run.rpartition(':')[2].lower()}"
     return label
+
+
+def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
+    """Return the protocol of the node of a role; results without roles are of graphs that called it so."""
+    node = result.get("roles", {}).get(role, role)
+    found: dict[str, dict[str, Any]] = result["protocol"].get(node, {})
+    return found
 
 
 def without_times(result: dict[str, Any]) -> dict[str, Any]:
@@ -226,13 +235,11 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     return {"name": estimator["stop"], "settings": settings | limit}
 
 
-def _mechanics(phantom: dict[str, Any] | None, session: RecordedSession) -> dict[str, Any] | None:
-    """Return every phantom's rung, its stated bound, its guards, and the scene; None where touch was real.
+def _mechanics(phantom: dict[str, Any], session: RecordedSession) -> dict[str, Any]:
+    """Return every phantom's rung, its stated bound, its guards, and the scene.
 
     Guards are those of sweeps at the ring positions visited and the nominal height.
     """
-    if phantom is None:
-        return None
     names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
     indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
     touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
@@ -271,13 +278,13 @@ def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]
     return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
 
 
-def _protocol(params: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _protocol(params: dict[str, dict[str, Any]], roles: Roles) -> dict[str, dict[str, Any]]:
     """Return every node's parameters, each with what it rests on; where to record is no part of it."""
     return {
         node: {
-            name: {"value": value, "basis": basis_of(node, name)}
+            name: {"value": value, "basis": basis_of(roles.of.get(node, ""), name)}
             for name, value in values.items()
-            if (node, name) != ("experiment", "out")
+            if (roles.of.get(node), name) != ("experiment", "out")
         }
         for node, values in params.items()
     }

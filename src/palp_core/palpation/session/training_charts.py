@@ -91,12 +91,16 @@ def _normal(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64Ar
     return mean + sd * z, np.exp(-0.5 * z**2) / (sd * np.sqrt(2.0 * np.pi))
 
 
-def sweeps_chart(session: RecordedSession, params: Mapping[str, Mapping[str, Any]]) -> Chart | None:
+def sweeps_chart(
+    session: RecordedSession, *, estimator: Mapping[str, Any], from_m: float | None, speed_m_s: float
+) -> Chart | None:
     """Return the sweeps of Figure 8 over the deepest bead: one as measured, and the mean per ring position.
 
     Args:
         session: The record; of its sweeps only those shown are read.
-        params: Parameters of every node: the de-noising as run, and the stage's path.
+        estimator: Its parameters: the de-noising as run.
+        from_m: Where sweeps began; None where that is not known.
+        speed_m_s: Of the stage in a sweep.
 
     Returns:
         None where there is no training or its sweeps are gone.
@@ -111,8 +115,8 @@ def sweeps_chart(session: RecordedSession, params: Mapping[str, Mapping[str, Any
         for ring_m in rings_m
     }
     chosen = {ring_m: rows for ring_m, rows in chosen.items() if rows}
-    settings = {k: v for k, v in params.get("estimator", {}).items() if k in ("wavelet", "level")}
-    rule = params.get("estimator", {}).get("denoise", "soft_universal")
+    settings = {k: v for k, v in estimator.items() if k in ("wavelet", "level")}
+    rule = estimator.get("denoise", "soft_universal")
     try:
         raw = {
             ring_m: [read_sweep(session.folder, r.row)[0] for r in rows] for ring_m, rows in chosen.items()
@@ -126,7 +130,7 @@ def sweeps_chart(session: RecordedSession, params: Mapping[str, Mapping[str, Any
         for ring_m, sweeps in raw.items()
     }
     edge = edge_cone(**settings)
-    along, along_label, per_sample = _axis(length, rate_hz, params)
+    along, along_label, per_sample = _axis(length, speed_m_s / rate_hz, from_m)
     means = {ring_m: sweeps.mean(axis=0) * 1e3 for ring_m, sweeps in clean.items()}
     deviations = {ring_m: _sd(sweeps) * 1e3 for ring_m, sweeps in clean.items()}
     peaks = {ring_m: peak(mean, edge=edge) for ring_m, mean in means.items()}
@@ -185,13 +189,10 @@ def _sd(sweeps: Float64Array) -> Float64Array:
     return deviation
 
 
-def _axis(
-    length: int, rate_hz: float, params: Mapping[str, Mapping[str, Any]]
-) -> tuple[Float64Array, str, float]:
-    """Return where each sample lies, the axis' name, and the step between samples."""
-    speed_m_s = params.get("stage", {}).get("sweep_speed_m_s", 0.020)
-    step_mm = speed_m_s / rate_hz * 1e3
-    from_m = params.get("experiment", {}).get("from_m")
+def _axis(length: int, step_m: float, from_m: float | None) -> tuple[Float64Array, str, float]:
+    """Return where each sample lies, the axis' name, and the step between samples, mm."""
+    step_mm = step_m * 1e3
+    way_mm = step_mm * np.arange(length, dtype=np.float64)
     if from_m is None:
-        return step_mm * np.arange(length), "way of the stage, mm", step_mm
-    return from_m * 1e3 + step_mm * np.arange(length), "stage position past the bead, mm", step_mm
+        return way_mm, "way of the stage, mm", step_mm
+    return from_m * 1e3 + way_mm, "stage position past the bead, mm", step_mm

@@ -1,0 +1,104 @@
+"""Which node of a run was which, whatever the launch file calls it: the experiment, the estimator, the stage.
+
+A node's role shows in what it publishes. Of several of a role, as with a second estimator that only listens,
+the one that the experiment hears from is meant, directly or through others: the wires of the launch file say
+so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from palp_core.errors import PalpError
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+
+PUBLISHED = {
+    "experiment": "TrialResult",
+    "policy": "RingCommand",  # so does the experiment, which is told by the line above
+    "actuator": "RingState",
+    "stage": "SweepStatus",
+    "phantom": "PhantomTruth",
+    "torque": "TorqueBlock",
+    "estimator": "Belief",
+    "emg": "EmgBlock",
+    "cocontraction": "CoContraction",
+}
+"""The message type that a node of each role publishes; the first role that fits is a node's."""
+
+SIMULATED_TOUCH = "ContactGuard"
+"""What a phantom publishes that is solved and not touched."""
+
+_NEEDED = ("experiment", "policy", "stage", "estimator")
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The roles of a run's nodes.
+
+    Attributes:
+        node: Name of the node by role; a role that a session can do without may be missing.
+        of: Role by node; nodes without one are left out.
+        touch_simulated: Whether the phantom's touch was computed.
+    """
+
+    node: Mapping[str, str]
+    of: Mapping[str, str]
+    touch_simulated: bool
+    _params: Mapping[str, Mapping[str, Any]]
+
+    def params(self, role: str) -> dict[str, Any]:
+        """Return the parameters of the node of a role; none where no node has it."""
+        return dict(self._params.get(self.node.get(role, ""), {}))
+
+
+def roles_of(summary: RunSummary) -> Roles:
+    """Return the roles of a run's nodes.
+
+    Raises:
+        PalpError: A node that a session cannot do without is missing, or it is not clear which is meant.
+    """
+    of = {node: role for node, types in summary.publishes.items() if (role := _role(types))}
+    experiment = _only(summary, "experiment", [node for node, role in of.items() if role == "experiment"])
+    away = _away(experiment, summary.listens)
+    node = {"experiment": experiment}
+    for role in PUBLISHED:
+        found = sorted((one for one in of if of[one] == role), key=lambda one: away.get(one, len(away)))
+        nearest = [one for one in found if away.get(one) == away.get(found[0])]
+        if role in _NEEDED or nearest:
+            node[role] = _only(summary, role, nearest)
+    phantom = summary.publishes.get(node.get("phantom", ""), [])
+    return Roles(node, of, SIMULATED_TOUCH in phantom, summary.params)
+
+
+def _role(types: list[str]) -> str:
+    return next((role for role, type_name in PUBLISHED.items() if type_name in types), "")
+
+
+def _only(summary: RunSummary, role: str, found: list[str]) -> str:
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise PalpError(
+            f"{summary.file}: {' and '.join(found)} publish {PUBLISHED[role]}, so the report cannot tell "
+            f"which is the session's {role}; let the experiment listen to one of them alone"
+        )
+    raise PalpError(
+        f"{summary.file}: no node publishes {PUBLISHED[role]}, so the report knows no {role}; add the node, "
+        "or leave out 'report:'"
+    )
+
+
+def _away(start: str, listens: Mapping[str, list[str]]) -> dict[str, int]:
+    """Return over how many wires each node is heard by ``start``; nodes it never hears of are left out."""
+    away, edge = {start: 0}, [start]
+    while edge:
+        node = edge.pop(0)
+        for heard in listens.get(node, []):
+            if heard not in away:
+                away[heard] = away[node] + 1
+                edge.append(heard)
+    return away
