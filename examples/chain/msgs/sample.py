@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Count, Nanoseconds, NewtonMetresArray
 
-__all__ = ["Sample"]
-
 
 class Sample(Message):
     """A numbered block of torque."""

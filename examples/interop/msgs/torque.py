@@ -5,8 +5,6 @@ from __future__ import annotations
 from palp_core import Message
 from palp_core.units import Nanoseconds, NewtonMetres, NewtonMetresArray
 
-__all__ = ["Load", "TareReply", "TareRequest", "TorqueBlock"]
-
 
 class TorqueBlock(Message):
     """Samples of torque since the last block."""

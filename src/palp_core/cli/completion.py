@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from palp_core.cli.running import find_graph
+
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
@@ -21,10 +23,8 @@ def _quietly() -> Iterator[None]:
 
 
 def _running(context: typer.Context) -> RunningGraph | None:
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
     with _quietly():
-        return RunningGraph.find(context.params.get("graph"))
+        return find_graph(context.params.get("graph"))
     return None
 
 

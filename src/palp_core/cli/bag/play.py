@@ -13,6 +13,7 @@ from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.keyboard import attended, standard_input
 from palp_core.cli.options import INTERRUPTED, GraphOption
 from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import BagError
 
 if TYPE_CHECKING:
@@ -78,7 +79,6 @@ def play(
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.bag.selection import topic_selection
     from palp_core.graph.bag.topic import topic_of
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.replay.play import GraphSink, PlayRun, PlaySink
     from palp_core.graph.replay.playback import Playback
 
@@ -91,7 +91,7 @@ def play(
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
         described = {new: _renamed(opened, old, new) for old, new in names.items()}
         if graph is not None:
-            into = GraphSink(RunningGraph.find(graph), described)
+            into = GraphSink(find_graph(graph), described)
             left_out = [old for old, new in names.items() if new not in into.taken]
             if left_out:
                 note(f"no port of graph '{graph}' takes {', '.join(left_out)}; they are not played")

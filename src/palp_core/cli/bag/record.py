@@ -11,6 +11,7 @@ import typer
 
 from palp_core.cli.options import GraphOption
 from palp_core.cli.output import note, print_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import BagError
 
 
@@ -52,7 +53,6 @@ def record(
     The exit status is 1 if anything is missing: it is said per topic.
     """
     from palp_core.graph.clock import unix_ns
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.recording.recorder_messages import RecordOptions
     from palp_core.graph.recording.recorder_run import record_until_asked
 
@@ -62,7 +62,7 @@ def record(
         )
     if every and (topics or regex is not None):
         raise BagError("-a records every topic: leave out topics and -e, or leave out -a")
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     options = RecordOptions(
         out=str((output or Path(f"{running.record.graph}-{unix_ns() // 10**9}")).absolute()),
         topics=[name if name.startswith("/") else f"/{name}" for name in topics or []],
@@ -81,8 +81,7 @@ def record(
 
 def snapshot(graph: GraphOption = None) -> None:
     """Let every recorder that keeps a graph's last seconds write them into a bag."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.recording.recorder_run import save_snapshots
 
-    for line in save_snapshots(RunningGraph.find(graph), signal.SIGUSR1):
+    for line in save_snapshots(find_graph(graph), signal.SIGUSR1):
         print_text(line)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, until_ctrl_c
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import print_json, print_table, print_text
+from palp_core.cli.running import find_graph, note_ended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,9 +42,7 @@ def top(
     RATE counts a node's timer ticks and the messages that it handled. Below, each edge with its reader's own
     account. In a graph composed into one process, processor and memory are that process's.
     """
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     with until_ctrl_c():
         samples = _samples(running, period)
         if as_json or once or not sys.stdout.isatty():
@@ -57,7 +56,7 @@ def top(
                 _print(sample)
             return
         _show_live(running, samples)
-    note(f"graph '{running.record.graph}' has ended")
+    note_ended(running)
 
 
 def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:

@@ -10,6 +10,7 @@ import typer
 
 from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument
 from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
 FIRST_STEP = 10
@@ -62,7 +63,6 @@ def swap(
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over).
     """
     from palp_core.cli.text.words import assignments, value_of
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.swap.swap import STEPS
 
     given = list(params or [])
@@ -76,7 +76,7 @@ def swap(
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     run = _absolute(target) if target is not None else ""
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:

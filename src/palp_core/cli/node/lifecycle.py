@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, OptionalNodeArgument, TimeoutOption
 from palp_core.cli.output import note, print_json, print_names, print_text
+from palp_core.cli.running import find_graph
 
 app = typer.Typer(help="States of running nodes.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -22,9 +23,7 @@ def nodes(
     as_json: JsonOption = False,
 ) -> None:
     """List the nodes that have a lifecycle: all."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    names = [f"/{name}" for name in RunningGraph.find(graph).node_names]
+    names = [f"/{name}" for name in find_graph(graph).node_names]
     print_names(names, count=count, as_json=as_json)
 
 
@@ -37,9 +36,7 @@ def get(
     as_json: JsonOption = False,
 ) -> None:
     """Tell the state of one node or of all."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     if node is not None:
         state = running.ask(node, "info", timeout_s=timeout)["lifecycle"]
         if as_json:
@@ -69,10 +66,9 @@ def list_transitions(
 ) -> None:
     """List the transitions that a node's state allows."""
     from palp_core.errors import LifecycleError
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 
-    state = Lifecycle(RunningGraph.find(graph).ask(node, "info", timeout_s=timeout)["lifecycle"])
+    state = Lifecycle(find_graph(graph).ask(node, "info", timeout_s=timeout)["lifecycle"])
     found = []
     for start in Lifecycle if show_all else [state]:
         for transition in Transition:
@@ -98,9 +94,7 @@ def set_(
     as_json: JsonOption = False,
 ) -> None:
     """Ask a node for a transition, and tell the state that it has reached."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     before = running.ask(node, "info", timeout_s=timeout)["lifecycle"]
     after = running.ask(node, "transition", timeout_s=timeout, transition=transition)["lifecycle"]
     if as_json:

@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, NodeArgument, TimeoutOption
 from palp_core.cli.output import print_json, print_text
+from palp_core.cli.running import find_graph
 
 app = typer.Typer(help="Nodes of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -21,9 +22,9 @@ def list_nodes(
     as_json: JsonOption = False,
 ) -> None:
     """List the nodes with class and process."""
-    from palp_core.graph.discovery.running_graph import RunningGraph, hidden
+    from palp_core.graph.discovery.running_graph import hidden
 
-    nodes = [n for n in RunningGraph.find(graph).record.nodes if show_all or not hidden(n.name)]
+    nodes = [n for n in find_graph(graph).record.nodes if show_all or not hidden(n.name)]
     if count:
         print_text(str(len(nodes)))
     elif as_json:
@@ -43,9 +44,9 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Tell what a node reads, publishes, serves, and how it does."""
-    from palp_core.graph.discovery.running_graph import RunningGraph, hidden
+    from palp_core.graph.discovery.running_graph import hidden
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     found = running.ask(node, "info", timeout_s=timeout)
     for part in ("inputs", "outputs"):
         found[part] = {k: v for k, v in found.get(part, {}).items() if include_hidden or not hidden(k)}

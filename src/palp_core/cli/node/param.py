@@ -11,6 +11,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, OptionalNodeArgument, TimeoutOption
 from palp_core.cli.output import note, print_json, print_text, yaml_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
 app = typer.Typer(help="Parameters of running nodes.", no_args_is_help=True, rich_markup_mode=None)
@@ -33,9 +34,9 @@ def list_parameters(
     as_json: JsonOption = False,
 ) -> None:
     """List the parameters of one node or of all."""
-    from palp_core.graph.discovery.running_graph import Answers, RunningGraph
+    from palp_core.graph.discovery.running_graph import Answers
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     if node is None:
         answers = running.ask_all("get_parameters", timeout_s=timeout)
     else:
@@ -71,11 +72,11 @@ def get(
     as_json: JsonOption = False,
 ) -> None:
     """Print a parameter's value."""
-    declared = _described(node, name, timeout, graph)
+    declared = _describe(node, name, timeout, graph)
     if as_json:
         print_json({"name": name, "value": declared["value"], "type": declared["type"]})
         return
-    value = _shown(declared["value"])
+    value = _value_text(declared["value"])
     print_text(value if hide_type else f"{declared['type'].capitalize()} value is: {value}")
 
 
@@ -97,7 +98,6 @@ def set_(
 ) -> None:
     """Set parameters of a running node, all or none, and tell what changed."""
     from palp_core.cli.text.message_yaml import parse_yaml
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.problems import hint
 
     words = [name, value, *(more or [])]
@@ -105,7 +105,7 @@ def set_(
         raise GraphError(
             f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     declared = running.ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
     wanted: dict[str, Any] = {}
     for parameter, text in zip(words[::2], words[1::2], strict=True):
@@ -133,10 +133,8 @@ def describe(
     as_json: JsonOption = False,
 ) -> None:
     """Tell type, unit, bounds, default and value of a node's parameters."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    declared = RunningGraph.find(graph).ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
-    found = {name: _known(declared, node, name) for name in names or declared}
+    declared = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
+    found = {name: _declared(declared, node, name) for name in names or declared}
     if as_json:
         print_json(found)
         return
@@ -144,7 +142,7 @@ def describe(
         print_text(f"Parameter name: {name}")
         for what, told in parameter.items():
             if what != "name" and told not in (None, "", [], False):
-                print_text(f"  {what.replace('_', ' ').capitalize()}: {_shown(told)}")
+                print_text(f"  {what.replace('_', ' ').capitalize()}: {_value_text(told)}")
 
 
 @app.command("dump")
@@ -156,9 +154,7 @@ def dump(
     as_json: JsonOption = False,
 ) -> None:
     """Print a node's parameters as a ROS 2 parameter file, which load takes."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     parameters = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
     file = {f"/{running.node(node).name}": {"ros__parameters": parameters}}
     if as_json:
@@ -181,9 +177,8 @@ def load(
 ) -> None:
     """Set a node's parameters from a ROS 2 parameter file, all or none."""
     from palp_core.cli.node.param_file import read_parameter_file
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     name = running.node(node).name
     before = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
     wanted = read_parameter_file(file, name, before, wildcard=not no_use_wildcard)
@@ -204,22 +199,21 @@ def _set_and_tell(
         print_json({"changed": {name: {"from": old, "to": new} for name, (old, new) in changed.items()}})
         return
     for name, (old, new) in changed.items():
-        print_text(f"{name}: {_shown(old)} -> {_shown(new)}")
+        print_text(f"{name}: {_value_text(old)} -> {_value_text(new)}")
     for name in wanted:
         if name not in changed:
-            print_text(f"{name}: is {_shown(after[name])} already")
+            print_text(f"{name}: is {_value_text(after[name])} already")
     if not wanted:
         print_text("nothing to change")
 
 
-def _described(node: str, name: str, timeout_s: float, graph: str | None) -> dict[str, Any]:
-    from palp_core.graph.discovery.running_graph import RunningGraph
+def _describe(node: str, name: str, timeout_s: float, graph: str | None) -> dict[str, Any]:
 
-    declared = RunningGraph.find(graph).ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
-    return _known(declared, node, name)
+    declared = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
+    return _declared(declared, node, name)
 
 
-def _known(declared: dict[str, Any], node: str, name: str) -> dict[str, Any]:
+def _declared(declared: dict[str, Any], node: str, name: str) -> dict[str, Any]:
     from palp_core.graph.problems import hint
 
     if name not in declared:
@@ -228,7 +222,7 @@ def _known(declared: dict[str, Any], node: str, name: str) -> dict[str, Any]:
     return found
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, str):
         return value if value else "''"
     return yaml_text(value, flow=True).strip()

@@ -15,6 +15,7 @@ from palp_core.cli.options import (
     until_ctrl_c,
 )
 from palp_core.cli.output import note, print_json, print_names, print_text, yaml_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
 app = typer.Typer(help="Services of the running graph.", no_args_is_help=True, rich_markup_mode=None)
@@ -31,9 +32,7 @@ def list_services(
     as_json: JsonOption = False,
 ) -> None:
     """List the services, from the word of each node."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     answers = running.ask_all("info", timeout_s=timeout)
     services = answers.services(include_hidden=include_hidden)
     if count:
@@ -57,9 +56,7 @@ def type_(
     as_json: JsonOption = False,
 ) -> None:
     """Tell the types of a service's request and reply."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    found = RunningGraph.find(graph).service(service, timeout)
+    found = find_graph(graph).service(service, timeout)
     if as_json:
         print_json({"service": found.name, "request": found.request, "reply": found.reply})
     else:
@@ -77,10 +74,9 @@ def find(
     as_json: JsonOption = False,
 ) -> None:
     """List the services with a request or reply of a type."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.problems import hint
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     services = running.ask_all("info", timeout_s=timeout).services(include_hidden=True)
     known = {kind for service in services for kind in (service.request, service.reply)}
     if service_type not in known:
@@ -108,11 +104,10 @@ def call(
     from palp_core.cli.text.message_text import readable
     from palp_core.cli.text.message_yaml import message_from_yaml
     from palp_core.cli.text.words import type_and_message
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
     kind, text = type_and_message(words or [], "palp service call /node/port TYPE '{name: value}'")
     with until_ctrl_c():
-        running = RunningGraph.find(graph)
+        running = find_graph(graph)
         found = running.service(service, timeout)
         if kind is not None and kind not in (found.request, found.request.removesuffix("Request")):
             raise GraphError(f"{found.name} takes {found.request}, not {kind}")

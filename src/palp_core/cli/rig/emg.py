@@ -87,7 +87,7 @@ def analyse(
         else:
             names = ("subject", "phase", "trial", "burst_count", "flags")
             print_table([names, *([_text(one.get(name)) for name in names] for one in records)])
-        _say_where(out)
+        _note_written(out)
         if any(one["error"] for one in records):
             raise typer.Exit(1)
         return
@@ -121,7 +121,7 @@ def analyse(
         if swept:
             heads = list(record["sweep"][0])
             print_table([heads, *([_text(row[head]) for head in heads] for row in record["sweep"])])
-    _say_where(out)
+    _note_written(out)
 
 
 @app.command("import")
@@ -164,7 +164,7 @@ def import_file(
         note(f"written: {out}")
 
 
-def _say_where(out: Path | None) -> None:
+def _note_written(out: Path | None) -> None:
     if out is not None:
         note(f"written: {out / 'quality.html'}")
 

@@ -9,6 +9,7 @@ import typer
 from palp_core.cli.launch.stop_key import call_safety, stop_motion
 from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
 from palp_core.cli.output import print_json, print_text
+from palp_core.cli.running import find_graph
 
 app = typer.Typer(help="The safety node of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -20,10 +21,8 @@ def stop(
     as_json: JsonOption = False,
 ) -> None:
     """Stop all motion now: ABORT, then DISABLE; it stays so until ``palp safety ack``."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
     with until_ctrl_c():
-        reply = stop_motion(RunningGraph.find(graph), "palp stop", timeout)
+        reply = stop_motion(find_graph(graph), "palp stop", timeout)
     if as_json:
         print_json(reply)
     else:
@@ -38,10 +37,8 @@ def acknowledge(
     as_json: JsonOption = False,
 ) -> None:
     """Leave a trip behind, once its cause is gone; the exit status is 1 if it is not."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
     with until_ctrl_c():
-        reply = call_safety(RunningGraph.find(graph), "acknowledge", {}, timeout)
+        reply = call_safety(find_graph(graph), "acknowledge", {}, timeout)
     if as_json:
         print_json(reply)
     else:
@@ -60,10 +57,8 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """Say whether motion is permitted and, if not, why; the exit status is 1 while it is tripped."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
     with until_ctrl_c():
-        reply = call_safety(RunningGraph.find(graph), "status", {}, timeout)
+        reply = call_safety(find_graph(graph), "status", {}, timeout)
     if as_json:
         print_json(reply)
     else:

@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import print_json, print_text
+from palp_core.cli.running import find_graph, find_topics
 
 
 def bw(
@@ -25,10 +26,9 @@ def bw(
     on this machine's clock, to each reader. A report each second, or a single one with --once or --json.
     """
     from palp_core.cli.topic.measure import Window, measure
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
-    entries = list({name: running.topic(name) for name in topics}.values())
+    running = find_graph(graph)
+    entries = find_topics(running, topics)
     windows = {entry.name: Window(window) for entry in entries}
 
     def report() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.running import find_graph, find_topics, note_ended
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.running_graph import Edge
 
 PERIOD_S = 1.0
 
@@ -40,22 +44,25 @@ def delay(
     from threading import Event
 
     from palp_core.cli.topic.measure import readers
-    from palp_core.graph.discovery.running_graph import Edge, RunningGraph
 
-    running = RunningGraph.find(graph)
-    entries = list({name: running.topic(name) for name in topics}.values())
+    running = find_graph(graph)
+    entries = find_topics(running, topics)
 
     def report(accounts: dict[str, list[Edge]]) -> None:
         for name, edges in accounts.items():
             if as_json:
                 print_json(
-                    {"topic": name, "clock": running.record.clock, "readers": [_told(e) for e in edges]}
+                    {
+                        "topic": name,
+                        "clock": running.record.clock,
+                        "readers": [_latency_record(e) for e in edges],
+                    }
                 )
                 continue
             if not edges:
                 note(f"{name}: no node reads it, so nobody counts its latency")
             for edge in edges:
-                print_text(f"{name} -> /{edge.node}: {_in_words(edge.account)}")
+                print_text(f"{name} -> /{edge.node}: {_latency_text(edge.account)}")
 
     with until_ctrl_c():
         while True:
@@ -64,7 +71,7 @@ def delay(
                 return
             Event().wait(PERIOD_S)
             if not running.alive:
-                note(f"graph '{running.record.graph}' has ended")
+                note_ended(running)
                 return
 
 
@@ -77,14 +84,14 @@ def _latency_s(account: dict[str, Any]) -> dict[str, Any] | None:
     return {"messages": account["received"], **latency_s} if latency_s else None
 
 
-def _told(edge: Any) -> dict[str, Any]:
+def _latency_record(edge: Edge) -> dict[str, Any]:
     latency_s = _latency_s(edge.account) or {"messages": 0, **dict.fromkeys(("p50", "p90", "p99", "max"))}
     messages = latency_s.pop("messages")
     told = {"node": f"/{edge.node}", "received": edge.account["received"]}
     return {**told, "messages": messages, "latency_s": latency_s}
 
 
-def _in_words(account: dict[str, Any]) -> str:
+def _latency_text(account: dict[str, Any]) -> str:
     latency_s = _latency_s(account)
     if latency_s is None:
         received = account["received"]

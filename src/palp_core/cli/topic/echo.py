@@ -10,6 +10,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, TopicArgument, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text, yaml_text
+from palp_core.cli.running import find_graph, note_ended
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
@@ -69,9 +70,8 @@ def echo(
     from palp_core.cli.text.filter import message_filter
     from palp_core.cli.text.message_text import Truncation, decoded, parse_path, pick
     from palp_core.cli.topic.listen import TopicReader
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     entry = running.topic(topic)
     _same_type(entry, message_type)
     path = None if field is None else parse_path(field, entry.json_schema)
@@ -103,7 +103,7 @@ def echo(
                 return
         if shown == 0 or limit:
             raise GraphError(f"graph '{running.record.graph}' ended after {shown} messages of {entry.name}")
-        note(f"graph '{running.record.graph}' has ended")
+        note_ended(running)
 
 
 def requested_depth(

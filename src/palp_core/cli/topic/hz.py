@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import print_json, print_text
+from palp_core.cli.running import find_graph, find_topics
 
 
 def hz(
@@ -40,10 +41,9 @@ def hz(
     from palp_core.cli.text.message_text import decoded
     from palp_core.cli.topic.listen import ReceivedFrame
     from palp_core.cli.topic.measure import Window, account, measure, reader_lines, readers
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
-    entries = list({name: running.topic(name) for name in topics}.values())
+    running = find_graph(graph)
+    entries = find_topics(running, topics)
     length = window or (100 if once or as_json else 10_000)
     windows = {}
     for entry in entries:

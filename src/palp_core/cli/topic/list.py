@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, TimeoutOption, TopicArgument
 from palp_core.cli.output import note, print_json, print_names, print_text
+from palp_core.cli.running import find_graph
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
@@ -22,9 +23,7 @@ def list_topics(
     as_json: JsonOption = False,
 ) -> None:
     """List the topics."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    topics = RunningGraph.find(graph).topics(include_hidden=include_hidden)
+    topics = find_graph(graph).topics(include_hidden=include_hidden)
     if count:
         print_text(str(len(topics)))
     elif as_json:
@@ -44,10 +43,9 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Tell who publishes and who reads a topic."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.node.spec import LAUNCHER
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     entry = running.topic(topic)
     asked = [*running.node_names, *([LAUNCHER] if entry.node == LAUNCHER else [])]
     answers = running.ask_all("info", asked, timeout_s=timeout)
@@ -91,9 +89,7 @@ def _print_end(end: dict[str, Any], *, verbose: bool) -> None:
 
 def type_(topic: TopicArgument, *, graph: GraphOption = None, as_json: JsonOption = False) -> None:
     """Tell the type of a topic's messages."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-
-    entry = RunningGraph.find(graph).topic(topic)
+    entry = find_graph(graph).topic(topic)
     if as_json:
         print_json({"topic": entry.name, "type": entry.type, "hash": entry.type_hash})
     else:
@@ -109,14 +105,13 @@ def find(
     as_json: JsonOption = False,
 ) -> None:
     """List the topics of a type."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.problems import hint
 
-    topics = RunningGraph.find(graph).topics(include_hidden=True)
+    topics = find_graph(graph).topics(include_hidden=True)
     wanted = type_name(message_type)
     known = {topic.type for topic in topics}
     if wanted not in known:
         raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
-    shown = {topic.name for topic in RunningGraph.find(graph).topics(include_hidden=include_hidden)}
+    shown = {topic.name for topic in find_graph(graph).topics(include_hidden=include_hidden)}
     names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
     print_names(names, count=count, as_json=as_json)

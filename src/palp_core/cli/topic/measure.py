@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from palp_core.cli.output import note
+from palp_core.cli.running import note_ended
 from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
@@ -131,7 +132,7 @@ def measure(
                 break
             if not once and now_ns >= next_ns:
                 next_ns += REPORT_NS * ((now_ns - next_ns) // REPORT_NS + 1)
-                _say_silent(listener, windows, now_ns)
+                _note_silence(listener, windows, now_ns)
                 report()
                 for window in windows.values():
                     window.fresh = 0
@@ -145,10 +146,10 @@ def measure(
                 )
         report()
     elif listener.ended:
-        note(f"graph '{graph.record.graph}' has ended")
+        note_ended(graph)
 
 
-def _say_silent(listener: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
+def _note_silence(listener: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
     for name, window in windows.items():
         if not window.fresh:
             silent_s = (now_ns - window.heard_ns) / 1e9

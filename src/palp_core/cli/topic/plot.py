@@ -13,6 +13,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, TopicArgument, until_ctrl_c
 from palp_core.cli.output import note
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
 
@@ -80,16 +81,15 @@ def plot(
     from palp_core.cli.text.message_text import decoded, parse_path
     from palp_core.cli.topic.listen import TopicReader
     from palp_core.graph.clock import monotonic_ns
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     entry = running.topic(topic)
     if once is None and not sys.stdout.isatty():
         raise GraphError("standard output is no terminal to plot in live; draw N messages with --once N")
     series = [Series(*_field(field, parse_path(field, entry.json_schema), entry), window) for field in fields]
     count, last_ns, drawn_ns = 0, monotonic_ns(), 0
 
-    def take(heard: ReceivedFrame) -> int:
+    def add(heard: ReceivedFrame) -> int:
         message = decoded(heard.frame.payload, entry.json_schema)
         for one in series:
             one.add(message, heard.frame.stamp_ns / 1e9)
@@ -99,12 +99,12 @@ def plot(
         for heard in listener.messages():
             now_ns = monotonic_ns()
             if heard is not None and heard.is_message:
-                count, last_ns = count + take(heard), now_ns
+                count, last_ns = count + add(heard), now_ns
             if once is not None and (count == once or now_ns - last_ns > timeout * 1e9):
                 break
             if once is None and now_ns - drawn_ns > REDRAW_NS:
                 drawn_ns = now_ns
-                sys.stdout.write("\033[H" + _drawn(entry, series, shutil.get_terminal_size()) + "\033[J")
+                sys.stdout.write("\033[H" + _picture(entry, series, shutil.get_terminal_size()) + "\033[J")
                 sys.stdout.flush()
     if count == 0:
         raise GraphError(f"{entry.name}: no message to draw within {timeout:g} s")
@@ -112,7 +112,7 @@ def plot(
         if count < once:
             note(f"{entry.name}: only {count} messages came")
         size = shutil.get_terminal_size(PLAIN_SIZE) if sys.stdout.isatty() else PLAIN_SIZE
-        sys.stdout.write(_drawn(entry, series, size) + "\n")
+        sys.stdout.write(_picture(entry, series, size) + "\n")
 
 
 def _field(text: str, path: Path, entry: TopicEntry) -> tuple[str, Path]:
@@ -131,7 +131,7 @@ def _field(text: str, path: Path, entry: TopicEntry) -> tuple[str, Path]:
     return text + (f" [{unit}]" if unit else ""), path
 
 
-def _drawn(entry: TopicEntry, series: list[Series], size: tuple[int, int]) -> str:
+def _picture(entry: TopicEntry, series: list[Series], size: tuple[int, int]) -> str:
     """Return the picture as text; without colour where nobody would see it."""
     import plotext
 

@@ -11,6 +11,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -65,13 +66,12 @@ def pub(
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
     """
     from palp_core.cli.text.words import type_and_message
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
     kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
     if stdin and text is not None:
         raise GraphError("give the message either as a word or with --stdin, not both")
     with until_ctrl_c():
-        running = RunningGraph.find(graph)
+        running = find_graph(graph)
         node, port, schema = _external_port(running, topic, timeout)
         if kind is not None and kind != schema.get("title"):
             raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")

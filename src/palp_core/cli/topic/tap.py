@@ -9,6 +9,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, until_ctrl_c
 from palp_core.cli.output import note
+from palp_core.cli.running import find_graph
 
 
 def tap(
@@ -41,9 +42,8 @@ def tap(
     from palp_core.cli.topic.tap_feed import TapFeed
     from palp_core.errors import GraphError
     from palp_core.graph.bag.selection import topic_selection
-    from palp_core.graph.discovery.running_graph import RunningGraph
 
-    running = RunningGraph.find(graph)
+    running = find_graph(graph)
     named = {running.topic(topic).name for topic in topics or ()}
     chosen = topic_selection(named, regex, exclude_regex)
     entries = {entry.name: entry for entry in running.topics() if chosen(entry.name)}
