@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import permutation_test
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.statistics.resampling import (
@@ -89,6 +90,14 @@ def test_holms_own_example() -> None:
 def test_the_sign_flip_finds_what_all_sessions_agree_on(count: int) -> None:
     p = sign_flip(np.full(count, 0.1) + 0.01 * rng().random(count), rng())
     assert p == pytest.approx(2 / 2**count, rel=1e-9) if count == 6 else p < 1e-3
+
+
+@given(st.lists(st.integers(-9, 9), min_size=2, max_size=10))
+@settings(max_examples=15, deadline=None)
+def test_all_sign_patterns_are_those_of_scipys_paired_permutations(tenths: list[int]) -> None:
+    differences = np.array(tenths) / 10.0
+    theirs = permutation_test((differences,), np.mean, permutation_type="samples", n_resamples=1024)
+    assert sign_flip(differences, rng()) == pytest.approx(theirs.pvalue)
 
 
 def test_the_sign_flip_is_1_without_a_difference() -> None:

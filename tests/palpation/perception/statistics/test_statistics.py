@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.statistics.statistics import (
@@ -31,6 +32,16 @@ def test_the_interval_holds_the_share_stays_in_bounds_and_mirrors(trials: int, s
     assert 0.0 <= found.low <= found.value <= found.high <= 1.0
     assert found.low < found.high
     assert mirrored.low == pytest.approx(1.0 - found.high)
+
+
+@given(st.integers(1, 500), st.floats(0.0, 1.0), st.floats(0.5, 0.999))
+def test_the_interval_is_that_of_wilsons_formula(trials: int, share: float, confidence: float) -> None:
+    successes = round(share * trials)
+    z, p = norm.ppf(0.5 + confidence / 2.0), successes / trials
+    centre = (p + z * z / (2.0 * trials)) / (1.0 + z * z / trials)
+    half = z / (1.0 + z * z / trials) * np.sqrt(p * (1.0 - p) / trials + (z / (2.0 * trials)) ** 2)
+    found = wilson(successes, trials, confidence=confidence)
+    assert (found.low, found.high) == pytest.approx((centre - half, centre + half), abs=1e-14)
 
 
 def test_an_impossible_share_is_refused() -> None:

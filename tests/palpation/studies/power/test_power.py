@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 from statsmodels.stats.proportion import power_proportions_2indep  # type: ignore[import-untyped]
 
 from palp_core.errors import PerceptionError
@@ -122,6 +123,40 @@ def test_taking_trials_for_independent_finds_a_policy_better_than_itself() -> No
     alike = np.full((50, 3), 0.7)
     assert false_alarms(alike, 100, 4000, rng) == pytest.approx(0.05, abs=0.02)
     assert false_alarms(alike + 0.08 * rng.standard_normal((50, 1)), 100, 4000, rng) > 0.3
+
+
+@given(st.integers(2, 9), st.integers(2, 9), st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_students_and_welchs_tests_are_those_of_their_formulas(one: int, two: int, seed: int) -> None:
+    first, second = (np.random.default_rng(seed).random((40, count)) for count in (one, two))
+    t = first.mean(axis=-1) / (first.std(axis=-1, ddof=1) / np.sqrt(one))
+    assert paired_p(first) == pytest.approx(2.0 * stats.t.sf(np.abs(t), one - 1))
+    a, b = first.var(axis=-1, ddof=1) / one, second.var(axis=-1, ddof=1) / two
+    t = (first.mean(axis=-1) - second.mean(axis=-1)) / np.sqrt(a + b)
+    degrees = (a + b) ** 2 / (a**2 / (one - 1) + b**2 / (two - 1))
+    assert unpaired_p(first, second) == pytest.approx(2.0 * stats.t.sf(np.abs(t), degrees))
+
+
+@given(shares, st.integers(2, 40), st.integers(1, 60))
+@settings(max_examples=20, deadline=None)
+def test_powers_are_those_of_the_normal_and_the_noncentral_t(
+    share: float, sessions: int, trials: int
+) -> None:
+    first, second = Law(share, 0.05), Law(share + 0.06, 0.02)
+    variance = sum(
+        arm.share * (1.0 - arm.share) * design_effect(arm.intraclass, trials) / (sessions * trials)
+        for arm in (first, second)
+    )
+    z, shift = stats.norm.isf(0.025), 0.06 / np.sqrt(variance)
+    expected = stats.norm.sf(z - shift) + stats.norm.cdf(-z - shift)
+    assert formula_power(first, second, sessions, trials) == pytest.approx(expected)
+    rng = np.random.default_rng(trials)
+    arms = share + 0.05 * rng.standard_normal((2, 50, 3))
+    apart = (arms[1] - arms[0]).mean(axis=1)
+    own = (arms * (1.0 - arms)).sum(axis=(0, 2)).mean() / (9 * trials)
+    shift = abs(apart.mean()) / np.sqrt((apart.var(ddof=1) + own) / sessions)
+    limit, t = stats.t.isf(0.025, sessions - 1), stats.nct(sessions - 1, shift)
+    assert paired_power(arms[1], arms[0], sessions, trials) == pytest.approx(t.sf(limit) + t.cdf(-limit))
 
 
 def test_what_tests_nothing_gives_one() -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.stats import binomtest
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -46,14 +46,9 @@ def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) ->
     """
     if trial_count < 1 or not 0 <= success_count <= trial_count:
         raise PerceptionError(f"{success_count} of {trial_count} is no proportion")
-    z = float(ndtri(0.5 + confidence / 2.0))
+    found = binomtest(success_count, trial_count).proportion_ci(confidence, method="wilson")
     share = success_count / trial_count
-    shrink = 1.0 + z * z / trial_count
-    centre = (share + z * z / (2.0 * trial_count)) / shrink
-    half = z / shrink * np.sqrt(share * (1.0 - share) / trial_count + (z / (2.0 * trial_count)) ** 2)
-    low = 0.0 if success_count == 0 else float(centre - half)
-    high = 1.0 if success_count == trial_count else float(centre + half)
-    return Proportion(share, low, high, success_count, trial_count)
+    return Proportion(share, float(found.low), float(found.high), success_count, trial_count)
 
 
 def confusion(actual: Sequence[int], estimated: Sequence[int], class_count: int) -> NDArray[np.int64]:

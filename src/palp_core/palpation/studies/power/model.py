@@ -12,10 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from statsmodels.stats.power import normal_power, ttest_power  # type: ignore[import-untyped]
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.statistics.resampling import holm
 from palp_core.units import Float64Array
+
+_SPREAD = 1e-12  # sessions whose mean is known better than this all agree, but for rounding
 
 
 @dataclass(frozen=True)
@@ -81,9 +84,7 @@ def formula_power(first: Law, second: Law, sessions: int, trials: int, *, level:
     difference = abs(first.share - second.share)
     if variance == 0.0:
         return 1.0 if difference > 0.0 else level
-    z = float(stats.norm.isf(level / 2.0))
-    shift = difference / np.sqrt(variance)
-    return float(stats.norm.sf(z - shift) + stats.norm.cdf(-z - shift))
+    return float(normal_power(difference, 1, level, sigma=np.sqrt(variance)))
 
 
 def paired_power(
@@ -103,11 +104,10 @@ def paired_power(
     variance = float(apart.var(ddof=1) + own / (trials * first.shape[1] ** 2))
     if variance == 0.0:
         return 1.0 if apart.mean() != 0.0 else level
-    shift = abs(float(apart.mean())) / np.sqrt(variance / sessions)
-    limit = float(stats.t.isf(level / 2.0, sessions - 1))
-    power = float(stats.nct.sf(limit, sessions - 1, shift) + stats.nct.cdf(-limit, sessions - 1, shift))
+    effect = abs(float(apart.mean())) / np.sqrt(variance)
+    power = float(ttest_power(effect, sessions, level))
     # far out the noncentral t has no number; the normal law is as good there
-    return power if np.isfinite(power) else float(stats.norm.sf(limit - shift))
+    return power if np.isfinite(power) else float(normal_power(effect, sessions, level))
 
 
 def detectable(
@@ -150,13 +150,11 @@ def paired_p(differences: Float64Array) -> Float64Array:
     A single session, or sessions that all agree to the last trial, test nothing: 1.
     """
     count = differences.shape[-1]
-    mean = differences.mean(axis=-1)
-    if count < 2:
-        return np.ones_like(mean)
-    error = differences.std(axis=-1, ddof=1) / np.sqrt(count)
-    sure = error < 1e-12
-    t = mean / np.where(sure, 1.0, error)
-    return np.asarray(np.where(sure, 1.0, 2.0 * stats.t.sf(np.abs(t), count - 1)))
+    p = np.ones(differences.shape[:-1])
+    if count > 1:
+        told = differences.std(axis=-1, ddof=1) / np.sqrt(count) >= _SPREAD
+        p[told] = stats.ttest_1samp(differences[told], 0.0, axis=-1).pvalue
+    return p
 
 
 def unpaired_p(first: Float64Array, second: Float64Array) -> Float64Array:
@@ -164,18 +162,15 @@ def unpaired_p(first: Float64Array, second: Float64Array) -> Float64Array:
 
     Arms of a single session, or whose sessions all agree, test nothing: 1.
     """
-    if min(first.shape[-1], second.shape[-1]) < 2:
-        return np.ones(first.shape[:-1])
-    variances = [arm.var(axis=-1, ddof=1) / arm.shape[-1] for arm in (first, second)]
-    error = np.sqrt(variances[0] + variances[1])
-    difference = first.mean(axis=-1) - second.mean(axis=-1)
-    sure = error < 1e-12
-    scale = np.where(sure, 1.0, error)
-    degrees = scale**4 / sum(
-        v**2 / (arm.shape[-1] - 1) for v, arm in zip(variances, (first, second), strict=True)
-    ).clip(1e-300)
-    p = 2.0 * stats.t.sf(np.abs(difference / scale), np.where(sure, 1.0, degrees))
-    return np.asarray(np.where(sure, 1.0, p))
+    p = np.ones(first.shape[:-1])
+    counts = first.shape[-1], second.shape[-1]
+    if min(counts) > 1:
+        (m1, s1), (m2, s2) = ((arm.mean(axis=-1), arm.std(axis=-1, ddof=1)) for arm in (first, second))
+        told = np.sqrt(s1**2 / counts[0] + s2**2 / counts[1]) >= _SPREAD
+        p[told] = stats.ttest_ind_from_stats(
+            m1[told], s1[told], counts[0], m2[told], s2[told], counts[1], equal_var=False
+        ).pvalue
+    return p
 
 
 def pooled_p(first: Float64Array, second: Float64Array, trials: int) -> Float64Array:
