@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -54,6 +55,21 @@ def test_every_verb_can_be_loaded_and_has_help(path: str, verb: Verb) -> None:
     command = load(path.rpartition(" ")[2], verb)
     with typer.Context(command) as context:
         assert "Usage:" in command.get_help(context)
+
+
+def test_the_table_of_the_documentation_has_every_verb() -> None:
+    text = (Path(__file__).parents[2] / "docs/command_line.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `palp ?(\w*)` \| `([a-z ]+)`", text, flags=re.MULTILINE)
+    known: dict[str, set[str]] = {"": set()}
+    assert isinstance(app.info.cls, type)
+    assert issubclass(app.info.cls, LazyGroup)
+    for name, verb in app.info.cls.verbs.items():
+        verbs_of = set(getattr(load(name, verb), "commands", ()))
+        if verbs_of:
+            known[name] = verbs_of
+        elif not verb.hidden:
+            known[""].add(name)
+    assert {group: set(words.split()) for group, words in rows} == known
 
 
 def test_asking_for_help_imports_nothing_heavy() -> None:
