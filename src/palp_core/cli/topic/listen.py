@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import TopicEntry
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
+from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
-from palp_core.graph.transport.migration import Migration, Turns
+from palp_core.graph.transport.migration import PATIENCE_NS, Migration
+from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 TICK_S = 0.1
@@ -65,17 +68,26 @@ class TopicReader:
     ) -> None:
         self._graph = graph
         self._nodes = {topic.name: topic.node for topic in topics}
-        self._counters = {topic.name: SequenceAccount() for topic in topics}
-        self._history_depth = history_depth
-        self._reliable = reliable or history_depth > 0
+        self._accounts = {topic.name: SequenceAccount() for topic in topics}
         self._next_look_ns = 0
         self.last_sequence: dict[str, int] = {}
         self.ended = False
         self._subscriber = SubscriberSocket({topic.name: topic.publish for topic in topics})
-        self._ready: list[Frame] = []
-        self._turns = {topic.name: Turns(self._ready.append) for topic in topics}
+        self._in_order: deque[Frame] = deque()
+        self._gaps: deque[tuple[str, int, int]] = deque()
+        qos = Qos(
+            reliability="reliable" if reliable or history_depth else "best_effort",
+            durability="transient_local" if history_depth else "volatile",
+            depth=history_depth,
+        )
+        self._buffers = {
+            name: ReorderBuffer(
+                name, qos, account, self._in_order.append, self._note_gap, patience_ns=PATIENCE_NS
+            )
+            for name, account in self._accounts.items()
+        }
         places = {topic.name: (topic.publish, "") for topic in topics}
-        self._following = Migration(self._subscriber, places, self._turns)
+        self._migration = Migration(self._subscriber, places, self._buffers)
 
     def __enter__(self) -> Self:
         return self
@@ -89,66 +101,60 @@ class TopicReader:
             self._subscriber.wait(TICK_S)
             arrived_ns = monotonic_ns()
             for raw in self._subscriber.receive():
-                with contextlib.suppress(SchemaMismatch):  # not ours; the readers count such frames
-                    self._arrive(parse(raw), arrived_ns)
-                while self._ready:
-                    yield from self._take(self._ready.pop(0), arrived_ns)
+                try:
+                    frame = parse(raw)
+                except SchemaMismatch:
+                    continue  # not ours; the readers count such frames
+                yield from self._take(frame, arrived_ns)
+            for buffer in self._buffers.values():
+                buffer.expire(arrived_ns)
+            yield from self._complete(arrived_ns)
             yield None
             if arrived_ns >= self._next_look_ns:
                 self._next_look_ns = arrived_ns + LOOK_AT_LAUNCHER_NS
                 self.ended = not self._graph.alive
 
-    def _arrive(self, frame: Frame, arrived_ns: int) -> None:
-        if frame.topic not in self._counters:
+    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[ReceivedFrame]:
+        buffer = self._buffers.get(frame.topic)
+        if buffer is None:
             return
         if frame.kind == Kind.MOVED:
-            self._following.take(frame, arrived_ns)
+            with contextlib.suppress(SchemaMismatch):
+                self._migration.take(frame, arrived_ns)
         else:
-            self._turns[frame.topic].arrive(frame, frame, arrived_ns)
+            self.last_sequence[frame.topic] = frame.sequence
+            buffer.arrive(frame, arrived_ns)
+        yield from self._complete(arrived_ns)
 
-    def _take(self, frame: Frame, arrived_ns: int) -> Iterator[ReceivedFrame]:
-        counter = self._counters[frame.topic]
-        self.last_sequence[frame.topic] = frame.sequence
-        last_before = frame.sequence - (frame.kind == Kind.DATA)
-        first_wanted = self._first_wanted(counter, frame.epoch, last_before)
-        if first_wanted <= last_before:
-            yield from self._fill(frame.topic, first_wanted, last_before)
-        lost_before = counter.lost
+    def _complete(self, arrived_ns: int) -> Iterator[ReceivedFrame]:
+        """Yield what is in order, and then what comes of it that the publishers are asked for the gaps."""
+        while True:
+            while self._in_order:
+                yield from self._account_for(self._in_order.popleft(), arrived_ns)
+            if not self._gaps:
+                return
+            self._fill(*self._gaps.popleft())
+            arrived_ns = monotonic_ns()
+
+    def _account_for(self, frame: Frame, arrived_ns: int) -> Iterator[ReceivedFrame]:
+        account = self._accounts[frame.topic]
+        lost_before = account.lost
         if frame.kind != Kind.DATA:
-            counter.heartbeat(frame.epoch, frame.sequence)
-            if counter.lost > lost_before:
-                yield ReceivedFrame(frame, arrived_ns, counter.lost - lost_before)
-        elif counter.accept(frame.epoch, frame.sequence):
-            yield ReceivedFrame(frame, arrived_ns, counter.lost - lost_before)
+            account.heartbeat(frame.epoch, frame.sequence)
+            if account.lost > lost_before:
+                yield ReceivedFrame(frame, arrived_ns, account.lost - lost_before)
+        elif account.accept(frame.epoch, frame.sequence):
+            yield ReceivedFrame(frame, arrived_ns, account.lost - lost_before)
 
-    def _first_wanted(self, counter: SequenceAccount, epoch: int, last: int) -> int:
-        """Return the first message to ask the history for, up to ``last``."""
-        if counter.epoch < 0:
-            return max(last - self._history_depth, 0) + 1
-        if not self._reliable or epoch < counter.epoch:
-            return last + 1
-        return counter.sequence + 1 if epoch == counter.epoch else 1
+    def _note_gap(self, topic: str, first: int, last: int) -> None:
+        self._gaps.append((topic, first, last))
 
-    def _fill(self, topic: str, first: int, last: int) -> Iterator[ReceivedFrame]:
-        """Ask the publisher for messages; what it no longer has shows as lost with the next that comes."""
-        counter = self._counters[topic]
-        while first <= last:
-            try:
-                reply = self._graph.ask(
-                    self._nodes[topic],
-                    "history",
-                    timeout_s=HISTORY_TIMEOUT_S,
-                    topic=topic,
-                    first=first,
-                    last=last,
-                )
-            except GraphError:
-                return
-            frames = [parse(raw) for raw in reply["frames"]]
-            for frame in frames:
-                before = counter.lost
-                if counter.accept(frame.epoch, frame.sequence):
-                    yield ReceivedFrame(frame, monotonic_ns(), counter.lost - before)
-            if not frames or frames[-1].sequence < first:
-                return
-            first = frames[-1].sequence + 1  # a reply holds only so many bytes
+    def _fill(self, topic: str, first: int, last: int) -> None:
+        """Ask the publisher for messages; what it no longer has is a gap."""
+        buffer = self._buffers[topic]
+        asked: dict[str, Any] = {"topic": topic, "first": first, "last": last}
+        try:
+            reply = self._graph.ask(self._nodes[topic], "history", timeout_s=HISTORY_TIMEOUT_S, **asked)
+        except GraphError:
+            reply = {"epoch": buffer.epoch, "frames": []}
+        buffer.fill(reply["epoch"], [parse(raw) for raw in reply["frames"]], monotonic_ns())

@@ -32,6 +32,7 @@ class ReorderBuffer:
         deliver: Takes each frame in its order.
         ask: Asks the publisher for the messages of this topic from a first to a last sequence.
         ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
+        patience_ns: How long an answer, and the rest of a first place, is waited for; None: :data:`FILL_NS`.
 
     Attributes:
         latency: From the publisher's stamp to arrival.
@@ -55,6 +56,7 @@ class ReorderBuffer:
         ask: Callable[[str, int, int], None],
         *,
         ordered: bool = True,
+        patience_ns: int | None = None,
     ) -> None:
         self.topic = topic
         self.qos = qos
@@ -76,6 +78,7 @@ class ReorderBuffer:
         self._latched = qos.durability == "transient_local"
         self._fills = self._latched or qos.reliability == "reliable"
         self._ordered = ordered
+        self._patience_ns = FILL_NS if patience_ns is None else patience_ns
         self._deliver = deliver
         self._ask = ask
 
@@ -151,7 +154,7 @@ class ReorderBuffer:
         if self.next > self._last:
             self.give_up_ns = None
         elif self.give_up_ns is None:
-            self.give_up_ns = now_ns + FILL_NS
+            self.give_up_ns = now_ns + self._patience_ns
             self._asked_to = min(self._held, default=self._last + 1) - 1
             if not self._moving:
                 self._ask(self.topic, self.next, self._asked_to)
