@@ -77,7 +77,7 @@ def rung_rows(
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
     """
-    chosen = set(tabulate(Gel(), noisy_sweeps=2).rungs)
+    chosen = set(tabulate(Gel()).rungs)
     features = FEATURES[:1] if quick else FEATURES
     served = QUICK if quick else RUNGS
     jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from palp_core.palpation.studies.simulation.policies import (
     run_policy,
 )
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, joined, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
+from palp_core.palpation.studies.simulation.reading_table import ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
@@ -74,17 +73,12 @@ class CellJob:
     seeds: tuple[tuple[int, ...], ...]
 
 
-@lru_cache(maxsize=2)  # most cells share the default gel
-def _felt(gel: Gel) -> ReadingTable:
-    return tabulate(gel)
-
-
 def run_cell(job: CellJob) -> dict[str, dict[str, Any]]:
     """Return, by design and policy, the numbers of :func:`.summarise`.
 
     With 95 % intervals over sessions as ``accuracy_ci``, ``probes_ci``, ``seconds_ci`` and ``ece_ci``.
     """
-    felt = _felt(job.cell.gel)
+    felt = tabulate(job.cell.gel)
     lines = {}
     for name, design in job.designs:
         sessions = dict(sessions_of(job.cell, felt, design, job.seeds))
@@ -153,7 +147,7 @@ def promises(
     Returns:
         By ring position in mm: ``bits``, a mean over sessions, and ``begin``, the share that begins there.
     """
-    felt = _felt(cell.gel)
+    felt = tabulate(cell.gel)
     bits = []
     for seed in seeds:
         session = begin_session(felt, cell.conditions, seed)
@@ -178,7 +172,7 @@ class FamilyJob:
 
 def family_shares(job: FamilyJob) -> Float64Array:
     """Return the accuracy of each member in each session, shape (members, s)."""
-    felt = _felt(job.cell.gel)
+    felt = tabulate(job.cell.gel)
     sessions = [begin_session(felt, job.cell.conditions, seed) for seed in job.seeds]
     return np.array(
         [

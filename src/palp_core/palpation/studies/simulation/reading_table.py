@@ -7,6 +7,7 @@ holds the table against whole simulated sweeps.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,6 +150,11 @@ def tabulate(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Readi
         MethodError: No contact model vouches for the peak in this gel.
         MechanicsError: A sweep has no solution.
     """
+    return _tabulated(gel, noisy_sweeps, coarse)
+
+
+@functools.lru_cache(maxsize=16)  # a study asks for the same gel in several of its parts
+def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
     rng = np.random.default_rng(20)
     rungs, splines, bias, spread = [], [], [], []
     errors_m, heights_m = (x[[0, -1]] if coarse else x for x in (ERRORS_M, gel.heights_m))
