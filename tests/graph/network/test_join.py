@@ -33,6 +33,33 @@ def away(tmp_path_factory: pytest.TempPathFactory, home: Host) -> Iterator[Host]
     host.close()
 
 
+@pytest.fixture(scope="module")
+def open_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    """The host of a graph that every guest leaves as it was."""
+    host = Host(tmp_path_factory.mktemp("r"))
+    host.keys.generate("home")
+    yield host
+    host.close()
+
+
+@pytest.fixture(scope="module")
+def open_graph(open_home: Host) -> Launched:
+    return open_home.launch()
+
+
+@pytest.fixture
+def visitor(
+    tmp_path_factory: pytest.TempPathFactory, open_home: Host, open_graph: Launched
+) -> Iterator[Host]:
+    """A host that the open graph lets in, whose guests have left when the next one comes."""
+    host = Host(tmp_path_factory.mktemp("r"))
+    open_home.keys.allow(host.keys.generate("away").public, host.folder.name)
+    yield host
+    host.close()
+    while open_graph.ask("gateway", op="guests")["guests"]:
+        pass
+
+
 def keeper(home: Host, graph: Launched, book: NoteBook, *more: object) -> list[object]:
     """A node away that writes down what the ticker at home says."""
     wires = ("-r", "tick:=/ticker/tick", "-p", f"notes:={book.path}")
@@ -64,15 +91,17 @@ def test_a_node_of_another_host_reads_every_message_on_the_graphs_clock(home: Ho
     assert home.all_gone()
 
 
-def test_tools_of_the_graphs_host_use_a_joined_node_as_any_other(home: Host, away: Host) -> None:
-    graph, book = home.launch(), away.book()
-    away.start(*keeper(home, graph, book))
+def test_tools_of_the_graphs_host_use_a_joined_node_as_any_other(
+    open_home: Host, open_graph: Launched, visitor: Host
+) -> None:
+    graph, book = open_graph, visitor.book()
+    visitor.start(*keeper(open_home, graph, book))
     graph.said("/guest has joined")
     book.until("tick")
     record = graph.record()
     assert "guest" in [node["name"] for node in record["nodes"]]
     assert record["listen"] == graph.address
-    echoed = home.run("topic", "echo", "/guest/heard", "--once", "--json")
+    echoed = open_home.run("topic", "echo", "/guest/heard", "--once", "--json")
     assert echoed.returncode == 0, echoed.stderr
     assert '"index"' in echoed.stdout
     info = graph.ask("guest", op="info")
@@ -80,23 +109,23 @@ def test_tools_of_the_graphs_host_use_a_joined_node_as_any_other(home: Host, awa
     assert info["inputs"]["/ticker/tick"]["lost"] == 0
     assert graph.ask("guest", op="no_such")["error"]
     active = "len(m.nodes) == 3 and m.nodes[2].lifecycle == 'active'"
-    echoed = home.run("topic", "echo", "/graph/health", "--json", "--once", "--filter", active)
+    echoed = open_home.run("topic", "echo", "/graph/health", "--json", "--once", "--filter", active)
     (does,) = [node for node in json.loads(echoed.stdout)["nodes"] if node["node"] == "guest"]
     assert (does["pid"], does["lifecycle"]) == (0, "active")
     assert does["memory_bytes"] > 0
     assert [edge["topic"] for edge in does["edges"]] == ["/ticker/tick"]
     history = graph.ask("graph", op="history", topic="/graph/events", first=1, last=100)
     events = [decode(GraphEvent, parse(frame).payload) for frame in history["frames"]]
-    (joined,) = [event for event in events if event.kind == "joined"]
-    assert joined.node == "guest"
+    (joined,) = [event for event in events if (event.kind, event.node) == ("joined", "guest")]
     assert json.loads(joined.data)["address"] == "127.0.0.1"
 
 
-def test_a_joined_nodes_output_goes_into_a_port_declared_external(home: Host, away: Host) -> None:
-    graph = home.launch()
+def test_a_joined_nodes_output_goes_into_a_port_declared_external(
+    open_home: Host, open_graph: Launched, visitor: Host
+) -> None:
     wires = ("-r", "tick:=/keeper/tick", "--name", "metronome", "-p", "rate_hz:=50.0")
-    away.start(*joining(home, graph, "nodes.toys:Ticker", *wires))
-    ticks = [graph.book.until("tick") for _ in range(20)]
+    visitor.start(*joining(open_home, open_graph, "nodes.toys:Ticker", *wires))
+    ticks = [open_graph.book.until("tick") for _ in range(20)]
     indices = [int(tick[1]) for tick in ticks]
     assert indices == list(range(1, 21))
 
@@ -108,12 +137,12 @@ def test_a_large_message_crosses_whole(home: Host, away: Host) -> None:
     assert indices == list(range(indices[0], indices[0] + 20))
 
 
-def test_two_guests_hear_each_other(home: Host, away: Host) -> None:
-    graph, book = home.launch(), away.book()
-    away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "metronome"))
+def test_two_guests_hear_each_other(open_home: Host, open_graph: Launched, visitor: Host) -> None:
+    graph, book = open_graph, visitor.book()
+    visitor.start(*joining(open_home, graph, "nodes.toys:Ticker", "--name", "metronome"))
     graph.said("/metronome has joined")
     wires = ("-r", "tick:=/metronome/tick", "-p", f"notes:={book.path}")
-    away.start(*joining(home, graph, "nodes.toys:Keeper", "--name", "second", *wires))
+    visitor.start(*joining(open_home, graph, "nodes.toys:Keeper", "--name", "second", *wires))
     book.until("tick")
 
 
@@ -130,19 +159,20 @@ MISFITS = [
 ]
 
 
-def test_what_does_not_fit_is_refused_with_the_reason(home: Host, away: Host) -> None:
-    graph = home.launch()
+def test_what_does_not_fit_is_refused_with_the_reason(
+    open_home: Host, open_graph: Launched, visitor: Host
+) -> None:
     visitors = []
     for arguments, _ in MISFITS:
         name = () if "--name" in arguments else ("--name", "visitor")
-        visitors.append(away.start(*joining(home, graph, *arguments, *name)))
-    for visitor, (_, words) in zip(visitors, MISFITS, strict=True):
-        status, said = finished(visitor)
+        visitors.append(visitor.start(*joining(open_home, open_graph, *arguments, *name)))
+    for process, (_, words) in zip(visitors, MISFITS, strict=True):
+        status, said = finished(process)
         assert status == 2
         assert words in said
         assert "Traceback" not in said
-    assert away.all_gone()
-    assert graph.process.poll() is None
+    assert visitor.all_gone()
+    assert open_graph.process.poll() is None
 
 
 def test_a_guest_that_is_killed_leaves_and_its_name_is_free_again(home: Host, away: Host) -> None:
