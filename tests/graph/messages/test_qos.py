@@ -7,7 +7,7 @@ from itertools import product
 import msgspec
 import pytest
 
-from palp_core.graph.messages.qos import Qos, incompatibility
+from palp_core.graph.messages.qos import POLICIES, Qos, events_of, incompatibility, on_edge, strictest
 
 
 @pytest.mark.parametrize(("asks", "offers"), list(product(["best_effort", "reliable"], repeat=2)))
@@ -40,3 +40,26 @@ def test_an_unknown_setting_is_refused() -> None:
         msgspec.convert({"relibility": "reliable"}, Qos)
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"reliability": "perhaps"}, Qos)
+
+
+def test_every_setting_is_a_policy() -> None:
+    assert set(POLICIES) == set(Qos.__struct_fields__)
+
+
+def test_of_two_lifespans_the_shorter_holds_and_of_the_rest_what_is_requested() -> None:
+    requested, offered = Qos(depth=3, lifespan_ms=50), Qos(depth=7, lifespan_ms=20, deadline_ms=5)
+    assert on_edge(requested, offered) == Qos(depth=3, lifespan_ms=20)
+    assert on_edge(Qos(), offered) == Qos(lifespan_ms=20)
+
+
+def test_inputs_of_one_topic_share_what_is_fetched_and_see_to_their_own_times() -> None:
+    asked = [
+        Qos(reliability="best_effort", depth=2, deadline_ms=5),
+        Qos(durability="transient_local", depth=4),
+    ]
+    assert strictest(asked) == Qos(durability="transient_local", depth=4)
+
+
+def test_what_is_stated_can_fail_and_says_so() -> None:
+    assert events_of(Qos()) == []
+    assert events_of(Qos(lease_ms=1, lifespan_ms=1, deadline_ms=1)) == ["deadline", "lifespan", "liveliness"]

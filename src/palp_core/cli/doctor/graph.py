@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 
@@ -16,7 +16,7 @@ from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.qos import Qos, incompatibility
+from palp_core.graph.messages.qos import EventKind, Qos, incompatibility
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.transport.requester_socket import ask
 
@@ -27,7 +27,7 @@ MANY_UNREAD = 100
 OVERRUNS_PART = 1e-4
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused")
 EVENTS = "/graph/events"
-QOS_EVENTS = ("deadline", "lifespan", "liveliness", "message_lost", "call_timeout")
+QOS_EVENTS: tuple[str, ...] = get_args(EventKind)
 
 
 def examine_graph(graph: RunningGraph) -> Iterator[Diagnostic]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from palp_core.graph.description.arguments import unknown_keys
 from palp_core.graph.description.launch_file import InputEntry
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree
+from palp_core.graph.messages.qos import POLICIES, Qos
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import Problems, nearest
 
@@ -53,12 +54,7 @@ def read_flag(tree: Tree, what: str, scope: Scope, problems: Problems) -> bool:
     return value is True
 
 
-_CHOICES = {
-    "reliability": ("best_effort", "reliable"),
-    "durability": ("volatile", "transient_local"),
-    "liveliness": ("automatic", "manual_by_topic"),
-}
-_NUMBERS = {"depth": int, "deadline_ms": float, "lifespan_ms": float, "lease_ms": float}
+_POLICIES = get_type_hints(Qos)
 _ACTIONS = ("warn", "restart", "shutdown")
 
 
@@ -66,7 +62,7 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
     """Return a wire, or None after reporting what is wrong with it."""
     source, stated, action = entry.value, {}, "warn"
     if isinstance(source, Mapping):
-        known = ("from", "external", "on_event", *_CHOICES, *_NUMBERS)
+        known = ("from", "external", "on_event", *_POLICIES)
         fields = unknown_keys(source, known, what, problems)
         if "on_event" in fields:
             action = (
@@ -75,7 +71,7 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
             )
         stated = _qos(
             what,
-            {name: item for name, item in fields.items() if name in _CHOICES or name in _NUMBERS},
+            {name: item for name, item in fields.items() if name in _POLICIES},
             scope,
             problems,
         )
@@ -106,9 +102,9 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
 def _qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) -> dict[str, Any]:
     stated: dict[str, Any] = {}
     for name, entry in fields.items():
-        if name in _CHOICES:
-            stated[name] = read_word(entry.value, f"{name} of {what}", _CHOICES[name], scope, problems)
+        if words := get_args(_POLICIES[name]):
+            stated[name] = read_word(entry.value, f"{name} of {what}", words, scope, problems)
         else:
-            low = 1 if name == "depth" else 0
-            stated[name] = read_number(entry.value, f"{name} of {what}", _NUMBERS[name], low, scope, problems)
+            kind, least = _POLICIES[name], POLICIES[name].least
+            stated[name] = read_number(entry.value, f"{name} of {what}", kind, least, scope, problems)
     return {name: value for name, value in stated.items() if value is not None}

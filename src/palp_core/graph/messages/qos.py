@@ -1,10 +1,18 @@
-"""Quality of service per port, in ROS 2's terms and with its request-versus-offered rules."""
+"""Quality of service per port, in ROS 2's terms and with its request-versus-offered rules.
+
+A policy is a field of :class:`Qos` and an entry of :data:`POLICIES`; launch files, checks and tools go by
+both. What keeps it is where messages are published (``node/publisher``), taken up (``node/subscription``) or
+watched (``transport/edge_monitor``).
+"""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import msgspec
+
+EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "call_timeout"]
 
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -29,38 +37,95 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
     lease_ms: float = 0.0
 
+    @property
+    def latched_depth(self) -> int:
+        """How many last messages a late joiner is owed."""
+        return self.depth if self.durability == "transient_local" else 0
+
+
+class Policy(NamedTuple):
+    """How both ends of an edge come to terms about one policy.
+
+    Attributes:
+        conflict: Says of what is requested and what is offered why it cannot be kept, or None.
+        on_edge: Returns what holds between the two.
+        shared: Returns what serves all inputs that read one topic; None: each input sees to its own.
+        least: Smallest number that can be stated.
+        event: What a reader is told when a stated policy is not kept.
+    """
+
+    conflict: Callable[[Any, Any], str | None] = lambda _requested, _offered: None
+    on_edge: Callable[[Any, Any], Any] = lambda requested, _offered: requested
+    shared: Callable[[list[Any]], Any] | None = None
+    least: int = 0
+    event: EventKind | None = None
+
+
+def _needs(strong: str, what: str = "") -> Callable[[str, str], str | None]:
+    """A reader that requests the stronger of two words is not served by the weaker."""
+
+    def conflict(requested: str, offered: str) -> str | None:
+        if requested != strong or offered == strong:
+            return None
+        return f"the reader asks for {strong}{what}, the publisher offers {offered}"
+
+    return conflict
+
+
+def _no_longer(what: str) -> Callable[[float, float], str | None]:
+    """A reader that states a time is not served by a publisher that takes longer."""
+
+    def conflict(requested_ms: float, offered_ms: float) -> str | None:
+        if not requested_ms or offered_ms <= requested_ms:
+            return None
+        return f"the reader's {what} of {requested_ms:g} ms is shorter than the publisher's {offered_ms:g} ms"
+
+    return conflict
+
+
+def _strongest(strong: str) -> Callable[[list[str]], str]:
+    return lambda asked: strong if strong in asked else asked[0]
+
+
+def _shorter(requested_ms: float, offered_ms: float) -> float:
+    return min((ms for ms in (requested_ms, offered_ms) if ms), default=0.0)
+
+
+POLICIES: dict[str, Policy] = {
+    "reliability": Policy(_needs("reliable"), shared=_strongest("reliable")),
+    "durability": Policy(_needs("transient_local"), shared=_strongest("transient_local")),
+    "depth": Policy(shared=max, least=1),
+    "deadline_ms": Policy(_no_longer("deadline"), event="deadline"),
+    "lifespan_ms": Policy(on_edge=_shorter, event="lifespan"),
+    "lease_ms": Policy(_no_longer("lease"), event="liveliness"),
+    "liveliness": Policy(_needs("manual_by_topic", " liveliness")),
+}
+"""By field of :class:`Qos`."""
+
 
 def incompatibility(requested: Qos, offered: Qos) -> str | None:
     """Return why a reader's request cannot be served by a publisher's offer, or None if it can."""
-    if requested.reliability == "reliable" and offered.reliability == "best_effort":
-        return "the reader asks for reliable, the publisher offers best_effort"
-    if requested.durability == "transient_local" and offered.durability == "volatile":
-        return "the reader asks for transient_local, the publisher offers volatile"
-    if requested.deadline_ms and offered.deadline_ms > requested.deadline_ms:
-        return (
-            f"the reader's deadline of {requested.deadline_ms:g} ms is shorter than the publisher's "
-            f"{offered.deadline_ms:g} ms"
-        )
-    if requested.lease_ms and offered.lease_ms > requested.lease_ms:
-        return (
-            f"the reader's lease of {requested.lease_ms:g} ms is shorter than the publisher's "
-            f"{offered.lease_ms:g} ms"
-        )
-    if requested.liveliness == "manual_by_topic" and offered.liveliness == "automatic":
-        return "the reader asks for manual_by_topic liveliness, the publisher offers automatic"
+    for name, policy in POLICIES.items():
+        reason = policy.conflict(getattr(requested, name), getattr(offered, name))
+        if reason is not None:
+            return reason
     return None
 
 
 def on_edge(requested: Qos, offered: Qos) -> Qos:
     """Return what holds between a reader and a publisher: the request, with the shorter of two lifespans."""
-    lifespans = [ms for ms in (requested.lifespan_ms, offered.lifespan_ms) if ms]
-    return msgspec.structs.replace(requested, lifespan_ms=min(lifespans, default=0.0))
+    return Qos(
+        **{name: p.on_edge(getattr(requested, name), getattr(offered, name)) for name, p in POLICIES.items()}
+    )
 
 
 def strictest(asked: list[Qos]) -> Qos:
     """Return what serves every input that reads the same topic."""
     return Qos(
-        reliability="reliable" if any(q.reliability == "reliable" for q in asked) else "best_effort",
-        durability="transient_local" if any(q.durability == "transient_local" for q in asked) else "volatile",
-        depth=max(q.depth for q in asked),
+        **{name: p.shared([getattr(qos, name) for qos in asked]) for name, p in POLICIES.items() if p.shared}
     )
+
+
+def events_of(qos: Qos) -> list[EventKind]:
+    """Return the events that can come of what is stated, each of which says that it was not kept."""
+    return [p.event for name, p in POLICIES.items() if p.event is not None and getattr(qos, name)]

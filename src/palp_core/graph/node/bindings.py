@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from palp_core.graph.messages.message import Message
-from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.qos import EventKind, Qos, events_of
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
 from palp_core.graph.node.ports import Alarm, Timer
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.qos_events import EventEnd, EventKind, QosEvent
+from palp_core.graph.node.qos_events import EventEnd, QosEvent
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
 from palp_core.graph.node.spec import NodeSpec, topic
@@ -96,13 +96,8 @@ class Bindings:
                 source, f"input:{name}", name, sub.message, declared.handlers[name], qos
             )
             self._subscribe(subscription)
-            subscription.message_lost = self._event("message_lost", name, source, declared)
-            if qos.deadline_ms:
-                subscription.deadline = self._event("deadline", name, source, declared)
-            if qos.lifespan_ms:
-                subscription.lifespan = self._event("lifespan", name, source, declared)
-            if qos.lease_ms:
-                self._event("liveliness", name, source, declared)
+            kinds: list[EventKind] = ["message_lost", *events_of(qos)]
+            subscription.attach({kind: self._event(kind, name, source, declared) for kind in kinds})
 
     def _bind_services(self, declared: Declaration) -> None:
         """A client's requests are a topic of its own; the replies to it are a topic of the server's."""

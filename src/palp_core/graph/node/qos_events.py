@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import msgspec
 
+from palp_core.graph.messages.qos import EventKind
 from palp_core.graph.node.owner import Owner
-
-EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "call_timeout"]
 
 _TEXT = {
     "deadline": "no message within its deadline",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.fragments import decode_pieces
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import Message, decoder_of
-from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.qos import EventKind, Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd
@@ -54,14 +54,17 @@ class Subscription:
         self.handler = handler
         self.qos = qos
         self.account = SequenceAccount()
-        self.deadline: EventEnd | None = None
-        self.message_lost: EventEnd | None = None
-        self.lifespan: EventEnd | None = None
+        self.attach({})
         self._type_hash = schema_of(message).type_hash
         self._decode = decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
         self._is_plain = type(self) is Subscription and not self._lifespan_ns and not self._deadline_ns
+
+    def attach(self, events: Mapping[EventKind, EventEnd]) -> None:
+        """Raise these events when what they are about is not kept."""
+        self._deadline, self._lifespan = events.get("deadline"), events.get("lifespan")
+        self._message_lost = events.get("message_lost")
 
     def accept(
         self,
@@ -101,10 +104,10 @@ class Subscription:
         else:
             taken = None
             account.heartbeat(epoch, sequence)
-            if kind == Kind.IDLE and self.deadline is not None:
-                self.deadline.expect(None)
-        if account.lost > lost_before and self.message_lost is not None:
-            self.message_lost.count(account.lost - lost_before, now_ns)
+            if kind == Kind.IDLE and self._deadline is not None:
+                self._deadline.expect(None)
+        if account.lost > lost_before and self._message_lost is not None:
+            self._message_lost.count(account.lost - lost_before, now_ns)
         return taken
 
     def expects(self, frame: Frame) -> bool:
@@ -124,15 +127,15 @@ class Subscription:
         if self._lifespan_ns and now_ns - stamp_ns > self._lifespan_ns:
             self.account.late += 1
             self.account.drop(epoch, sequence)
-            if self.lifespan is not None:
-                self.lifespan.count(1, now_ns)
+            if self._lifespan is not None:
+                self._lifespan.count(1, now_ns)
             return False
         if not self.account.accept(epoch, sequence):
             return False
-        if self.deadline is not None:
+        if self._deadline is not None:
             if now_ns - stamp_ns > self._deadline_ns:
                 self.account.late += 1
-            self.deadline.expect(now_ns + self._deadline_ns, self._deadline_ns)
+            self._deadline.expect(now_ns + self._deadline_ns, self._deadline_ns)
         return True
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import msgspec
+
 from palp_core.graph.bag.topic import Topic, topic_of
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages import builtin
 from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.journal import ORDER_PORT
 from palp_core.graph.node.spec import LAUNCHER, topic
@@ -65,5 +68,4 @@ def live_topics(graph: RunningGraph) -> dict[str, LiveTopic]:
 
 
 def _latched_depth(output: dict[str, Any]) -> int:
-    qos = output.get("qos", {})
-    return int(qos["depth"]) if qos.get("durability") == "transient_local" else 0
+    return msgspec.convert(output.get("qos", {}), Qos).latched_depth

@@ -43,7 +43,7 @@ class LockstepRecorder:
                 type=topic.type,
                 type_hash=topic.type_hash,
                 json_schema=topic.json_schema,
-                latched_depth=topic.qos.depth if topic.qos.durability == "transient_local" else 0,
+                latched_depth=topic.qos.latched_depth,
             )
             for name, topic in graph.topics.items()
         ]
