@@ -294,7 +294,9 @@ def test_types_of_one_name_that_differ_say_where(workspace: Any) -> None:
             def hear(self, message): ...
         """,
     )
-    with pytest.raises(GraphProblems, match=r"both are called Belief but differ: 'int64 stamp_ns' here"):
+    with pytest.raises(
+        GraphProblems, match=r"another Belief, with 'int64 stamp_ns # ns' where 'int64 stamp_ns' is"
+    ):
         workspace.load(
             LAUNCH.replace("nodes.policy_fixed:Fixed", "nodes.other:Other").replace("{level: 2}", "{}")
         )

@@ -91,7 +91,7 @@ MISTAKES: dict[str, tuple[str, str, int, tuple[str, ...]]] = {
         "belief: estimator/belief",
         "belief: torque/torque",
         21,
-        ("takes Belief", "offers Torque"),
+        ("/torque/torque carries Torque, not Belief", "wire a port of its type"),
     ),
     "a source without a port": ("tare: torque/tare", "tare: torque", 16, ("node/port",)),
     "a client wired to an output": ("tare: torque/tare", "tare: torque/torque", 16, ("service", "'tare'")),

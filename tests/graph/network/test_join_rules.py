@@ -24,7 +24,6 @@ from palp_core.graph.network.join_protocol import (
     Beat,
     GraphView,
     HealthReport,
-    Input,
     Join,
     JoinRequest,
     NodeView,
@@ -79,7 +78,8 @@ VIEW = GraphView(
 
 
 def asks(topic: str, *, reads_truth: bool = False, type_hash: str = "0" * 16) -> list[str]:
-    wanted = Input(topic=topic, type="Sample", type_hash=type_hash)
+    node, port = topic.removeprefix("/").split("/")
+    wanted = info(node, port, type_hash)
     request = JoinRequest(
         name="viewer", run="a:B", host="h", pid=1, inputs={"sample": wanted}, reads_truth=reads_truth
     )

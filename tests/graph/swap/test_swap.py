@@ -84,7 +84,7 @@ def test_the_same_class_keeps_live_parameters_and_takes_what_is_given(stage: Sta
 
 REFUSED = [
     ("NoOut", "it has no output 'out', which /sink reads"),
-    ("WrongType", "output 'out' carries Word, not Num"),
+    ("WrongType", "carries Word, not Num"),
     ("Wants", "input 'more' is not wired"),
     ("Nope", "no class 'Nope'"),
     ("nodes.nope:Relay", "no module 'nodes.nope'"),

@@ -15,31 +15,36 @@ from palp_core.graph.description.checked import (
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile, Variant
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
-from palp_core.graph.messages.qos import incompatibility, on_edge
+from palp_core.graph.description.wire_check import misfit, type_misfit
+from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Problems, hint, nearest
 
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 
-_TRUTH = "truth"
 _PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
+_ADVICE = {
+    "type": "wire a port of its type",
+    "qos": "ask for less here or offer more in {run}",
+    "truth": "wire a measured quantity",
+}
 
 
-def load(path: Path, overrides: Sequence[str], describe_fn: InspectFunction) -> CheckedGraph:
+def load(path: Path, overrides: Sequence[str], inspect: InspectFunction) -> CheckedGraph:
     """Read and check a launch file.
 
     Args:
         path: The launch file.
         overrides: Arguments as ``name:=value``.
-        describe_fn: Runs :func:`.describe` where workspace modules may be imported.
+        inspect: Runs :func:`.inspect_classes` where workspace modules may be imported.
 
     Raises:
         GraphProblems: All its mistakes.
     """
-    return check(read(path, overrides), describe_fn)
+    return check(read(path, overrides), inspect)
 
 
-def check(description: LaunchFile, describe_fn: InspectFunction) -> CheckedGraph:
+def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
     """Check a description against the node classes it names.
 
     Raises:
@@ -55,7 +60,7 @@ def check(description: LaunchFile, describe_fn: InspectFunction) -> CheckedGraph
     ]
     if description.report is not None:
         requests.append(NodeClassRequest(description.report.value, kind="function"))
-    answers = iter(describe_fn(requests, description.workspace) if requests else [])
+    answers = iter(inspect(requests, description.workspace) if requests else [])
     candidates = {
         name: [_Candidate(entry, variant, next(answers)) for variant in entry.variants]
         for name, entry in description.nodes.items()
@@ -169,45 +174,26 @@ def _check_edge(
     wire: InputEntry,
     problems: Problems,
 ) -> None:
-    where = f"{reader}: {_PLACES[port.kind]} '{port.name}' from {wire.node}/{wire.port}"
-    for wanted, given in zip(port.types, offer.types, strict=True):
-        if wanted.type_hash == given.type_hash:
-            continue
-        if wanted.name == given.name:
-            difference = (
-                f"both are called {wanted.name} but differ: {_fields(wanted.ros_text, given.ros_text)}"
-            )
-        else:
-            difference = f"it takes {wanted.name}, {source} offers {given.name}"
-        problems.add(wire.source_mark, f"{where}: types do not match: {difference}; wire a port of its type")
-        return
+    where = f"{reader}: {_PLACES[port.kind]} '{port.name}'"
     if port.kind == "client":
+        for reply in (False, True):
+            wanted = TopicInfo.of(reader.entry.name, port, reply=reply)
+            found = type_misfit(wanted, TopicInfo.of(wire.node, offer, reply=reply))
+            if found is not None:
+                problems.add(wire.source_mark, f"{where}: {found.text}; {_ADVICE[found.part]}")
+                return
         if wire.stated:
             message = f"{where}: a service has no quality of service; remove {', '.join(wire.stated)}"
             problems.add(wire.source_mark, message)
         return
-    reason = incompatibility(wire.requested(port.qos), offer.qos)
-    if reason is not None:
-        problems.add(
-            wire.source_mark, f"{where}: {reason}; ask for less here or offer more in {source.declared.run}"
-        )
-    if wire.port == _TRUTH and not (reader.declared.simulates or reader.declared.records):
-        message = f"{where}: only a node that simulates or records may read truth; wire a measured quantity"
-        problems.add(wire.source_mark, message)
-
-
-def _fields(wanted: str, given: str) -> str:
-    """Return the first line in which two message texts differ."""
-    ours, theirs = wanted.splitlines(), given.splitlines()
-    for mine, other in zip(ours, theirs, strict=False):
-        if mine != other:
-            return f"'{mine}' here, '{other}' there"
-    longer, place = (ours, "here") if len(ours) > len(theirs) else (theirs, "there")
-    return (
-        f"'{longer[min(len(ours), len(theirs))]}' only {place}"
-        if len(ours) != len(theirs)
-        else "in a nested type"
+    found = misfit(
+        TopicInfo.of(reader.entry.name, port, qos=wire.requested(port.qos)),
+        TopicInfo.of(wire.node, offer),
+        reads_truth=reader.declared.simulates or reader.declared.records,
     )
+    if found is not None:
+        advice = _ADVICE[found.part].format(run=source.declared.run)
+        problems.add(wire.source_mark, f"{where}: {found.text}; {advice}")
 
 
 def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
@@ -220,7 +206,7 @@ def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
     requests: dict[str, dict[str, list[str]]] = {name: {} for name in chosen}
     for name, node in chosen.items():
         for port in node.ports("pub").values():
-            topics[topic(name, port.name)] = _topic_info(name, port, 0)
+            topics[topic(name, port.name)] = TopicInfo.of(name, port)
         for port_name, wire in node.variant.inputs.items():
             port = node.declared.ports[port_name]
             source = topic(name, port_name) if wire.external else topic(wire.node, wire.port)
@@ -232,7 +218,7 @@ def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
                 external=wire.external,
             )
             if wire.external:
-                topics[source] = _topic_info(name, port, 0)
+                topics[source] = TopicInfo.of(name, port)
             if port.kind == "sub":
                 edges.setdefault(source, []).append([name, port_name])
                 continue
@@ -240,8 +226,10 @@ def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
             requests[wire.node].setdefault(wire.port, []).append(own)
             edges[own] = [[wire.node, wire.port]]
             edges[source + own] = [[name, port_name]]
-            topics[own] = _topic_info(name, port, 0)
-            topics[source + own] = _topic_info(wire.node, chosen[wire.node].declared.ports[wire.port], 1)
+            topics[own] = TopicInfo.of(name, port)
+            topics[source + own] = TopicInfo.of(
+                wire.node, chosen[wire.node].declared.ports[wire.port], reply=True
+            )
     nodes = [
         _spec(node, description.seed, readings[name], requests[name], topics) for name, node in chosen.items()
     ]
@@ -260,14 +248,6 @@ def _build(description: LaunchFile, candidates: _Candidates) -> CheckedGraph:
         report=description.report.value if description.report else "",
         listen=description.listen,
     )
-
-
-def _topic_info(node: str, port: NodePort, index: int) -> TopicInfo:
-    kind = port.types[index]
-    return TopicInfo(
-        node=node, port=port.name, qos=port.qos, type=kind.name, type_hash=kind.type_hash,
-        ros_text=kind.ros_text, json_schema=kind.json_schema,
-    )  # fmt: skip
 
 
 def _spec(

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import yaml
 
+from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
 
@@ -21,7 +22,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         port: On which port.
         type: Name of the message type.
         type_hash: 16 hexadecimal digits.
-        qos: What the publisher offers.
+        qos: What the publisher offers; as a reader wants it, what that requests.
     """
 
     node: str
@@ -31,6 +32,22 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     ros_text: str
     json_schema: dict[str, Any]
     qos: Qos = Qos()
+
+    @classmethod
+    def of(cls, node: str, port: NodePort, *, reply: bool = False, qos: Qos | None = None) -> TopicInfo:
+        """Return what a port of a node carries.
+
+        Args:
+            node: Running name.
+            port: Of its class.
+            reply: Of a service or a client: the reply, not the request.
+            qos: In place of the port's own.
+        """
+        kind = port.types[1 if reply else 0]
+        return cls(
+            node=node, port=port.name, qos=port.qos if qos is None else qos, type=kind.name,
+            type_hash=kind.type_hash, ros_text=kind.ros_text, json_schema=kind.json_schema,
+        )  # fmt: skip
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from palp_core.graph.messages.qos import incompatibility
-from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
-from palp_core.graph.node.spec import name_mistake
+from palp_core.graph.description.checked import TopicInfo
+from palp_core.graph.description.wire_check import misfit, type_misfit
+from palp_core.graph.network.join_protocol import GraphView, JoinRequest
+from palp_core.graph.node.spec import name_mistake, topic
 from palp_core.graph.problems import hint
 
 _MOST_PORTS = 256
+_OLDER = "; update the older host"
 
 
 def objections(request: JoinRequest, view: GraphView, taken: Collection[str]) -> list[str]:
@@ -52,25 +54,21 @@ def _expected(request: JoinRequest, view: GraphView) -> list[str]:
         offered = request.outputs.get(name)
         if offered is None:
             found.append(f"{request.run} lacks output '{promised.port}', which the launch file relies on")
-        elif offered.type_hash != promised.type_hash:
-            found.append(f"{name} carries another {promised.type} here than there; update the older host")
+        elif (other := type_misfit(promised, offered)) is not None:
+            found.append(other.text + _OLDER)
     return found
 
 
-def _input(wanted: Input, view: GraphView, *, reads_truth: bool) -> list[str]:
-    offered = view.topics.get(wanted.topic)
+def _input(wanted: TopicInfo, view: GraphView, *, reads_truth: bool) -> list[str]:
+    name = topic(wanted.node, wanted.port)
+    offered = view.topics.get(name)
     if offered is None:
-        return [f"no topic '{wanted.topic}' in graph '{view.graph}'{hint(wanted.topic, view.topics)}"]
-    if offered.type_hash != wanted.type_hash:
-        if offered.type == wanted.type:
-            return [f"{wanted.topic} carries another {wanted.type} there than here; update the older host"]
-        return [f"it takes {wanted.type}, {wanted.topic} carries {offered.type}"]
-    reason = incompatibility(wanted.qos, offered.qos)
-    if reason is not None:
-        return [f"{wanted.topic}: {reason}"]
-    if offered.port == "truth" and not reads_truth:
-        return [f"{wanted.topic}: only a node that simulates or records may read truth"]
-    return []
+        return [f"no topic '{name}' in graph '{view.graph}'{hint(name, view.topics)}"]
+    found = misfit(wanted, offered, reads_truth=reads_truth)
+    if found is None:
+        return []
+    same_name = found.part == "type" and wanted.type == offered.type
+    return [found.text + (_OLDER if same_name else "")]
 
 
 def _feed(source: str, target: str, request: JoinRequest, view: GraphView) -> list[str]:

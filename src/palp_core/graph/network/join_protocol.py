@@ -10,7 +10,6 @@ import msgspec
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.description.checked import TopicInfo
-from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
 
 PROTOCOL = 1
@@ -43,15 +42,6 @@ class GraphView(msgspec.Struct, frozen=True, kw_only=True):
     expected: dict[str, NodeSpec] = {}
 
 
-class Input(msgspec.Struct, frozen=True, kw_only=True):
-    """An input of a node that wants to join: the topic it reads, the type and service it needs."""
-
-    topic: str
-    type: str
-    type_hash: str
-    qos: Qos = Qos()
-
-
 class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     """Who wants to join, what it publishes and what it reads.
 
@@ -61,7 +51,7 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
         host: Where, for people.
         pid: Its process there.
         outputs: By topic.
-        inputs: By port.
+        inputs: By port, the topic as the node wants it.
         feeds: Topic ``/node/port`` of an external port, by the own topic whose messages go into it.
         reads_truth: It simulates or records, so that it may read ports named ``truth``.
     """
@@ -71,7 +61,7 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     host: str
     pid: int
     outputs: dict[str, TopicInfo] = {}
-    inputs: dict[str, Input] = {}
+    inputs: dict[str, TopicInfo] = {}
     feeds: dict[str, str] = {}
     reads_truth: bool = False
 

@@ -13,7 +13,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import on_edge
-from palp_core.graph.network.join_protocol import GraphView, Input, JoinRequest
+from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import hint
 
@@ -27,18 +27,7 @@ def outputs_of(name: str, described: NodeClass, external: Collection[str] = ()) 
         external: Inputs on whose topics it publishes what comes from outside.
     """
     taken = [described.ports[port] for port in external]
-    return {
-        topic(name, port.name): TopicInfo(
-            node=name,
-            port=port.name,
-            type=port.types[0].name,
-            type_hash=port.types[0].type_hash,
-            ros_text=port.types[0].ros_text,
-            json_schema=port.types[0].json_schema,
-            qos=port.qos,
-        )
-        for port in (*_ports(described, "pub"), *taken)
-    }
+    return {topic(name, port.name): TopicInfo.of(name, port) for port in (*_ports(described, "pub"), *taken)}
 
 
 def standalone_spec(name: str, run: str, params: Mapping[str, Any], described: NodeClass) -> NodeSpec:
@@ -132,19 +121,16 @@ def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeClass) ->
         host=socket.gethostname(),
         pid=os.getpid(),
         outputs=outputs_of(spec.name, described),
-        inputs={
-            port: Input(
-                topic=source,
-                type=subs[port].types[0].name,
-                type_hash=subs[port].types[0].type_hash,
-                qos=subs[port].qos,
-            )
-            for port, source in spec.inputs.items()
-            if port in subs
-        },
+        inputs={port: _as_wanted(source, subs[port]) for port, source in spec.inputs.items() if port in subs},
         feeds=feeds,
         reads_truth=described.simulates or described.records,
     )
+
+
+def _as_wanted(source: str, port: NodePort) -> TopicInfo:
+    """Return the topic that an input reads as the input wants it."""
+    node, _, output = source.removeprefix("/").partition("/")
+    return msgspec.structs.replace(TopicInfo.of(node, port), port=output)
 
 
 def _ports(described: NodeClass, *kinds: str) -> list[NodePort]:

@@ -1,0 +1,66 @@
+"""Whether a wire fits: what a reader wants against what a publisher offers.
+
+A launch file, a class that is to take a running node's place and a node that joins from another host are
+judged here, in the same words.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from palp_core.graph.description.checked import TopicInfo
+from palp_core.graph.messages.qos import incompatibility
+from palp_core.graph.node.spec import topic
+
+TRUTH = "truth"
+"""Port of quantities that no instrument can tell."""
+
+
+class Misfit(NamedTuple):
+    """Why a wire does not fit: which of its three parts, and in words that begin with the topic."""
+
+    part: Literal["type", "qos", "truth"]
+    text: str
+
+
+def misfit(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> Misfit | None:
+    """Return why a reader cannot read a topic; None if it can.
+
+    Args:
+        wanted: The topic as the reader wants it: of its type, with what it requests.
+        offered: The topic as it is.
+        reads_truth: The reader simulates or records.
+    """
+    found = type_misfit(wanted, offered)
+    if found is not None:
+        return found
+    name = topic(offered.node, offered.port)
+    reason = incompatibility(wanted.qos, offered.qos)
+    if reason is not None:
+        return Misfit("qos", f"{name}: {reason}")
+    if offered.port == TRUTH and not reads_truth:
+        return Misfit("truth", f"{name}: only a node that simulates or records may read truth")
+    return None
+
+
+def type_misfit(wanted: TopicInfo, offered: TopicInfo) -> Misfit | None:
+    """Return how the type of a topic is another than the one that is wanted; None if it is the same."""
+    if wanted.type_hash == offered.type_hash:
+        return None
+    name = topic(offered.node, offered.port)
+    if wanted.type != offered.type:
+        return Misfit("type", f"{name} carries {offered.type}, not {wanted.type}")
+    return Misfit("type", f"{name} carries another {offered.type}, {_difference(wanted, offered)}")
+
+
+def _difference(wanted: TopicInfo, offered: TopicInfo) -> str:
+    """Return the first line in which two message texts of one name differ."""
+    ours, theirs = wanted.ros_text.splitlines(), offered.ros_text.splitlines()
+    for mine, other in zip(ours, theirs, strict=False):
+        if mine != other:
+            return f"with '{other}' where '{mine}' is wanted"
+    if len(ours) > len(theirs):
+        return f"without '{ours[len(theirs)]}'"
+    if len(ours) < len(theirs):
+        return f"with '{theirs[len(ours)]}' besides"
+    return "which differs in a nested type"
