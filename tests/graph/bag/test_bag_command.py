@@ -1,4 +1,5 @@
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,14 @@ def test_echo_prints_messages(bag: Path) -> None:
     assert "level: 0.5" in text
     lines = palp_bag("echo", bag, "--json", "-n", "3", "--start", "0.01").splitlines()
     assert [json.loads(line)["sequence"] for line in lines] == [11, 12, 13]
+
+
+def test_echo_says_null_for_what_json_has_no_number_for(tmp_path: Path, kit: Any) -> None:
+    bag, _ = kit.record(
+        tmp_path / "run", [(0, kit.frame("/policy/mode", kit.Mode(stamp_ns=0, level=math.nan), 1, 0))]
+    )
+    (line,) = palp_bag("echo", bag, "--json").splitlines()
+    assert '"level":null' in line
 
 
 def test_diff_speaks_json(bag: Path) -> None:
