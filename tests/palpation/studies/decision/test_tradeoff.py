@@ -13,13 +13,12 @@ from palp_core.palpation.studies.decision import tradeoff as decision_tradeoff
 from palp_core.palpation.studies.decision.limits import least_seconds, limits, what_stays
 from palp_core.palpation.studies.decision.tradeoff import (
     FILTERS,
-    TradeoffJob,
     mark_front,
     pareto,
     tradeoff_session,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.toolkit.parallel import seeds
 
@@ -47,7 +46,7 @@ def test_a_guess_without_a_probe_is_not_on_the_front() -> None:
 def test_the_average_of_the_fixed_positions_is_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decision_tradeoff, "POLICIES", FIXED)
     monkeypatch.setattr(decision_tradeoff, "FILTERS", ("naive",))
-    found = tradeoff_session(TradeoffJob(tabulate(Gel()), Conditions(trials=4), (20, 1, 0)))
+    found = tradeoff_session(SessionJob(tabulate(Gel()), Conditions(trials=4), (20, 1, 0)))
     for stop in decision_tradeoff.STOPS:
         each = [found[policy, stop, "naive"].correct.mean() for policy in FIXED]
         assert found["fixed_average", stop, "naive"].correct.mean() == pytest.approx(np.mean(each))

@@ -11,10 +11,11 @@ from palp_core.errors import PalpError
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.paper import study as paper_study
 from palp_core.palpation.studies.paper.charts_human import figure_5
-from palp_core.palpation.studies.paper.jobs import PaperJob, paper_session
+from palp_core.palpation.studies.paper.jobs import paper_session
 from palp_core.palpation.studies.paper.numbers import statements
 from palp_core.palpation.studies.paper.study import PaperSize, results
 from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.policies import SessionJob
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
@@ -43,9 +44,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def jobs() -> list[PaperJob]:
+def jobs() -> list[SessionJob]:
     felt = tabulate(Gel())
-    return [PaperJob(felt, Conditions(trials=4), (0, 1, number)) for number in range(3)]
+    return [SessionJob(felt, Conditions(trials=4), (0, 1, number)) for number in range(3)]
 
 
 def test_every_policy_is_reported_with_what_a_reader_needs(out: Path) -> None:
@@ -112,13 +113,13 @@ def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None
         assert low < value < high
 
 
-def test_workers_do_not_change_the_results(jobs: list[PaperJob]) -> None:
+def test_workers_do_not_change_the_results(jobs: list[SessionJob]) -> None:
     here, there = (run_jobs(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
 
 
-def test_a_dask_cluster_gives_the_same_json(jobs: list[PaperJob]) -> None:
+def test_a_dask_cluster_gives_the_same_json(jobs: list[SessionJob]) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
         there = run_jobs(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)

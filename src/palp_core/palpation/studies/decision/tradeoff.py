@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,9 @@ from palp_core.palpation.studies.decision.charts import calibration_chart, rungs
 from palp_core.palpation.studies.decision.limits import limits
 from palp_core.palpation.studies.decision.rungs import rung_rows
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session, run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionJob, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.whole_file import write_json
@@ -42,18 +41,9 @@ UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
 """Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
 
 
-@dataclass(frozen=True, eq=False)
-class TradeoffJob:
-    """A session of one feature under every policy, stop rule and filter."""
-
-    table: ReadingTable
-    conditions: Conditions
-    seed: tuple[int, ...]
-
-
-def tradeoff_session(job: TradeoffJob) -> dict[tuple[str, str, str], Outcomes]:
+def tradeoff_session(job: SessionJob) -> dict[tuple[str, str, str], Outcomes]:
     """Return outcomes by policy, stop rule and filter; with all fixed positions, their average too."""
-    session = begin_session(job.table, job.conditions, job.seed)
+    session = job.begin()
     found = {
         (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
         for policy in POLICIES
@@ -108,7 +98,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     rows: list[dict[str, Any]] = []
     for feature in FEATURES:
         felt = tabulate(Gel(feature=feature))
-        jobs = [TradeoffJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
+        jobs = [SessionJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
         found = run_jobs(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
         for key in found[0]:
             line = summarise([one[key] for one in found], felt.gel.depths_m)

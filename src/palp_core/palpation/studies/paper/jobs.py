@@ -14,7 +14,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions, draw, 
 from palp_core.palpation.studies.simulation.policies import (
     NAMES,
     STIFF_M,
-    begin_session,
+    SessionJob,
     fixed_name,
     run_policy,
 )
@@ -43,35 +43,16 @@ The last is a control, added afterwards: the noisy scene with a training that la
 """
 
 
-@dataclass(frozen=True, eq=False)
-class PaperJob:
-    """A session of the paper's design: table, conditions, and its seed."""
-
-    table: ReadingTable
-    conditions: Conditions
-    seed: tuple[int, ...]
-
-
-def paper_session(job: PaperJob) -> dict[str, Outcomes]:
+def paper_session(job: SessionJob) -> dict[str, Outcomes]:
     """Return what every policy does in a session: peak, the paper's filter, its stop rule verbatim."""
-    session = begin_session(job.table, job.conditions, job.seed)
+    session = job.begin()
     names = [*NAMES, *READINGS[1:]]
     return {name: run_policy(name, session, PaperVerbatim()) for name in names}
 
 
-@dataclass(frozen=True, eq=False)
-class SceneJob:
-    """A session of a scene: the same as of the paper, with the budgets of fixed rings to compare at."""
-
-    table: ReadingTable
-    conditions: Conditions
-    seed: tuple[int, ...]
-    most_probes: int = 15
-
-
-def scene_session(job: SceneJob) -> dict[str, Outcomes]:
+def scene_session(job: SessionJob) -> dict[str, Outcomes]:
     """Return the informed policies under the latent filter, and every fixed ring after 1, 2, ... probes."""
-    session = begin_session(job.table, job.conditions, job.seed)
+    session = job.begin()
     stop = PosteriorThreshold()
     found = {
         "information_gain_latent": run_policy("information_gain_latent", session, stop, filter_name="latent"),
@@ -86,7 +67,7 @@ def scene_session(job: SceneJob) -> dict[str, Outcomes]:
     for ring_m in figure5.RINGS_M[1:]:
         name = fixed_name(ring_m)
         for filter_name in ("naive", "latent"):
-            whole = run_policy(name, session, FixedNumber(job.most_probes), filter_name=filter_name)
+            whole = run_policy(name, session, FixedNumber(job.conditions.max_probes), filter_name=filter_name)
             found[f"{name}/{filter_name}"] = whole
     return found
 

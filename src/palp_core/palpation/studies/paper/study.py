@@ -19,8 +19,6 @@ from palp_core.palpation.studies.paper.jobs import (
     READINGS,
     SCENES,
     GridJob,
-    PaperJob,
-    SceneJob,
     grid_session,
     paper_session,
     scene_session,
@@ -29,7 +27,7 @@ from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_session
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionJob
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
@@ -74,7 +72,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     size = QUICK if quick else PaperSize()
     gel, conditions = Gel(), Conditions(trials=size.trials)
     felt = tabulate(gel)
-    jobs = [PaperJob(felt, conditions, one) for one in seeds(0, seed, size.sessions)]
+    jobs = [SessionJob(felt, conditions, one) for one in seeds(0, seed, size.sessions)]
     found = run_jobs(paper_session, jobs, label="sessions", workers=workers, dask=dask)
     sessions = {name: [one[name] for one in found] for name in found[0]}
     report = results(sessions, gel.depths_m) | {
@@ -86,7 +84,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
-    trained = begin_session(felt, conditions, jobs[0].seed).trained
+    trained = jobs[0].begin().trained
     charts: list[Chart] = [
         charts_human.figure_3(seed),
         charts_human.figure_4(),
@@ -146,7 +144,7 @@ def _scenes(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, An
     judged = {}
     for number, (name, (gel, conditions)) in enumerate(SCENES.items() if size.scene_sessions else ()):
         felt = tabulate(gel)
-        jobs = [SceneJob(felt, conditions, s) for s in seeds(1 + number, seed, size.scene_sessions)]
+        jobs = [SessionJob(felt, conditions, s) for s in seeds(1 + number, seed, size.scene_sessions)]
         found = run_jobs(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
         judged[name] = judge(found, gel.depths_m)
     return judged

@@ -20,9 +20,9 @@ from palp_core.palpation.perception.statistics.resampling import cluster_bootstr
 from palp_core.palpation.reporting.charts import GREY, INK, PALE_BLUE, Chart, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
+from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.whole_file import write_json
@@ -60,12 +60,9 @@ def conditions_of(names: Sequence[str], trials: int) -> Conditions:
 
 
 @dataclass(frozen=True, eq=False)
-class WhyJob:
-    """A session under some conditions."""
+class WhyJob(SessionJob):
+    """A session, and what is run in it."""
 
-    table: ReadingTable
-    conditions: Conditions
-    seed: tuple[int, ...]
     policies: tuple[str, ...]
     correlation_stop: bool
 
@@ -73,7 +70,7 @@ class WhyJob:
 def why_session(job: WhyJob) -> dict[str, Outcomes]:
     """Return what each policy does in a session."""
     stop = PaperVerbatim() if job.correlation_stop else FixedNumber(PROBES)
-    session = begin_session(job.table, job.conditions, job.seed)
+    session = job.begin()
     return {name: run_policy(name, session, stop) for name in job.policies}
 
 

@@ -16,9 +16,7 @@ from palp_core.palpation.studies.power.model import (
     pooled_p,
     unpaired_p,
 )
-from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, begin_session, fixed_name, run_policy
-from palp_core.palpation.studies.simulation.reading_table import ReadingTable
+from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, fixed_name, run_policy
 from palp_core.units import Float64Array
 
 POLICIES = ("fixed_average", "fixed_best", "markov", "uniform", "information_gain_latent")
@@ -33,18 +31,9 @@ COMPARISONS = (
 Pool = Mapping[str, Float64Array]
 
 
-@dataclass(frozen=True, eq=False)
-class PoolJob:
-    """A session of the paper's design, long enough to know its own shares."""
-
-    table: ReadingTable
-    conditions: Conditions
-    seed: tuple[int, ...]
-
-
-def pool_session(job: PoolJob) -> dict[str, Float64Array]:
+def pool_session(job: SessionJob) -> dict[str, Float64Array]:
     """Return the share of right answers at each depth by policy, shape (m,)."""
-    session = begin_session(job.table, job.conditions, job.seed)
+    session = job.begin()
     shares: dict[str, Float64Array] = {}
     for name in (*FIXED, *POLICIES[1:]):
         if name == "fixed_best":

@@ -21,7 +21,6 @@ from palp_core.palpation.studies.power.jobs import (
     COMPARISONS,
     POLICIES,
     CurveJob,
-    PoolJob,
     curve_points,
     depth_power,
     false_alarms,
@@ -38,6 +37,7 @@ from palp_core.palpation.studies.power.model import (
     paired_power,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.policies import SessionJob
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
@@ -80,7 +80,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     """
     size = QUICK if quick else FULL
     felt = tabulate(Gel())
-    jobs = [PoolJob(felt, Conditions(trials=size.trials), one) for one in seeds(50, seed, size.pool)]
+    jobs = [SessionJob(felt, Conditions(trials=size.trials), one) for one in seeds(50, seed, size.pool)]
     found = run_jobs(pool_session, jobs, workers=workers, dask=dask, label="sessions")
     pool = {name: np.array([one[name] for one in found]) for name in POLICIES}
     laws = {name: intraclass(shares.mean(axis=1), size.trials * DEPTHS) for name, shares in pool.items()}

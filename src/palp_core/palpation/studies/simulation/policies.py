@@ -115,6 +115,19 @@ def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[in
     )
 
 
+@dataclass(frozen=True, eq=False)
+class SessionJob:
+    """A session to be run wherever there is a processor: table, conditions, and its seed."""
+
+    table: ReadingTable
+    conditions: Conditions
+    seed: tuple[int, ...]
+
+    def begin(self) -> SimulatedSession:
+        """Train the session and draw its trials."""
+        return begin_session(self.table, self.conditions, self.seed)
+
+
 def best_ring(readings: Float64Array) -> int:
     """Return the ring position whose single readings are best decided, by leaving out one palpation a cell.
 
