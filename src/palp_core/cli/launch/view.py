@@ -34,7 +34,7 @@ class LaunchView:
 
     def start(self, graph: CheckedGraph) -> None:
         """Begin to show a graph."""
-        type_hash = f"{schema_of(Progress).type_hash:016x}"
+        type_hash = schema_of(Progress).hash_text
         self._topics = {name.encode() for name, t in graph.topics.items() if t.type_hash == type_hash}
         self._start_ns = monotonic_ns()
         self._lockstep = graph.clock == "sim"

@@ -72,4 +72,4 @@ def _of_module(name: str) -> list[KnownType]:
     classes = [value for value in vars(module).values() if isinstance(value, type)]
     own = [c for c in classes if issubclass(c, Message) and c is not Message and c.__module__ == name]
     schemas = [schema_of(c) for c in own]
-    return [KnownType(s.name, name, f"{s.type_hash:016x}", json_schema(s)) for s in schemas]
+    return [KnownType(s.name, name, s.hash_text, json_schema(s)) for s in schemas]

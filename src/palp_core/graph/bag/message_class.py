@@ -36,7 +36,7 @@ def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Messag
         raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")
     try:
         made = type_from_schema(topic.json_schema, topic.type, _class)
-        type_hash = f"{schema_of(made).type_hash:016x}"
+        type_hash = schema_of(made).hash_text
     except (BagError, TypeError, SchemaMismatch) as error:
         raise BagError(f"{where}: its schema is not a palp message's: {error}") from error
     if topic.type_hash not in ("", type_hash):
@@ -44,7 +44,7 @@ def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Messag
             f"{where}: its schema makes a {topic.type} of type hash {type_hash}, recorded was "
             f"{topic.type_hash}: the bag was written by another version or its schema was changed"
         )
-    return Progress if type_hash == f"{schema_of(Progress).type_hash:016x}" else made
+    return Progress if type_hash == schema_of(Progress).hash_text else made
 
 
 def _class(schema: JsonSchema, name: str, fields: dict[str, Any]) -> type[Message]:

@@ -44,7 +44,7 @@ def topic_of(name: str, message: type[Message]) -> Topic:
     """Return the topic of that name that carries messages of this class."""
     schema = schema_of(message)
     described = json_schema(schema)
-    return Topic(name=name, type=schema.name, type_hash=f"{schema.type_hash:016x}", json_schema=described)
+    return Topic(name=name, type=schema.name, type_hash=schema.hash_text, json_schema=described)
 
 
 class Stream(msgspec.Struct, frozen=True, kw_only=True):

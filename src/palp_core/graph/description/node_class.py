@@ -165,7 +165,7 @@ def _port(port: Port) -> NodePort:
 def _type(message: type[Message]) -> MessageType:
     schema = schema_of(message)
     described = json_schema(schema)
-    return MessageType(schema.name, f"{schema.type_hash:016x}", ros_text(described), described)
+    return MessageType(schema.name, schema.hash_text, ros_text(described), described)
 
 
 def _module(name: str, workspace: Path) -> ModuleType:

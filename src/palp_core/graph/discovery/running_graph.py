@@ -154,7 +154,7 @@ class RunningGraph:
                 kind = getattr(builtin, output["type"], None)
                 if hidden(topic) and kind is not None:
                     schema = schema_of(kind)
-                    told = (f"{schema.type_hash:016x}", name, self.node(name).publish, json_schema(schema))
+                    told = (schema.hash_text, name, self.node(name).publish, json_schema(schema))
                     found.append(TopicEntry(topic, schema.name, *told))
         return found
 

@@ -43,6 +43,11 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
     check: Callable[[Any], None] | None
     canonical: Callable[[Any], Any] | None
 
+    @property
+    def hash_text(self) -> str:
+        """The type hash as bags and tools have it: 16 hexadecimal digits."""
+        return f"{self.type_hash:016x}"
+
 
 _SCALARS: dict[type, str] = {
     msgspec.inspect.BoolType: "bool",

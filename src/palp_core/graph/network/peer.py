@@ -33,7 +33,7 @@ class Peer:
         topics: What it listens to.
         gone: It cannot be reached any more.
         dropped_count: Frames that were not sent because too much was on its way to it.
-        rejected_count: Messages of its that were none of this conversation's, or not its to send.
+        rejected_count: Messages of its that were none of this protocol's, or not its to send.
     """
 
     def __init__(self, transmit: Callable[[list[bytes]], Sent], key: str = "", address: str = "") -> None:

@@ -197,7 +197,7 @@ def _type(message: type[Message]) -> dict[str, Any]:
     described = json_schema(schema)
     return {
         "name": schema.name,
-        "type_hash": f"{schema.type_hash:016x}",
+        "type_hash": schema.hash_text,
         "ros_text": ros_text(described),
         "json_schema": described,
     }

@@ -113,9 +113,7 @@ class PlayRun:
         for name, topic in topics.items():
             kind = schema_of(self._publishers[name][1].message)
             entries.append(
-                TopicEntry(
-                    name, kind.name, f"{kind.type_hash:016x}", name.split("/")[1], at[0], topic.json_schema
-                )
+                TopicEntry(name, kind.name, kind.hash_text, name.split("/")[1], at[0], topic.json_schema)
             )
         entries += LauncherNode.topics(where)
         self._bus.record = record_for(

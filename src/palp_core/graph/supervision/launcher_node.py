@@ -179,8 +179,6 @@ class LauncherNode:
         for name, message in _TYPES.items():
             schema = schema_of(message)
             entries.append(
-                TopicEntry(
-                    name, schema.name, f"{schema.type_hash:016x}", LAUNCHER, publish, json_schema(schema)
-                )
+                TopicEntry(name, schema.name, schema.hash_text, LAUNCHER, publish, json_schema(schema))
             )
         return entries

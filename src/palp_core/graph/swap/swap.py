@@ -161,7 +161,7 @@ class Swapper:
         self._changed, self._report = changed, report
         self._busy = ""
         self._planned: list[tuple[int, SwapRequest]] = []
-        wanted = f"{schema_of(Swap).type_hash:016x}"
+        wanted = schema_of(Swap).hash_text
         self._asks = {name.encode() for name, info in checked.topics.items() if info.type_hash == wanted}
 
     def plan(self, at_ns: int, request: SwapRequest) -> None:
