@@ -75,16 +75,16 @@ class ReaderParams(Params):
 
 def rob():
     """Drop one frame of twenty before anybody sees it."""
-    honest, chance = subscriber_socket.SubscriberSocket.take, random.Random(5)
+    honest, chance = subscriber_socket.SubscriberSocket.dispatch, random.Random(5)
 
-    def take(self, arrive, slice_ns, wait_ms=0):
+    def dispatch(self, arrive, slice_ns, wait_ms=0):
         def sieve(raw, now_ns):
             if chance.random() >= 0.05:
                 arrive(raw, now_ns)
 
         return honest(self, sieve, slice_ns, wait_ms)
 
-    subscriber_socket.SubscriberSocket.take = take
+    subscriber_socket.SubscriberSocket.dispatch = dispatch
 
 
 class Reader(Node):

@@ -59,7 +59,7 @@ class Reader(Node):
 
 
 class Target:
-    """A reader's intake, which the test feeds by hand."""
+    """A reader's receiver, which the test feeds by hand."""
 
     def __init__(self, folder: Path) -> None:
         self.context: zmq.Context[Any] = zmq.Context()
@@ -67,20 +67,20 @@ class Target:
         self.clock = SimClock()
         self.executor = Executor(Reader, spec, self.clock, lambda _: None)
         publishers = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
-        self.intake = TopicReceiver(self.executor, publishers, self.context, None)
+        self.receiver = TopicReceiver(self.executor, publishers, self.context, None)
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
-        self.intake.begin(0)
+        self.receiver.set_start(0)
         self.desk = RequestServer(self.context, "inproc://desk")
         self.desk.add("r", NodeServices(self.executor).operations(), ())
 
     def feed(self, raw: bytes) -> None:
-        self.intake._arrive(raw, 1)
+        self.receiver._arrive(raw, 1)
         while self.executor.inbox:
-            self.intake.hand_over_next()
+            self.receiver.deliver_next()
 
     def close(self) -> None:
-        self.intake.close()
+        self.receiver.close()
         self.context.destroy(linger=0)
 
 

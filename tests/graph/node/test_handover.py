@@ -267,7 +267,7 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
             elif name == "parameters":
                 set_parameters(executor, json.loads(order.changes[sequence]))
             elif name.startswith("timer:"):
-                assert executor.ring(name.removeprefix("timer:")) == sequence
+                assert executor.run_timer(name.removeprefix("timer:")) == sequence
             else:
                 topic = topics.get(name) or name.removeprefix("call:sum_up")
                 executor.consume(fed[topic, sequence])

@@ -34,9 +34,9 @@ def test_a_follower_from_the_start_has_all_of_it_from_the_activation_to_the_shut
     log = log_of(publisher)
     assert not log.note_transition(Transition.CONFIGURE, 0)
     assert log.note_transition(Transition.ACTIVATE, 1)
-    log.keep_up(1, active=True)
+    log.serve_follower(1, active=True)
     log.note("timer:tick", 0, 1, 2)
-    log.keep_up(2, active=True)
+    log.serve_follower(2, active=True)
     assert not log.note_transition(Transition.SHUTDOWN, 3)
     log.flush(3)
     assert [entries(batch) for batch in publisher.batches] == [["activate"], ["timer:tick"], ["shutdown"]]
@@ -50,13 +50,13 @@ def test_a_follower_that_comes_later_begins_with_the_nodes_state() -> None:
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(3):
         log.note("timer:tick", 0, k, k)
-        log.keep_up(k, active=True)
+        log.serve_follower(k, active=True)
     publisher.listened = True
-    log.keep_up(4, active=False)  # between two lives it has no state to begin with
+    log.serve_follower(4, active=False)  # between two lives it has no state to begin with
     assert not any(batch.hand_over for batch in publisher.batches)
-    log.keep_up(5, active=True)
+    log.serve_follower(5, active=True)
     log.note("timer:tick", 0, 9, 6)
-    log.keep_up(6, active=True)
+    log.serve_follower(6, active=True)
     assert publisher.batches[-1].hand_over == b"state"
     assert entries(publisher.batches[-1]) == ["timer:tick"]
     assert list(publisher.batches[-1].sequence) == [9]
@@ -69,9 +69,9 @@ def test_a_second_follower_gets_a_place_to_start_and_the_first_loses_nothing() -
     log.note_transition(Transition.ACTIVATE, 1)
     log.note("timer:tick", 0, 1, 2)
     publisher.greeted_count = 2
-    log.keep_up(2, active=True)
+    log.serve_follower(2, active=True)
     log.note("timer:tick", 0, 2, 3)
-    log.keep_up(3, active=True)
+    log.serve_follower(3, active=True)
     assert [(entries(batch), batch.hand_over) for batch in publisher.batches] == [
         (["activate", "timer:tick"], b""),
         (["timer:tick"], b"state"),
@@ -96,7 +96,7 @@ def test_with_nobody_following_a_batch_is_kept_until_it_is_full() -> None:
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(BATCH - 2):
         log.note("timer:tick", 0, k, k)
-        log.keep_up(k, active=True)
+        log.serve_follower(k, active=True)
     assert publisher.batches == []
     log.note("timer:tick", 0, BATCH, BATCH)
     assert len(publisher.batches) == 1
@@ -105,8 +105,8 @@ def test_with_nobody_following_a_batch_is_kept_until_it_is_full() -> None:
 def test_a_node_that_takes_over_goes_on_for_the_followers_of_the_one_before() -> None:
     publisher = PublisherEnd()
     log = log_of(publisher)
-    log.begin(7)
+    log.take_snapshot(7)
     log.note("timer:tick", 0, 8, 8)
-    log.keep_up(8, active=True)
+    log.serve_follower(8, active=True)
     assert [batch.hand_over for batch in publisher.batches] == [b"state"]
     assert log.note_transition(Transition.DEACTIVATE, 9)

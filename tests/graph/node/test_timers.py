@@ -35,7 +35,7 @@ class Owner:
 @pytest.mark.parametrize("rate_hz", [3.0, 1500.0, 0.7])
 def test_a_million_ticks_at_an_awkward_rate_do_not_drift(rate_hz: float) -> None:
     timer = Owner(rate_hz).timer()
-    timer.begin(0)
+    timer.activate(0)
     exact_period_ns = Fraction(10**9) / Fraction(rate_hz)
     for k in range(1, 1_000_001):
         due_ns = timer.due_ns
@@ -47,7 +47,7 @@ def test_a_million_ticks_at_an_awkward_rate_do_not_drift(rate_hz: float) -> None
 
 def test_3_hz_meets_every_whole_second() -> None:
     timer = Owner(3.0).timer()
-    timer.begin(0)
+    timer.activate(0)
     due = []
     for _ in range(6):
         due.append(timer.due_ns)
@@ -59,7 +59,7 @@ def test_3_hz_meets_every_whole_second() -> None:
 @given(st.floats(1e-3, 1e6), st.integers(0, 10**14))
 def test_a_started_timer_is_due_at_the_first_grid_instant_after_now(rate_hz: float, now_ns: int) -> None:
     timer = Owner(rate_hz).timer()
-    timer.begin(now_ns)
+    timer.activate(now_ns)
     due_ns = timer.due_ns
     assert due_ns is not None
     assert due_ns > now_ns
@@ -70,7 +70,7 @@ def test_a_started_timer_is_due_at_the_first_grid_instant_after_now(rate_hz: flo
 def test_a_timer_that_is_not_declared_running_waits_for_its_start() -> None:
     owner = Owner(10.0)
     timer = owner.timer(running=False)
-    timer.begin(0)
+    timer.activate(0)
     assert timer.due_ns is None
     owner.now = 250_000_000
     timer.start()
@@ -80,7 +80,7 @@ def test_a_timer_that_is_not_declared_running_waits_for_its_start() -> None:
 def test_starting_a_timer_that_ticks_changes_nothing() -> None:
     owner = Owner(10.0)
     timer = owner.timer()
-    timer.begin(0)
+    timer.activate(0)
     owner.now = 500_000_000
     timer.start()
     assert timer.due_ns == 100_000_000
@@ -89,7 +89,7 @@ def test_starting_a_timer_that_ticks_changes_nothing() -> None:
 def test_a_stopped_timer_restarts_on_the_same_grid() -> None:
     owner = Owner(10.0)
     timer = owner.timer()
-    timer.begin(0)
+    timer.activate(0)
     timer.stop()
     assert timer.due_ns is None
     owner.now = 1_234_000_000
@@ -101,7 +101,7 @@ def test_a_stopped_timer_restarts_on_the_same_grid() -> None:
 def test_a_changed_rate_moves_to_the_new_grid() -> None:
     owner = Owner(10.0)
     timer = owner.timer()
-    timer.begin(0)
+    timer.activate(0)
     owner.set_rate(4.0)
     timer.retime(30_000_000)
     assert (timer.k, timer.due_ns) == (1, 250_000_000)
@@ -110,7 +110,7 @@ def test_a_changed_rate_moves_to_the_new_grid() -> None:
 def test_a_stopped_timer_stays_stopped_when_its_rate_changes() -> None:
     owner = Owner(10.0)
     timer = owner.timer(running=False)
-    timer.begin(0)
+    timer.activate(0)
     owner.set_rate(4.0)
     timer.retime(0)
     assert timer.due_ns is None
@@ -119,7 +119,7 @@ def test_a_stopped_timer_stays_stopped_when_its_rate_changes() -> None:
 def test_another_parameter_changed_when_a_tick_is_due_does_not_swallow_the_tick() -> None:
     owner = Owner(10.0)
     timer = owner.timer()
-    timer.begin(0)
+    timer.activate(0)
     timer.retime(100_000_000)
     assert (timer.k, timer.due_ns) == (1, 100_000_000)
 
@@ -167,7 +167,7 @@ def test_an_alarm_rings_once_and_the_last_setting_counts() -> None:
     alarm.clear()
     assert alarm.due_ns is None
     alarm.set(5)
-    alarm.begin(0)
+    alarm.activate(0)
     assert alarm.due_ns is None
 
 

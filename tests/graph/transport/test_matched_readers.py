@@ -29,25 +29,25 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def noted(file: Path, *names: str) -> None:
     """Let a process be read by some."""
     process = MatchedReaders(lambda: set(names), file)
-    assert process.gathered()
-    process.note()
+    assert process.all_present()
+    process.write_down()
 
 
 def test_a_first_process_waits_for_nobody(tmp_path: Path) -> None:
-    assert MatchedReaders(set, tmp_path / "a.readers").gathered()
-    assert MatchedReaders(set, None).gathered()
+    assert MatchedReaders(set, tmp_path / "a.readers").all_present()
+    assert MatchedReaders(set, None).all_present()
 
 
 def test_a_successor_waits_for_its_predecessors_readers_and_for_nobody_else(tmp_path: Path) -> None:
     file, present = tmp_path / "a.readers", {"stranger"}
     noted(file, "sink", "policy")
     successor = MatchedReaders(lambda: present, file)
-    assert not successor.gathered()
+    assert not successor.all_present()
     assert successor.missing == ["policy", "sink"]
     present.add("sink")
-    assert not successor.gathered()
+    assert not successor.all_present()
     present.add("policy")
-    assert successor.gathered()
+    assert successor.all_present()
     assert successor.missing == []
 
 
@@ -55,11 +55,11 @@ def test_the_wait_ends_and_says_who_is_missing(tmp_path: Path, clock: Clock) -> 
     noted(tmp_path / "a.readers", "sink")
     successor = MatchedReaders(set, tmp_path / "a.readers")
     clock.now_ns = 5 * WAIT_NS  # the time before it is ready to speak does not count
-    assert not successor.gathered()
+    assert not successor.all_present()
     clock.now_ns += WAIT_NS - 1
-    assert not successor.gathered()
+    assert not successor.all_present()
     clock.now_ns += 1
-    assert successor.gathered()
+    assert successor.all_present()
     assert successor.missing == ["sink"]
 
 
@@ -67,18 +67,18 @@ def test_a_process_that_dies_while_it_waits_leaves_the_list_to_the_next(tmp_path
     file = tmp_path / "a.readers"
     noted(file, "sink")
     second = MatchedReaders(set, file)
-    second.note()
-    assert not second.gathered()
-    second.note()
+    second.write_down()
+    assert not second.all_present()
+    second.write_down()
     assert MatchedReaders(set, file).missing == ["sink"]
     clock.now_ns = WAIT_NS
-    second.note()  # it has given up: nobody waits for that reader again
+    second.write_down()  # it has given up: nobody waits for that reader again
     assert MatchedReaders(set, file).missing == []
 
 
 def test_a_list_that_cannot_be_read_counts_as_none(tmp_path: Path) -> None:
     (tmp_path / "a.readers").write_bytes(b"[tr")
-    assert MatchedReaders(set, tmp_path / "a.readers").gathered()
+    assert MatchedReaders(set, tmp_path / "a.readers").all_present()
 
 
 def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ class Ear:
     def __init__(self) -> None:
         self.at = {"ipc://0"}
 
-    def go_on(self, endpoint: str) -> None:
+    def connect(self, endpoint: str) -> None:
         self.at.add(endpoint)
 
-    def leave(self, endpoint: str) -> None:
+    def disconnect(self, endpoint: str) -> None:
         self.at.discard(endpoint)
 
 
@@ -36,9 +36,9 @@ def following(ear: Ear) -> Migration:
 def test_a_publisher_is_followed_to_its_new_place_and_the_old_one_left() -> None:
     ear = Ear()
     found = following(ear)
-    found.take(moved("prepare", "1"), 0)
+    found.follow(moved("prepare", "1"), 0)
     assert ear.at == {"ipc://0", "ipc://1"}
-    found.take(moved("gone", "1"), 0)
+    found.follow(moved("gone", "1"), 0)
     assert ear.at == {"ipc://1"}
     assert found.servers[TOPIC] == "ipc://1.srv"
 
@@ -46,18 +46,18 @@ def test_a_publisher_is_followed_to_its_new_place_and_the_old_one_left() -> None
 def test_a_place_that_was_found_otherwise_is_not_left_when_the_publisher_moves_on() -> None:
     ear = Ear()
     found = following(ear)
-    found.find(TOPIC, "ipc://1")  # its publisher's word came before this reader listened
+    found.relocate(TOPIC, "ipc://1")  # its publisher's word came before this reader listened
     assert "ipc://1" in ear.at
-    found.take(moved("prepare", "2"), 0)
+    found.follow(moved("prepare", "2"), 0)
     assert {"ipc://1", "ipc://2"} <= ear.at
-    found.take(moved("gone", "2"), 0)
+    found.follow(moved("gone", "2"), 0)
     assert "ipc://1" not in ear.at
 
 
 def test_the_run_directory_tells_nothing_new_to_who_has_followed() -> None:
     ear = Ear()
     found = following(ear)
-    found.take(moved("prepare", "1"), 0)
-    found.find(TOPIC, "ipc://1")
-    found.take(moved("stay", "1"), 0)
+    found.follow(moved("prepare", "1"), 0)
+    found.relocate(TOPIC, "ipc://1")
+    found.follow(moved("stay", "1"), 0)
     assert ear.at == {"ipc://0"}

@@ -129,7 +129,7 @@ def test_a_reader_that_was_away_still_waits_for_the_answer_and_blames_nobody() -
     edge = Edge(RELIABLE, answers=False)
     edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1), frame(3))
     edge.now_ns += 5 * FILL_NS  # stopped, or in one long handler, while the answer came
-    edge.buffer.pardon(5 * FILL_NS, edge.now_ns)
+    edge.buffer.excuse_absence(5 * FILL_NS, edge.now_ns)
     edge.wait(0)
     assert edge.buffer.heard_ns == edge.buffer.data_ns == edge.now_ns
     edge.kept, edge.answers = [frame(2)], True

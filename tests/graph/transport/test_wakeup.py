@@ -27,12 +27,12 @@ class House:
         self.publisher.bind(f"ipc://{folder}/p")
         self.bell = Wakeup(self.context, [self.read])
         self.subscriber = SubscriberSocket({"/p/x": f"ipc://{folder}/p"}, self.context)
-        self.subscriber.hear(ENDPOINT)
+        self.subscriber.wake_on(ENDPOINT)
         self.publisher.recv()
         self.frames: list[bytes] = []
 
     def take(self, wait_ms: int = PATIENCE_MS) -> tuple[bool, bool]:
-        return self.subscriber.take(lambda raw, _: self.frames.append(raw), 0, wait_ms)
+        return self.subscriber.dispatch(lambda raw, _: self.frames.append(raw), 0, wait_ms)
 
     def close(self) -> None:
         self.bell.close()
@@ -60,10 +60,10 @@ def test_the_bell_ends_the_waiting_and_rings_again_only_when_answered(house: Hou
     os.write(house.write, b"!")
     assert house.take()[1]
     assert not house.take(1)[1]
-    house.bell.answer()
+    house.bell.rearm()
     assert house.take()[1]  # nobody has read the pipe: there is still something
     os.read(house.read, 1)
-    house.bell.answer()
+    house.bell.rearm()
     os.write(house.write, b"!")
     assert house.take()[1]
     assert house.frames == []

@@ -120,7 +120,7 @@ class TopicReader:
             return
         if frame.kind == Kind.MOVED:
             with contextlib.suppress(SchemaMismatch):
-                self._migration.take(frame, arrived_ns)
+                self._migration.follow(frame, arrived_ns)
         else:
             self.last_sequence[frame.topic] = frame.sequence
             buffer.arrive(frame, arrived_ns)

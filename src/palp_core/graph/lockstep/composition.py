@@ -137,7 +137,7 @@ class Composition:
         self._executors[index] = executor
         self._offer(executor)
         for out in executor.ends.publishers.values():
-            out.divert(self._send)
+            out.send_through(self._send)
         self._frames = []
         for frame in frames:
             self._send(frame)

@@ -97,7 +97,7 @@ class Tap:
         self._named = False
         self._connected: set[str] = set()
         self._turns: dict[str, Turns[list[bytes]]] = {}
-        self._following = Migration(self, {}, self._turns)
+        self._migration = Migration(self, {}, self._turns)
         self._socket = event_loop.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
@@ -107,8 +107,8 @@ class Tap:
         """Hear a topic."""
         name = topic.decode()
         self._turns[name] = Turns(functools.partial(self._heard, topic))
-        self._following.add(name, endpoint, "")
-        self.go_on(endpoint)
+        self._migration.add(name, endpoint, "")
+        self.connect(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, topic + b"\0")
         self._say_name()
 
@@ -122,13 +122,13 @@ class Tap:
         """Hear it no longer."""
         self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
 
-    def go_on(self, endpoint: str) -> None:
+    def connect(self, endpoint: str) -> None:
         """Listen at an endpoint."""
         if endpoint not in self._connected:
             self._connected.add(endpoint)
             self._socket.connect(endpoint)
 
-    def leave(self, endpoint: str) -> None:
+    def disconnect(self, endpoint: str) -> None:
         """Listen at an endpoint no longer."""
         if endpoint in self._connected:
             self._connected.discard(endpoint)
@@ -143,7 +143,7 @@ class Tap:
             with contextlib.suppress(SchemaMismatch, KeyError):
                 frame = parse(parts[0])
                 if frame.kind == Kind.MOVED:  # a matter of this host
-                    self._following.take(frame, monotonic_ns())
+                    self._migration.follow(frame, monotonic_ns())
                 else:
                     self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
 

@@ -74,7 +74,7 @@ class Bindings:
         guarded = self._guard(port, handler) if handler is not None else None
 
         def handle(event: QosEvent) -> None:
-            self._owner.events.raised(event)
+            self._owner.events.publish_qos_event(event)
             if guarded is not None:
                 guarded(event)
 

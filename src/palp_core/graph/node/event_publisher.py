@@ -19,7 +19,7 @@ EVENTS_PORT = "_events"
 
 
 class EventPublisher:
-    """Says events, each kind at a rate that cannot flood.
+    """Publishes events, each kind at a rate that cannot flood.
 
     Args:
         publisher: Where events are published.
@@ -38,16 +38,16 @@ class EventPublisher:
         self._log = log
         self._owner = owner
 
-    def say(self, kind: str, text: str, data: Mapping[str, Any]) -> None:
+    def publish(self, kind: str, text: str, data: Mapping[str, Any]) -> None:
         """Publish an event."""
         now_ns = self._owner.now_ns()
         self._publisher.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
 
-    def raised(self, event: QosEvent) -> None:
+    def publish_qos_event(self, event: QosEvent) -> None:
         """Say that an edge did not keep its promise."""
         if is_worth_saying(event):
             self._log.warning("%s", event.text)
-            self.say(event.kind, event.text, msgspec.to_builtins(event))
+            self.publish(event.kind, event.text, msgspec.to_builtins(event))
             self.report(event)
 
     def reject(self, error: SchemaMismatch) -> None:

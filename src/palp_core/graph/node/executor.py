@@ -118,7 +118,7 @@ class Executor:
         if transition is Transition.ACTIVATE:
             self.publishing = True
             for end in self.ends.timers.values():
-                end.begin(self._now_ns)
+                end.activate(self._now_ns)
             self.succession.state_bytes()  # one that cannot be handed over is found now, not at a swap
         noted = self.journal.note_transition(transition, self._now_ns)
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.ACTIVE:
@@ -130,7 +130,7 @@ class Executor:
         before, self.lifecycle = self.lifecycle, target
         if noted:
             data = {"transition": transition.value, "from": before.value, "to": target.value}
-            self.events.say("transition", f"{before.value} -> {target.value}", data)
+            self.events.publish("transition", f"{before.value} -> {target.value}", data)
 
     def next_due_ns(self) -> int | None:
         """Return when the next timer, alarm or event is due, or None."""
@@ -148,9 +148,9 @@ class Executor:
         for name, end in self.ends.timers.items():
             due_ns = end.due_ns
             if due_ns is not None and due_ns <= now_ns and self.exit_code is None:
-                self.ring(name)
+                self.run_timer(name)
 
-    def ring(self, name: str, recorded: int | None = None) -> int:
+    def run_timer(self, name: str, recorded: int | None = None) -> int:
         """Run one timer, alarm or event now, due or not; return its tick number or total count.
 
         Args:
@@ -159,7 +159,7 @@ class Executor:
         """
         end = self.ends.timers[name]
         self._now_ns = self._clock.now_ns()
-        self.journal.prepare(self._now_ns)
+        self.journal.snapshot_if_due(self._now_ns)
         k = end.tick()
         if recorded is not None and isinstance(end, EventEnd):
             end.recall(recorded)
@@ -219,7 +219,7 @@ class Executor:
         self._now_ns = now_ns
         journal = self.journal
         if now_ns >= journal.next_snapshot_ns:
-            journal.begin(now_ns)
+            journal.take_snapshot(now_ns)
         try:
             message = subscription.accept(kind, epoch, sequence, stamp_ns, type_hash, payload, rest, now_ns)
         except SchemaMismatch as error:
@@ -236,7 +236,7 @@ class Executor:
     def begin_command(self) -> None:
         """Give a command from outside, between two handlers, the present time and a place in the order."""
         self._now_ns = self._clock.now_ns()
-        self.journal.prepare(self._now_ns)
+        self.journal.snapshot_if_due(self._now_ns)
 
 
 class Failing:
@@ -422,7 +422,7 @@ class Succession:
             executor.publishing = True
             executor.failing.hook("on_resume")
             executor.lifecycle = target
-            executor.journal.begin(hand_over.now_ns)
+            executor.journal.take_snapshot(hand_over.now_ns)
 
     def leave(self) -> None:
         """End a node that another process goes on with: the hooks of the safe end run and publish nothing."""

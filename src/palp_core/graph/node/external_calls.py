@@ -36,7 +36,7 @@ def set_parameters(executor: Executor, changes: dict[str, Any]) -> None:
     changed = {name: [before[name], value] for name, value in after.items() if before[name] != value}
     if changed:
         text = ", ".join(f"{name} = {new}" for name, (_, new) in changed.items())
-        executor.events.say("parameters", text, changed)
+        executor.events.publish("parameters", text, changed)
 
 
 def serve_outside(executor: Executor, service: str, request: Message) -> Message:

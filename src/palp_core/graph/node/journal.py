@@ -48,7 +48,7 @@ class Journal:
         self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
 
-    def begin(self, now_ns: int) -> None:
+    def take_snapshot(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""
         if not self._begun:  # the node was taken over: whoever followed it before goes on
             self._begun = True
@@ -57,12 +57,12 @@ class Journal:
         self._hand_over = self._snapshot()
         self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
 
-    def prepare(self, now_ns: int) -> None:
+    def snapshot_if_due(self, now_ns: int) -> None:
         """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
         if now_ns >= self.next_snapshot_ns:
-            self.begin(now_ns)
+            self.take_snapshot(now_ns)
 
-    def keep_up(self, now_ns: int, *, active: bool) -> None:
+    def serve_follower(self, now_ns: int, *, active: bool) -> None:
         """Let whoever follows the record have what is new, and a new follower a place to start.
 
         To be called ten times a second on the wall clock, between two handlers. With no follower it does
@@ -75,7 +75,7 @@ class Journal:
             if not self._followed:
                 self._clear()
             self._follow()
-            self.begin(now_ns)
+            self.take_snapshot(now_ns)
         elif self._entries:
             self.flush(now_ns)
 

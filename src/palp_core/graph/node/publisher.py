@@ -147,7 +147,7 @@ class PublisherEnd(Generic[M]):
         """Return all that is remembered, the oldest first."""
         return [_whole(kept) for kept in self.history]
 
-    def divert(self, send: Callable[[bytes], None]) -> None:
+    def send_through(self, send: Callable[[bytes], None]) -> None:
         """Give frames to somebody else from now on."""
         self._send = send
 

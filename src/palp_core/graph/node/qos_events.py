@@ -80,7 +80,7 @@ class EventEnd:
         self._total = 0
         self._said = 0
 
-    def begin(self, now_ns: int) -> None:
+    def activate(self, now_ns: int) -> None:
         """Nothing is due at activation."""
         self.due_ns = None
 

@@ -77,7 +77,7 @@ class ClientEnd:
         """When the first unanswered call is overdue."""
         return min((pending.due_ns for pending in self.pending), default=None)
 
-    def begin(self, now_ns: int) -> None:
+    def activate(self, now_ns: int) -> None:
         """Forget unanswered calls at activation."""
         self.pending.clear()
 

@@ -48,7 +48,7 @@ class TimerEnd:
     def _grid_ns(self, k: int) -> int:
         return round(k * 1e9 / self._rate_hz)
 
-    def begin(self, now_ns: int) -> None:
+    def activate(self, now_ns: int) -> None:
         """Start at activation if the declaration says so."""
         self.due_ns = None
         if self._running:
@@ -87,7 +87,7 @@ class TimerEnd:
     def resume(self, saved: tuple[int, int | None] | None, now_ns: int) -> None:
         """Continue a predecessor's ticks; begin a timer it did not have; keep to the own rate."""
         if saved is None:
-            self.begin(now_ns)
+            self.activate(now_ns)
             return
         self.k, self.due_ns = saved
         self._rate_hz = self._wanted_hz()
@@ -104,7 +104,7 @@ class AlarmEnd:
         self.due_ns: int | None = None
         self._owner = owner
 
-    def begin(self, now_ns: int) -> None:
+    def activate(self, now_ns: int) -> None:
         """Forget any setting at activation."""
         self.due_ns = None
 

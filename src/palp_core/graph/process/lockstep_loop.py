@@ -105,7 +105,7 @@ class LockstepLoop:
                 return
 
     def _change_over(self, message: ToSwapped) -> None:
-        self.participant.obey(message)
+        self.participant.handle(message)
         while self.participant.waiting:  # for readers: tools, as nodes read the conductor's word only
             self._poll.poll(20)
             self.participant.turn()

@@ -1,6 +1,6 @@
 """One process's part in a hot swap: the predecessor's, who hands in, or the successor's, who takes over.
 
-Whoever drives the node asks it to :meth:`SwapParticipant.obey` what the supervisor says.
+Whoever drives the node asks it to :meth:`SwapParticipant.handle` what the supervisor says.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class SwapParticipant:
         """True while :meth:`turn` has to look."""
         return self._hand_in is not None or self._meet is not None or self._eavesdropper is not None
 
-    def obey(self, line: ToSwapped) -> None:
+    def handle(self, line: ToSwapped) -> None:
         """Do what the supervisor says."""
         match line:
             case Place():

@@ -70,7 +70,7 @@ class WallLoop:
             channel.send,
             channel.socket.fileno(),
             heard=lambda: self.receiver.heard,
-            succeed=self.receiver.succeed,
+            succeed=self.receiver.continue_from,
             begin=self._begin,
             depart=self.receiver.close,
             successor=process.successor,
@@ -80,7 +80,7 @@ class WallLoop:
             shown = publisher.message in (Progress, Swap)
             self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
-                publisher.divert(self._send_progress)
+                publisher.send_through(self._send_progress)
         self.sockets.requests.add(
             process.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -89,7 +89,7 @@ class WallLoop:
         self._others = (channel.socket.fileno(), *self.sockets.file_descriptors)
         self._reads = bool(self.executor.ends.subscriptions)
         self._wakeup = Wakeup(self.sockets.context, self._others)
-        self.receiver.hear(ENDPOINT)
+        self.receiver.wake_on(ENDPOINT)
         self._health = HealthProbe(process.spec.name)
         self._next_beat_ns = monotonic_ns()
 
@@ -118,7 +118,7 @@ class WallLoop:
         announced = finished = False
         while True:
             spoken = self._wait()
-            if not announced and self.receiver.matched and self._matched_readers.gathered():
+            if not announced and self.receiver.matched and self._matched_readers.all_present():
                 announced = True
                 self.channel.send(Matched(self._matched_readers.missing))
             if spoken and self._command():
@@ -142,10 +142,10 @@ class WallLoop:
         if now_ns >= self._next_beat_ns:
             if not self.participant.silent:
                 self.sockets.publisher.send_heartbeats()
-            self._matched_readers.note()
-            self.receiver.keep_house(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
+            self._matched_readers.write_down()
+            self.receiver.tick(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
-            self.executor.journal.keep_up(self.executor.now_ns(), active=at_work)
+            self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
@@ -157,24 +157,24 @@ class WallLoop:
             timeout_s = 0.0
         wait_ms = int(timeout_s * 1e3)
         if wait_ms and self._reads and not self.receiver.asking:
-            rung = self.receiver.take(SLICE_NS, wait_ms)
+            rung = self.receiver.receive(SLICE_NS, wait_ms)
         else:
             coming = self.receiver.file_descriptors
             ready = select.select((*coming, *self._others), (), (), timeout_s)[0]
             rung = bool(ready) and ready[-1] in self._others
             if self.receiver.more or (ready and ready[0] in coming):
-                rung = self.receiver.take(SLICE_NS) or rung
+                rung = self.receiver.receive(SLICE_NS) or rung
         if not rung:
             return self.channel.buffered()
         self.sockets.note_signal()
-        self._wakeup.answer()
+        self._wakeup.rearm()
         return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
 
     def _work(self) -> None:
         """Handle what waits in the inbox, for a slice of time."""
         end_ns = monotonic_ns() + SLICE_NS
         while self._backlog() and monotonic_ns() < end_ns:
-            self.receiver.hand_over_next()
+            self.receiver.deliver_next()
 
     def _pulse(self, now_ns: int) -> None:
         """Tell the supervisor that this loop turns, and how it does."""
@@ -209,7 +209,7 @@ class WallLoop:
             self.close()
             return True
         elif not isinstance(message, Round):
-            self.participant.obey(message)
+            self.participant.handle(message)
             if self.participant.left:
                 self.channel.send(Done([], -1, None))
                 self.close()
@@ -218,7 +218,7 @@ class WallLoop:
 
     def _begin(self, start_ns: int) -> None:
         self.clock = WallClock(start_ns)
-        self.receiver.begin(start_ns)
+        self.receiver.set_start(start_ns)
 
     def close(self) -> None:
         """Let go of the sockets."""

@@ -77,7 +77,7 @@ class LiveFeed:
         self._topics: dict[str, LiveTopic] = {}
         self._new: set[str] = set()
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
-        self._following = Migration(self._subscriber, {}, defaultdict(Unordered))
+        self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
         self._inquirer = RequesterSocket(self._subscriber.context)
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
@@ -94,14 +94,14 @@ class LiveFeed:
         self._topics.update(topics)
         self.unmatched |= {name.encode(): live for name, live in topics.items()}
         for name, live in topics.items():
-            self._following.add(name, live.publish, "")
-        self._subscriber.follow({name: live.publish for name, live in topics.items()})
+            self._migration.add(name, live.publish, "")
+        self._subscriber.subscribe({name: live.publish for name, live in topics.items()})
 
     def follow_move(self, frame: Frame) -> None:
         """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
         if frame.topic in self._topics:
             with contextlib.suppress(SchemaMismatch):
-                self._following.take(frame, monotonic_ns())
+                self._migration.follow(frame, monotonic_ns())
 
     def update(self, graph: RunningGraph) -> None:
         """Take the graph as it is described now: publishers may be elsewhere."""
@@ -110,7 +110,7 @@ class LiveFeed:
         for entry in graph.record.topics:
             # After a swap the old place's name leads to the new one: whoever followed is there already.
             if entry.name in self._topics and entry.publish != before.get(entry.name, entry.publish):
-                self._following.find(entry.name, entry.publish)
+                self._migration.relocate(entry.name, entry.publish)
 
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
         """Ask a topic's publisher for what is missing."""
@@ -127,8 +127,8 @@ class LiveFeed:
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
-        more, _ = self._subscriber.take(self._arrive, SLICE_NS, wait_ms)
-        self._following.tick(monotonic_ns())
+        more, _ = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
+        self._migration.tick(monotonic_ns())
         if self._questions:
             self._take_answers()
         return more
@@ -156,7 +156,7 @@ class LiveFeed:
     def _arrive(self, raw: bytes, monotonic: int) -> None:
         end = raw.find(0)
         if len(raw) > end + _FLAGS_OFFSET and raw[end + _FLAGS_OFFSET] & IN_PIECES:
-            raw = b"".join((raw, *self._subscriber.rest()))
+            raw = b"".join((raw, *self._subscriber.pieces()))
         if self.unmatched and raw[:end] in self.unmatched:
             self._on_first_frame(raw, raw[:end])
         if self.start_ns is None:
@@ -202,7 +202,7 @@ class LiveFeed:
         self._questions[topic] = question._replace(asked_ns=monotonic_ns())
         asked = {"topic": topic, "first": question.first, "last": question.last}
         try:
-            serve = self._following.servers[topic] or self.graph.node(live.node).serve
+            serve = self._migration.servers[topic] or self.graph.node(live.node).serve
         except GraphError:
             return
         self._inquirer.ask(serve, {"op": "history", "node": live.node, **asked})

@@ -225,7 +225,7 @@ class _Replay:
             written = json.loads(order.changes[sequence])["request"]
             serve_outside(executor, service, read_request(executor, service, written))
         elif source.startswith("timer:"):
-            executor.ring(source.removeprefix("timer:"), sequence)
+            executor.run_timer(source.removeprefix("timer:"), sequence)
         else:
             name = executor.ends.topic_of_source[source]
             this = (name, order.epoch[entry], sequence)

@@ -44,15 +44,15 @@ class MatchedReaders:
         """Readers of the predecessor that do not listen."""
         return sorted(self._awaited.difference(self._present())) if self._awaited else []
 
-    def gathered(self) -> bool:
+    def all_present(self) -> bool:
         """Tell whether there is nobody to wait for, or not any longer; the first question begins the wait."""
         now_ns = monotonic_ns()
         self._until_ns = now_ns + WAIT_NS if self._until_ns is None else self._until_ns
         return not self.missing or now_ns >= self._until_ns
 
-    def note(self) -> None:
+    def write_down(self) -> None:
         """Write down who listens, if that has changed; not before the predecessor's have been waited for."""
-        if self._file is None or self._until_ns is None or not self.gathered():
+        if self._file is None or self._until_ns is None or not self.all_present():
             return
         present = set(self._present())
         if present != self._noted:

@@ -49,9 +49,9 @@ def read_move(payload: memoryview) -> Move:
 
 
 class _Ear(Protocol):
-    def go_on(self, endpoint: str) -> None: ...
+    def connect(self, endpoint: str) -> None: ...
 
-    def leave(self, endpoint: str) -> None: ...
+    def disconnect(self, endpoint: str) -> None: ...
 
 
 class Ordered(Protocol):
@@ -146,13 +146,13 @@ class Migration:
         """Follow one more topic."""
         self._at[name], self.servers[name] = publish, serve
 
-    def find(self, name: str, publish: str) -> None:
+    def relocate(self, name: str, publish: str) -> None:
         """Take the run directory's word for where a topic is published now, if no frame has told of it."""
         if publish not in (self._at[name], self._next.get(name)):
-            self._ear.go_on(publish)
+            self._ear.connect(publish)
             self._at[name] = publish  # the place before may have more to say: it is not left
 
-    def take(self, frame: Frame, now_ns: int) -> None:
+    def follow(self, frame: Frame, now_ns: int) -> None:
         """Take a frame of kind MOVED.
 
         Raises:
@@ -186,7 +186,7 @@ class Migration:
         old, self._at[name] = self._at[name], self._next.pop(name)
         self._spoke.pop(name, None)
         if old not in self._at.values():
-            self._ear.leave(old)
+            self._ear.disconnect(old)
         self._orders[name].end_move(now_ns, last)
 
     def _listen_at(self, name: str, publish: str) -> None:
@@ -194,7 +194,7 @@ class Migration:
             return
         self._forget(name)
         if publish not in {*self._next.values(), *self._at.values()}:
-            self._ear.go_on(publish)
+            self._ear.connect(publish)
         self._next[name] = publish
         self._orders[name].begin_move()
         self._listening(name, publish)
@@ -202,4 +202,4 @@ class Migration:
     def _forget(self, name: str) -> None:
         publish = self._next.pop(name, None)
         if publish is not None and publish not in {*self._next.values(), *self._at.values()}:
-            self._ear.leave(publish)
+            self._ear.disconnect(publish)

@@ -67,7 +67,7 @@ class PublisherSocket:
             name = publisher.topic.encode()
             self._publishers[name] = publisher
             if direct:
-                publisher.divert(self._transmit)
+                publisher.send_through(self._transmit)
                 publisher.listened = name in self._subscribed
                 self._direct.add(publisher.topic)
 

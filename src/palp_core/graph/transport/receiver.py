@@ -46,7 +46,7 @@ class TopicReceiver:
         listening: Is told a topic and the second place where it is listened to.
 
     Attributes:
-        more: The last :meth:`take` left something in the socket.
+        more: The last :meth:`receive` left something in the socket.
         buffers: Puts each input topic in order.
         monitor: Looks how the edges do.
     """
@@ -87,7 +87,7 @@ class TopicReceiver:
 
     @property
     def file_descriptors(self) -> tuple[int, ...]:
-        """Descriptors that become readable when :meth:`take` has something to do."""
+        """Descriptors that become readable when :meth:`receive` has something to do."""
         return (self._subscriber.file_descriptor, *self._requester.file_descriptors)
 
     @property
@@ -104,7 +104,7 @@ class TopicReceiver:
             if buffer.is_ordered
         }
 
-    def succeed(self, hand_over: HandOver) -> int:
+    def continue_from(self, hand_over: HandOver) -> int:
         """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
 
         Raises:
@@ -121,7 +121,7 @@ class TopicReceiver:
                     self._offsets.note(name, counter.epoch, counter.sequence)
         return len(frames)
 
-    def begin(self, start_ns: int) -> None:
+    def set_start(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
         for buffer in self.buffers.values():
             buffer.origin_ns = self._start_ns = start_ns
@@ -135,16 +135,16 @@ class TopicReceiver:
             if len(subscriptions) == 1
         }
 
-    def hear(self, endpoint: str) -> None:
-        """Let a doorbell end the waiting of :meth:`take`."""
-        self._subscriber.hear(endpoint)
+    def wake_on(self, endpoint: str) -> None:
+        """Let a doorbell end the waiting of :meth:`receive`."""
+        self._subscriber.wake_on(endpoint)
 
     @property
     def asking(self) -> bool:
         """True once anything was asked of a publisher: its answers come on other descriptors."""
         return bool(self._requester.file_descriptors)
 
-    def take(self, slice_ns: int, wait_ms: int = 0) -> bool:
+    def receive(self, slice_ns: int, wait_ms: int = 0) -> bool:
         """Take in what has arrived, put it in order, ask for what is missing; tell if the doorbell rang.
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
@@ -153,7 +153,7 @@ class TopicReceiver:
         """
         if self._inbox_is_full():
             return False
-        self.more, rung = self._subscriber.take(self._arrive, slice_ns, wait_ms)
+        self.more, rung = self._subscriber.dispatch(self._arrive, slice_ns, wait_ms)
         self._take_answers()
         return rung
 
@@ -197,7 +197,7 @@ class TopicReceiver:
 
     def _sort(self, raw: bytes, now_ns: int) -> None:
         """Take a frame the long way: one in pieces, a heartbeat, one out of order, or none of ours."""
-        rest = self._subscriber.rest()
+        rest = self._subscriber.pieces()
         try:
             frame = parse(raw)
             if rest:
@@ -206,7 +206,7 @@ class TopicReceiver:
             if buffer is None:
                 raise SchemaMismatch(f"{frame.topic} is no input of {self._executor.name}")
             if frame.kind == Kind.MOVED:
-                self._migration.take(frame, now_ns)
+                self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
                 return
         except SchemaMismatch as error:
@@ -236,7 +236,7 @@ class TopicReceiver:
                 self._drop(buffer, frame)
                 return
 
-    def hand_over_next(self) -> None:
+    def deliver_next(self) -> None:
         """Hand the next frame to the node; a best-effort reader skips to its last ``depth``."""
         frame = self._inbox.popleft()
         buffer = self.buffers.get(frame.topic)
@@ -258,11 +258,11 @@ class TopicReceiver:
         for subscription in self._executor.ends.subscriptions[frame.topic]:
             subscription.account.drop(frame.epoch, frame.sequence)
 
-    def keep_house(self, now_ns: int, graph_ns: int, late_ns: int) -> None:
+    def tick(self, now_ns: int, graph_ns: int, late_ns: int) -> None:
         """Look for silence, give up what cannot be had; due ten times a second, and now so late."""
         self._migration.tick(now_ns)
         for buffer in self.buffers.values():
-            buffer.pardon(late_ns, now_ns)
+            buffer.excuse_absence(late_ns, now_ns)
             buffer.expire(now_ns)
         self.monitor.look(now_ns, graph_ns)
 
@@ -298,7 +298,7 @@ def _merged(
     for frame in theirs:
         last[frame.topic] = max(last.get(frame.topic, (-1, 0)), (frame.epoch, frame.sequence))
     for name, buffer in buffers.items():
-        buffer.succeed(*last.get(name, (-1, 0)))
+        buffer.continue_from(*last.get(name, (-1, 0)))
         buffer.unread = 0
     had = {(frame.topic, frame.epoch, frame.sequence) for frame in theirs}
     for frame in own:

@@ -182,7 +182,7 @@ class ReorderBuffer:
             self._skip_to(min(self._held, default=self._last + 1) - 1)
             self._advance(now_ns)
 
-    def pardon(self, away_ns: int, now_ns: int) -> None:
+    def excuse_absence(self, away_ns: int, now_ns: int) -> None:
         """Let time in which this process was away count neither as silence nor as waiting for an answer.
 
         What came meanwhile is in the socket: the process was stopped, or had no turn, or one long handler.
@@ -209,7 +209,7 @@ class ReorderBuffer:
         else:
             self._skip_to(self._last)
 
-    def succeed(self, epoch: int, last: int) -> None:
+    def continue_from(self, epoch: int, last: int) -> None:
         """Go on where a predecessor of the reader was: it has received everything up to ``last``.
 
         Raises:

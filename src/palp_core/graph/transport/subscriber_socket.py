@@ -58,18 +58,18 @@ class SubscriberSocket:
         assert self._context is not None
         return self._context
 
-    def follow(self, endpoints: Mapping[str, str]) -> None:
+    def subscribe(self, endpoints: Mapping[str, str]) -> None:
         """Subscribe to more topics, each at its endpoint."""
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for name in endpoints:
             self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
 
-    def go_on(self, endpoint: str) -> None:
+    def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
         self._socket.connect(endpoint)
 
-    def leave(self, endpoint: str) -> None:
+    def disconnect(self, endpoint: str) -> None:
         """Listen at an endpoint no longer; what has arrived from it stays."""
         with contextlib.suppress(zmq.ZMQError):  # never connected, or left already
             self._socket.disconnect(endpoint)
@@ -82,18 +82,18 @@ class SubscriberSocket:
             frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
         return frames
 
-    def hear(self, endpoint: str) -> None:
-        """Let a :class:`~palp_core.graph.transport.wakeup.Wakeup` end :meth:`take`'s waiting."""
+    def wake_on(self, endpoint: str) -> None:
+        """Let a :class:`~palp_core.graph.transport.wakeup.Wakeup` end :meth:`dispatch`'s waiting."""
         self._socket.connect(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, RING)
 
-    def take(
+    def dispatch(
         self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
     ) -> tuple[bool, bool]:
         """Hand on what has arrived; return whether there may be more, and whether the doorbell has rung.
 
         Args:
-            arrive: Takes a frame and the time; asks :meth:`rest` if its header says that pieces follow.
+            arrive: Takes a frame and the time; asks :meth:`pieces` if its header says that pieces follow.
             slice_ns: After so long, leave the rest to the next call.
             wait_ms: How long to wait if nothing has arrived.
         """
@@ -120,7 +120,7 @@ class SubscriberSocket:
         except zmq.Again:
             return False, rung
 
-    def rest(self) -> list[memoryview]:
+    def pieces(self) -> list[memoryview]:
         """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
         pieces: list[memoryview] = []
         while self._socket.getsockopt(_RCVMORE):

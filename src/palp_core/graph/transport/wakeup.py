@@ -46,7 +46,7 @@ class Wakeup:
             self._answered.wait()
             self._answered.clear()
 
-    def answer(self) -> None:
+    def rearm(self) -> None:
         """Say that what the bell has rung for has been looked at."""
         self._answered.set()
 
