@@ -10,7 +10,7 @@ import numpy as np
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.active_set import touch
-from palp_core.palpation.mechanics.contact.model import require_range
+from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.methods import method
@@ -25,13 +25,7 @@ if TYPE_CHECKING:
     name="l3",
     cost_s=1.0,
     evidence="tests/palpation/mechanics/contact/test_l3.py",
-    valid={
-        "depth_m": (0.0005, 0.015),
-        "poisson": (0.3, 0.4999),
-        "height_m": (0.015, 0.060),
-        "bead_radius_m": (0.002, 0.012),
-        "tip_radius_m": (0.002, 0.012),
-    },
+    valid=FEM_SCENES,
     fails="as a model of a ball and a bead: it is one of two cylinders, and vouches for nothing",
     survivor="l4",
 )

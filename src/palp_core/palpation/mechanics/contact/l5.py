@@ -13,7 +13,7 @@ from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.mechanics.contact.model import require_range
+from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -33,14 +33,7 @@ _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4
     cost_s=10.0,
     bounds=[Bound("normal_on_axis", 0.01)],
     evidence="tests/palpation/mechanics/contact/test_l5.py",
-    valid={
-        "depth_m": (0.0005, 0.015),
-        "modulus_pa": (1.0, 1e9),
-        "poisson": (0.3, 0.4999),
-        "height_m": (0.015, 0.060),
-        "bead_radius_m": (0.002, 0.012),
-        "tip_radius_m": (0.002, 0.012),
-    },
+    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9)},
     fails="where the gel's elements fold; off the bead's axis it vouches for nothing, the bead being felt as "
     "far aside as at small strain",
 )

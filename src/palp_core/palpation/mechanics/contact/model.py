@@ -53,15 +53,29 @@ class ContactModel(Protocol):
         ...
 
 
+FEM_SCENES = {
+    "depth_m": (0.0005, 0.015),
+    "poisson": (0.3, 0.4999),
+    "height_m": (0.015, 0.060),
+    "bead_radius_m": (0.002, 0.012),
+    "tip_radius_m": (0.002, 0.012),
+}
+"""The scenes that the finite-element rungs are stated for: inclusive range per quantity."""
+
+
 def require_range(phantom: Phantom, tip_radius_m: float) -> None:
     """Check that a scene is one that the finite-element rungs are stated for.
 
     Raises:
         OutOfRange: A quantity is outside the range; the message names it.
     """
-    require("tip_radius_m", tip_radius_m, 0.002, 0.012, "use a ball of 2 to 12 mm")
-    require("poisson", phantom.poisson, 0.3, 0.4999, "use 0.4999 for an incompressible gel, or l2")
-    require("height_m", phantom.height_m, 0.015, 0.060, "use a slab of 15 to 60 mm, or l2")
+    given = {
+        "tip_radius_m": (tip_radius_m, "use a ball of 2 to 12 mm"),
+        "poisson": (phantom.poisson, "use 0.4999 for an incompressible gel, or l2"),
+        "height_m": (phantom.height_m, "use a slab of 15 to 60 mm, or l2"),
+    }
     if phantom.bead is not None:
-        require("depth_m", phantom.bead.depth_m, 0.0005, 0.015, "use 0.5 to 15 mm; leave out a deeper bead")
-        require("bead_radius_m", phantom.bead.radius_m, 0.002, 0.012, "use a bead of 2 to 12 mm")
+        given["depth_m"] = phantom.bead.depth_m, "use 0.5 to 15 mm; leave out a deeper bead"
+        given["bead_radius_m"] = phantom.bead.radius_m, "use a bead of 2 to 12 mm"
+    for quantity, (value, advice) in given.items():
+        require(quantity, value, *FEM_SCENES[quantity], advice)
