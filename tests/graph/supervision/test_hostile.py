@@ -18,7 +18,7 @@ from palp_core import user_folders
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunDirectory, running
 from palp_core.graph.process.control_messages import Hello, Round, Shutdown, node_end
-from palp_core.graph.supervision import fork_client
+from palp_core.graph.supervision import fork_server
 from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.user_folders import runtime_folder
 from tests.support.palp import CHAIN, PATIENCE_S, Palp
@@ -204,8 +204,8 @@ def test_paths_count_from_the_users_folder_and_its_files_hide_no_module(palp: Pa
 
 
 def test_a_fork_server_that_is_stopped_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fork_client, "CLOSE_TIMEOUT_S", 0.1)
-    server = fork_client.ForkServer()
+    monkeypatch.setattr(fork_server, "CLOSE_TIMEOUT_S", 0.1)
+    server = fork_server.ForkServer()
     os.kill(server.pid, signal.SIGSTOP)
     server.close()
     assert not psutil.pid_exists(server.pid)

@@ -13,7 +13,7 @@ import pytest
 
 from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory, locked
-from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import LAUNCH, TALK, Running

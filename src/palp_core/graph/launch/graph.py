@@ -25,7 +25,7 @@ from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observe
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
-from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode

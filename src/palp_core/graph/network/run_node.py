@@ -33,7 +33,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, resolve
 from palp_core.graph.node.spec import NodeSpec, name_mistake
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
-from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record_of_node

@@ -10,10 +10,9 @@ import resource
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.parent_death import die_with_parent
 
 
@@ -58,19 +57,19 @@ def _redirect(output: int) -> None:
         stream.reconfigure(write_through=True)  # type: ignore[union-attr]
 
 
-def apply_scheduling(spec: NodeSpec) -> None:
+def apply_scheduling(name: str, cpus: Sequence[int], realtime_priority: int) -> None:
     """Move the process to the cores and the scheduler that its launch entry asks for.
 
     Before the node begins, so that its threads inherit both. What the host refuses is said, with the limit
     and how to raise it, and the node goes on without.
     """
-    if not spec.cpus and not spec.realtime_priority:
+    if not cpus and not realtime_priority:
         return
-    logging.basicConfig(level=logging.INFO, format=f"[%(levelname)s] [{spec.name}]: %(message)s")
-    log = logging.getLogger(f"palp.{spec.name}")
-    if spec.cpus:
+    logging.basicConfig(level=logging.INFO, format=f"[%(levelname)s] [{name}]: %(message)s")
+    log = logging.getLogger(f"palp.{name}")
+    if cpus:
         allowed = os.sched_getaffinity(0)
-        missing = sorted(set(spec.cpus) - allowed)
+        missing = sorted(set(cpus) - allowed)
         if missing:
             log.warning(
                 "cpus: this process may not run on %s, only on %s; change the launch file, or the cpuset "
@@ -78,10 +77,10 @@ def apply_scheduling(spec: NodeSpec) -> None:
                 ", ".join(map(str, missing)),
                 ", ".join(map(str, sorted(allowed))),
             )
-        if allowed & set(spec.cpus):
-            os.sched_setaffinity(0, allowed & set(spec.cpus))
-    if spec.realtime_priority:
-        _go_realtime(spec.realtime_priority, log)
+        if allowed & set(cpus):
+            os.sched_setaffinity(0, allowed & set(cpus))
+    if realtime_priority:
+        _go_realtime(realtime_priority, log)
 
 
 def _go_realtime(priority: int, log: logging.Logger) -> None:

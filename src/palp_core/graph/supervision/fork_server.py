@@ -1,10 +1,10 @@
 """The parent of every node's process: warm, single-threaded, and the guarantee that no orphan remains.
 
-It is started by the launcher, imports what nodes share (see :mod:`.preload`), and forks on
-request from its main thread only. It writes down what its children print. When the launcher's line closes, it
-brings all children down (SIGTERM, then SIGKILL after a grace of 0.6 s) and exits. If it is killed itself, the
-kernel kills its children. What a node has started goes with the node; what has left the node's process group,
-with the server.
+Both ends of its channel are here: :class:`ForkServer` is the launcher's. It is started by the launcher,
+imports what nodes share (see :mod:`.preload`), and forks on request from its main thread only. It writes down
+what its children print. When the launcher's end closes, it brings all children down (SIGTERM, then SIGKILL
+after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children. What a node has
+started goes with the node; what has left the node's process group, with the server.
 
 Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the line>``.
 """
@@ -17,26 +17,31 @@ import os
 import select
 import signal
 import socket
+import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 
+from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
-from palp_core.graph.messages.message import encode_any
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
+from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import adopt_orphans
 from palp_core.graph.supervision.fork_child import apply_scheduling, run_child
+from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
+from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
 from palp_core.whole_file import write_whole
 
 GRACE_NS = 600_000_000
+CLOSE_TIMEOUT_S = 5.0
 INSPECTING = ""
-"""Name of a inspecting child."""
+"""Name of an inspecting child."""
 
 
 class Spawn(ChannelMessage, frozen=True):
@@ -78,6 +83,107 @@ class Exited(ChannelMessage, frozen=True):
 
 Request = Spawn | InspectClasses | Signal
 ChildEvent = Started | Exited
+
+
+class ForkServer:
+    """A running fork server; closing it ends every process it has started.
+
+    Args:
+        interrupt: Raises when the user wants the end while node classes are looked at.
+        started: Its process, if it was started before.
+    """
+
+    def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
+        self._interrupt = interrupt
+        self._process, line = started or start_fork_server()
+        self._line = MessageChannel(line, msgspec.msgpack.Decoder(ChildEvent))
+
+    @property
+    def descriptor(self) -> int:
+        """Becomes readable when a child has started or ended."""
+        return self._line.socket.fileno()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the fork server."""
+        return self._process.pid
+
+    def send(self, request: Request) -> None:
+        """Send a request.
+
+        Raises:
+            GraphError: The fork server is gone.
+        """
+        try:
+            self._line.send(request)
+        except ChannelClosed as error:
+            raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
+
+    def spawn(self, process: NodeProcess, log: str) -> None:
+        """Start a node's process; events tell of it."""
+        self.send(Spawn(process, log))
+
+    def signal(self, pid: int, number: signal.Signals) -> None:
+        """Send a signal to a child."""
+        self.send(Signal(pid, int(number)))
+
+    def read_events(self) -> list[ChildEvent]:
+        """Wait for events of children and return what there is.
+
+        Raises:
+            GraphError: The fork server is gone.
+        """
+        try:
+            self._line.fill()
+        except ChannelClosed as error:
+            raise GraphError(
+                f"the fork server (process {self.pid}) has ended; its nodes ended with it"
+            ) from error
+        found = []
+        while self._line.buffered():
+            found.append(self._line.receive())
+        return found
+
+    def inspect_classes(
+        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path
+    ) -> list[NodeClass]:
+        """Let a forked child import node classes and say what they are.
+
+        Raises:
+            GraphError: The child died before it could answer.
+            Interrupted: The user asked for the end.
+        """
+        answer = folder / "descriptions"
+        self.send(InspectClasses(list(requests), str(workspace), str(answer)))
+        while True:
+            if self._interrupt is not None:
+                select.select((self.descriptor, self._interrupt.descriptor), (), ())
+                self._interrupt.check()
+            for item in self.read_events():
+                if isinstance(item, Started):
+                    continue
+                assert isinstance(item, Exited)
+                if not answer.exists():
+                    said = Path(f"{answer}.log").read_text(errors="replace").strip().splitlines()[-3:]
+                    raise GraphError(
+                        f"looking at the node classes ended with status {item.status}: " + " | ".join(said)
+                    )
+                inspected = decode_any(list[NodeClass], answer.read_bytes())
+                answer.unlink()
+                return inspected
+
+    def wake(self) -> None:
+        """Let it go on, should it have been stopped: the end needs it."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def close(self) -> None:
+        """End every child and the server; returns when they are gone."""
+        self._line.close()
+        try:
+            self._process.wait(CLOSE_TIMEOUT_S)
+        except subprocess.TimeoutExpired:  # stopped, perhaps; its death is that of its children
+            self._process.kill()
+            self._process.wait()
 
 
 class _Server:
@@ -203,7 +309,8 @@ class _Server:
 
 
 def _run(process: NodeProcess) -> int:
-    apply_scheduling(process.spec)
+    spec = process.spec
+    apply_scheduling(spec.name, spec.cpus, spec.realtime_priority)
     from palp_core.graph.process.main import run_node
 
     return run_node(process)

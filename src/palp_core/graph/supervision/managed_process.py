@@ -9,7 +9,7 @@ import msgspec
 
 from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.supervision.fork_client import ForkServer
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.logs import note, tail
 
 LOG_LINES = 20

@@ -13,8 +13,13 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched, ToNode
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_client import ForkServer
-from palp_core.graph.supervision.fork_server import INSPECTING, ChildEvent, InspectClasses, Started
+from palp_core.graph.supervision.fork_server import (
+    INSPECTING,
+    ChildEvent,
+    ForkServer,
+    InspectClasses,
+    Started,
+)
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
 
 

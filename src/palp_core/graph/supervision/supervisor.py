@@ -30,8 +30,7 @@ from palp_core.graph.process.control_messages import (
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_client import ForkServer
-from palp_core.graph.supervision.fork_server import ChildEvent, Started
+from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
