@@ -14,6 +14,7 @@ import typer
 
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
+from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import Graph
@@ -129,7 +130,7 @@ def _run(
                 key.stop()
                 view.stop()
                 if digests is not None and digest is not None:
-                    digest.write_text(json.dumps(digests.result(), indent=1) + "\n", encoding="utf-8")
+                    write_whole(digest, json.dumps(digests.result(), indent=1) + "\n")
     except Interrupted as stop:
         sys.stderr.write(f"{stop}; every node has ended\n")
         return 128 + int(stop.signal)

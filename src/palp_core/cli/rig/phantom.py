@@ -9,6 +9,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.whole_file import write_whole
 
 app = typer.Typer(help="Phantoms: their gel, from sweeps over it.", no_args_is_help=True)
 
@@ -55,7 +56,7 @@ def fit(
     if out is not None:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
-            out.write_text(scene_text(found), encoding="utf-8")
+            write_whole(out, scene_text(found))
         except OSError as error:
             raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
     if as_json:

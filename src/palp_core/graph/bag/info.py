@@ -9,8 +9,9 @@ import msgspec
 
 from palp_core.errors import BagDamaged
 from palp_core.graph.bag.account import Gap, TopicAccount
-from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.recorder import SUMMARY_NAME, RecordingSummary
+from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.bag.recorder import SUMMARY_NAME, RecordingSummary, TopicRecording
+from palp_core.graph.bag.topic import Topic
 
 T = TypeVar("T")
 VERSIONS_NAME = "palp/versions.json"
@@ -64,81 +65,108 @@ class BagInfo(msgspec.Struct, kw_only=True):
     attachments: list[str]
 
 
+class _TopicTally:
+    """What is counted of one topic while the bag is read."""
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic, self.encoding = topic, ""
+        self.account = TopicAccount()
+        self.count = 0
+        self.first_ns = self.last_ns = 0
+
+    def add(self, message: RecordedMessage) -> None:
+        """Count a message; of its stream, the latest counts."""
+        self.topic, self.encoding = message.stream.topic, message.stream.encoding
+        self.account.epoch(message.stream.epoch).add(message.sequence)
+        stamp_ns = message.publish_ns
+        self.first_ns = min(self.first_ns, stamp_ns) if self.count else stamp_ns
+        self.last_ns = max(self.last_ns, stamp_ns)
+        self.count += 1
+
+    def report(self, noted: TopicRecording | None) -> TopicReport:
+        """Return the topic's report; where the recorder knows of more losses than show, by its account."""
+        lost, gaps = self.account.lost, self.account.gaps
+        if noted is not None and noted.lost + noted.refused >= lost:
+            lost, gaps = max(noted.lost, noted.refused), noted.gaps
+        span_ns = self.last_ns - self.first_ns
+        return TopicReport(
+            type=self.topic.type,
+            type_hash=self.topic.type_hash,
+            encoding=self.encoding,
+            count=self.account.count,
+            rate_hz=(self.count - 1) * 1e9 / span_ns if self.count > 1 and span_ns > 0 else 0.0,
+            lost=lost,
+            repeated=self.account.repeated,
+            epochs=len(self.account.epochs),
+            gaps=gaps,
+        )
+
+
 def bag_info(path: str | Path) -> BagInfo:
     """Read a whole bag, check every CRC and account for every message.
 
     Raises:
         BagError: No such bag, or not a bag.
     """
-    accounts: dict[str, TopicAccount] = {}
-    times: dict[str, tuple[int, int, int]] = {}
-    kinds: dict[str, tuple[str, str, str]] = {}
-    start_ns, end_ns = -1, 0
     with Bag(path) as bag:
         problems = bag.problems
-        try:
-            for stream, sequence, log_ns, publish_ns, _ in bag.recorded():
-                name = stream.topic.name
-                account = accounts.setdefault(name, TopicAccount())
-                account.epoch(stream.epoch).add(sequence)
-                first, last, count = times.get(name, (publish_ns, publish_ns, 0))
-                times[name] = (min(first, publish_ns), max(last, publish_ns), count + 1)
-                kinds[name] = (stream.topic.type, stream.topic.type_hash, stream.encoding)
-                start_ns = log_ns if start_ns < 0 else min(start_ns, log_ns)
-                end_ns = max(end_ns, log_ns)
-        except BagDamaged as error:
-            problems.append(str(error))
-        for name, topic in bag.topics().items():
-            kinds.setdefault(name, (topic.type, topic.type_hash, ""))
-        attachments: dict[str, bytes] = {}
-        try:
-            attachments = bag.attachments()
-            bag.metadata()
-        except BagDamaged as error:
-            problems.append(str(error))
-        files = [file.path.name for file in bag.files]
-        size_bytes = sum(file.size for file in bag.files)
+        tallies, start_ns, end_ns = _tally(bag, problems)
+        attachments = _attachments(bag, problems)
+        files, size_bytes = [file.path.name for file in bag.files], sum(file.size for file in bag.files)
     recording = _json(attachments, SUMMARY_NAME, RecordingSummary)
-    topics = {}
-    for name, (type_name, type_hash, encoding) in sorted(kinds.items()):
-        account = accounts.get(name, TopicAccount())
-        first, last, count = times.get(name, (0, 0, 0))
-        noted = recording.topics.get(name) if recording is not None else None
-        lost, gaps = account.lost, account.gaps
-        if noted is not None and noted.lost + noted.refused >= lost:
-            lost, gaps = max(noted.lost, noted.refused), noted.gaps
-        topics[name] = TopicReport(
-            type=type_name,
-            type_hash=type_hash,
-            encoding=encoding,
-            count=account.count,
-            rate_hz=(count - 1) * 1e9 / (last - first) if last > first else 0.0,
-            lost=lost,
-            repeated=account.repeated,
-            epochs=len(account.epochs),
-            gaps=gaps,
-        )
-    if recording is not None:
-        for name, noted in recording.topics.items():
-            if noted.lost and name not in topics:
-                problems.append(f"{name}: all {noted.lost} messages are missing")
+    noted = recording.topics if recording is not None else {}
+    topics = {name: tally.report(noted.get(name)) for name, tally in sorted(tallies.items())}
+    problems += [
+        f"{name}: all {topic.lost} messages are missing"
+        for name, topic in noted.items()
+        if topic.lost and name not in topics
+    ]
+    whole = recording is None or recording.complete
     return BagInfo(
         path=str(path),
         files=files,
         size_bytes=size_bytes,
         message_count=sum(topic.count for topic in topics.values()),
-        start_s=max(start_ns, 0) / 1e9,
-        duration_s=(end_ns - start_ns) / 1e9 if start_ns >= 0 else 0.0,
+        start_s=start_ns / 1e9,
+        duration_s=(end_ns - start_ns) / 1e9,
         topics=topics,
-        complete=not problems
-        and not any(t.lost for t in topics.values())
-        and (recording is None or recording.complete),
+        complete=whole and not problems and not any(topic.lost for topic in topics.values()),
         healthy=not problems,
         accounted=recording is not None,
         problems=problems,
         versions=_json(attachments, VERSIONS_NAME, dict[str, str]) or {},
         attachments=sorted(attachments),
     )
+
+
+def _tally(bag: Bag, problems: list[str]) -> tuple[dict[str, _TopicTally], int, int]:
+    """Read every message; return the topics with their counts, and the first and the last log time in ns."""
+    tallies: dict[str, _TopicTally] = {}
+    start_ns = end_ns = None
+    try:
+        for message in bag.recorded():
+            topic = message.stream.topic
+            if topic.name not in tallies:
+                tallies[topic.name] = _TopicTally(topic)
+            tallies[topic.name].add(message)
+            start_ns = message.log_ns if start_ns is None else min(start_ns, message.log_ns)
+            end_ns = message.log_ns if end_ns is None else max(end_ns, message.log_ns)
+    except BagDamaged as error:
+        problems.append(str(error))
+    for name, topic in bag.topics().items():
+        tallies.setdefault(name, _TopicTally(topic))
+    return tallies, start_ns or 0, end_ns or 0
+
+
+def _attachments(bag: Bag, problems: list[str]) -> dict[str, bytes]:
+    """Return the attachments, and see that they and the metadata are whole."""
+    attachments: dict[str, bytes] = {}
+    try:
+        attachments = bag.attachments()
+        bag.metadata()
+    except BagDamaged as error:
+        problems.append(str(error))
+    return attachments
 
 
 def _json(attachments: dict[str, bytes], name: str, kind: type[T]) -> T | None:

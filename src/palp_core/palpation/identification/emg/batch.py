@@ -25,6 +25,7 @@ from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eige
 from palp_core.palpation.perception.emg.sweep import sweep
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
+from palp_core.whole_file import write_whole
 
 COLUMNS = (
     "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "cocontraction_mean",
@@ -120,7 +121,7 @@ def _write(
         writer.writerow(COLUMNS)
         writer.writerows([_cell(record.get(name)) for name in COLUMNS] for record in records)
     text = json.dumps(result, indent=1, allow_nan=False)
-    (out / "quality.json").write_text(text + "\n", encoding="utf-8")
+    write_whole(out / "quality.json", text + "\n")
     counts = Counter(flag for record in records for flag in record["flags"])
     write_page(
         out / "quality.html",
