@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.palpation.session.result_json import without_times
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import ROOT, SIM, Palp
 from tests.support.rig_session import RigSession
+from tests.support.sessions import without_times
 
 
 def same_in_processes(palp: Palp, session: RigSession, tmp_path: Path) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.session.result_json import TIME_KEYS
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RINGS_M = (0.0, 0.016)
@@ -25,6 +26,11 @@ def torque_n_m(peak_n_m: float, rng: np.random.Generator) -> np.ndarray[Any, np.
     """A bump over a base, with a little noise."""
     x = np.linspace(-1.0, 1.0, SWEEP)
     return peak_n_m * (0.8 + 0.2 * np.exp(-20.0 * x**2)) + 1e-5 * rng.standard_normal(SWEEP)
+
+
+def without_times(result: dict[str, Any]) -> dict[str, Any]:
+    """Return what must be equal for two runs of the same launch file and seed."""
+    return {key: value for key, value in result.items() if key not in TIME_KEYS}
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from palp_core.palpation.session.plan import (
     experiment,
     resume,
 )
-from palp_core.palpation.session.plan_summary import Pace, summarise
 
 SMALL = ExperimentDesign(repeats=2, trials_per_phantom=2)
 
@@ -174,25 +173,9 @@ def test_bad_designs_are_refused(settings_: dict[str, Any], match: str) -> None:
         ExperimentDesign(**settings_)
 
 
-def test_a_summary_counts_what_the_plan_does() -> None:
-    found = summarise(ExperimentDesign(training_mounts=5), np.random.default_rng(0), probes_per_trial=5)
-    assert (found.training_palpations, found.estimation_palpations) == (375, 1500)
-    assert (found.trial_count, found.mount_count, found.rehome_count) == (675, 15 + 3, 675)
-    with pytest.raises(PerceptionError, match="at least one"):
-        summarise(ExperimentDesign(), np.random.default_rng(0), probes_per_trial=0)
-
-
-def test_the_least_duration_is_sweeps_returns_mounts_and_ring_travel() -> None:
-    design = ExperimentDesign(
-        phantoms=(PlannedPhantom("A", 0.002),),
-        rings_m=(0.004, 0.012),
-        repeats=2,
-        trials_per_phantom=0,
-        order="blocked",
-        rehome="condition",
-    )
-    pace = Pace(sweep_m=0.08, sweep_m_per_s=0.02, return_m_per_s=0.04, ring_m_per_s=0.002, mount_s=100.0)
-    found = summarise(design, np.random.default_rng(0), pace=pace)
-    # Four sweeps of 4 s and returns of 2 s; ring 0 -> 4 mm, home, -> 12 mm: 20 mm at 2 mm/s; one mount.
-    assert found.least_duration_s == pytest.approx(4 * 6.0 + 10.0 + 100.0)
-    assert found.ring_move_count == 2
+def test_the_published_design_asks_for_its_palpations_trials_mounts_and_homings() -> None:
+    steps = [step for step, _ in _run(ExperimentDesign(training_mounts=5), probes=5)]
+    palpations = Counter(step.ring_given for step in steps if isinstance(step, Palpate))
+    assert (palpations[True], palpations[False]) == (375, 1500)
+    count = Counter(type(step) for step in steps)
+    assert (count[BeginTrial], count[MountPhantom], count[Rehome]) == (675, 15 + 3, 675)

@@ -11,6 +11,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session import result_json as result
 from palp_core.palpation.session.recorded_session import read_session
+from tests.support.sessions import without_times
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]
@@ -89,7 +90,7 @@ def test_two_runs_are_equal_but_for_the_keys_of_time(record: Writer, summary: Su
     one = built(first, summary(first, wall_s=2.0))
     other = built(second, summary(second, wall_s=3.0, composed=True))
     assert one != other
-    assert result.without_times(one) == result.without_times(other)
+    assert without_times(one) == without_times(other)
     assert set(result.TIME_KEYS) <= set(one)
 
 

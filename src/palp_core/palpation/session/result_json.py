@@ -153,11 +153,6 @@ def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def without_times(result: dict[str, Any]) -> dict[str, Any]:
-    """Return what must be equal for two runs of the same launch file and seed."""
-    return {key: value for key, value in result.items() if key not in TIME_KEYS}
-
-
 def _share(proportion: statistics.Proportion) -> dict[str, Any]:
     return {
         "value": proportion.value,
