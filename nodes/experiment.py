@@ -8,6 +8,7 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
+from msgs.torque import ContactGuard
 from nodes.experiment_params import ExperimentParams, ExperimentState
 from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_of, plan_of, planned
 from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
@@ -30,6 +31,7 @@ class Experiment(Node):
     sweep = Sub(SweepStatus)
     ring_truth = Sub(RingTruth, optional=True)
     phantom_truth = Sub(PhantomTruth)
+    guard = Sub(ContactGuard, optional=True)
     trial = Pub(Trial)
     goal = Pub(SweepGoal)
     ring = Pub(RingCommand)
@@ -140,6 +142,8 @@ class Experiment(Node):
             if ring_there and state.ring_settled and state.stage_ready:
                 state.swept, state.stage_ready = True, False
                 state.goal_id += 1
+                if state.touch_changed:  # what the sweep meets is told anew
+                    state.guards, state.touch_changed = [], False
                 from_m, to_m = self.params.from_m, self.params.to_m
                 self.goal.publish(SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=from_m, to_m=to_m))
             return None
@@ -166,12 +170,15 @@ class Experiment(Node):
     def note_phantom(self, truth: PhantomTruth) -> None:
         state = self.state
         state.code, state.depth_m, state.true_height_m = truth.code, truth.depth_m, truth.height_offset_m
+        state.touch_changed = True
         self._advance()
 
     @on(ring_state)
     def note_ring(self, ring: RingState) -> None:
         state = self.state
         state.ring_settled = ring.settled
+        if not ring.settled and state.true_ring_m is None:  # nobody tells where it lands
+            state.touch_changed = True
         if ring.rehome:  # it returns to its target, so the last command stays fulfilled
             state.rehomed = ring.settled and ring.trial == state.trial
             state.ring_landed = True
@@ -186,7 +193,13 @@ class Experiment(Node):
 
     @on(ring_truth)
     def note_true_ring(self, truth: RingTruth) -> None:
+        self.state.touch_changed |= truth.ring_m != self.state.true_ring_m
         self.state.true_ring_m = truth.ring_m
+
+    @on(guard)
+    def note_guard(self, guard: ContactGuard) -> None:
+        if guard.code == self.state.code:  # and not of a phantom that is being taken off
+            self.state.guards = list(guard.words)
 
     @on(sweep)
     def note_sweep(self, status: SweepStatus) -> None:

@@ -64,6 +64,8 @@ class ExperimentState(State):
     waited: bool = False
     true_ring_m: float | None = None
     true_height_m: float | None = None
+    guards: list[str] = []
+    touch_changed: bool = False
     palpation: list[Palpation] = []
     belief: list[Belief] = []
     row: int = 0

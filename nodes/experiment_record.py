@@ -41,6 +41,7 @@ def row_of(
         start_ns=palpation.start_ns,
         end_ns=palpation.end_ns,
         landed=state.ring_landed or palpation.ring_m != state.last_ring_m,
+        guards=list(state.guards),
     )
 
 

@@ -14,6 +14,7 @@ from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial
 from msgs.stage import SweepGoal, SweepStatus
+from msgs.torque import ContactGuard
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.errors import NodeError, PerceptionError
@@ -36,6 +37,7 @@ class Rig:
 
     Attributes:
         asked: Every request, in order.
+        felt: What each sweep met.
     """
 
     def __init__(self, bench: Bench[Experiment], *, policy_first: bool = False) -> None:
@@ -47,7 +49,20 @@ class Rig:
         self._trial: Trial | None = None
         self._iteration = 0
         self._ring_m = 0.0
-        self._true_m = 0.0
+        self._true_m = self._told_m = 0.0
+        self._code = ""
+        self.felt: list[list[str]] = []
+
+    @staticmethod
+    def met(code: str, ring_m: float) -> list[str]:
+        """Return what sweeps over a phantom meet where the ring rests in truth."""
+        return [f"{code} at {ring_m:.6f}", "and more; twice"] if code == "A" and ring_m > 0.012 else []
+
+    def _guard(self, words: list[str]) -> None:
+        """Tell what the touch met; as the phantom, where it did, and once until ring or mounting change."""
+        if words:
+            told = ContactGuard(stamp_ns=0, code=self._code, remount=0, ring_m=self._true_m, words=words)
+            self.bench.feed(Experiment.guard, told)
 
     def run(self, steps: int = 100_000) -> None:
         """Answer until nothing is asked any more, or so many requests."""
@@ -83,6 +98,7 @@ class Rig:
                 self._sweep(request)
 
     def _mount(self, mount: Mount) -> None:
+        self._code, self._told_m = mount.code, -1.0
         truth = PhantomTruth(
             stamp_ns=0,
             code=mount.code,
@@ -145,6 +161,10 @@ class Rig:
         trial, iteration = self._trial, self._iteration
         for word in ("sweeping", "swept"):
             self.bench.feed(Experiment.sweep, self._status(goal, word))
+        self.felt.append(self.met(self._code, self._true_m))
+        if self._true_m != self._told_m:
+            self._told_m = self._true_m
+            self._guard(self.met(self._code, self._true_m))
         open_verdict = iteration < 1 + trial.trial % 3
         if trial.phase == "estimation":
             verdict = "continue" if open_verdict else ("undecided" if trial.trial % 2 else "decided")
@@ -246,6 +266,13 @@ def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
             assert row.gamma == (0.25 if row.iteration > 1 else None)
         else:
             assert (row.posterior, row.gain, row.estimate_m, row.verdict) == ([], [], None, "")
+
+
+@pytest.mark.parametrize("policy_first", [False, True])
+def test_a_row_says_what_its_own_sweep_met(tmp_path: Path, policy_first: bool) -> None:
+    rig = run(tmp_path, policy_first=policy_first)
+    assert [row.guards for row in read_rows(tmp_path)] == rig.felt
+    assert 0 < sum(map(bool, rig.felt)) < len(rig.felt)
 
 
 def test_the_label_is_told_in_training_only(tmp_path: Path) -> None:

@@ -33,6 +33,9 @@ def without_times(result: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in result.items() if key not in TIME_KEYS}
 
 
+SMALL_STRAIN = "small strain: 2 mm pressed into 2 mm of gel over the bead"
+
+
 @pytest.fixture
 def record(tmp_path: Path) -> Writer:
     """Write a record: each trial is (true class, posteriors), its estimate the largest of the last one."""
@@ -62,6 +65,7 @@ def record(tmp_path: Path) -> Writer:
                 "iteration": 1,
                 "ring_m": ring_m,
                 "true_ring_m": ring_m,
+                "guards": [SMALL_STRAIN] if (depth_m, ring_m) == (0.002, 0.016) else [],
                 "peak_n_m": peak_n_m,
                 "posterior": [],
                 "gain": [],
@@ -133,13 +137,16 @@ def summary() -> Summariser:
                 "estimator": {"level": 5, "stop": "paper_guarded", "max_probes": 15} | estimator,
             },
             publishes={
-                "experiment": ["RingCommand", "Trial", "TrialResult"],
-                "policy": ["RingCommand"],
-                "phantom": ["Contact", "ContactGuard", "PhantomTruth"],
-                "stage": ["StagePose", "SweepStatus"],
-                "estimator": ["Belief", "Palpation"],
+                "experiment": {"/experiment/ring": "RingCommand", "/experiment/result": "TrialResult"},
+                "policy": {"/policy/command": "RingCommand"},
+                "phantom": {"/phantom/guard": "ContactGuard", "/phantom/truth": "PhantomTruth"},
+                "stage": {"/stage/status": "SweepStatus"},
+                "estimator": {"/estimator/belief": "Belief"},
             },
-            listens={"experiment": ["estimator", "phantom", "stage"], "policy": ["experiment", "estimator"]},
+            listens={
+                "experiment": ["/estimator/belief", "/phantom/guard", "/phantom/truth", "/stage/status"],
+                "policy": ["/estimator/belief", "/experiment/trial"],
+            },
             exit_code=0,
             clock_s=123.0,
             wall_s=wall_s,

@@ -20,6 +20,7 @@ from palp_core.palpation.reporting.charts import save
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.training_charts import primitives_chart
+from tests.support.sessions import SMALL_STRAIN
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]
@@ -183,6 +184,17 @@ def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, sum
     assert "simulated" not in page
     assert "rig with devices" in page
     assert "0, 16" in page
+
+
+def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer, summary: Summariser) -> None:
+    run = summary(out := record(trials=TRIALS))
+    session(run)
+    assert f"<td>A</td><td>ring_m = 0.016: {SMALL_STRAIN}</td>" in (out / "report.html").read_text("utf-8")
+    run.listens["experiment"].remove("/phantom/guard")
+    session(run)
+    page = (out / "report.html").read_text("utf-8")
+    assert SMALL_STRAIN not in page
+    assert "What the sweeps met was not recorded" in page
 
 
 def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:

@@ -11,7 +11,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session import result_json as result
 from palp_core.palpation.session.recorded_session import read_session
-from tests.support.sessions import without_times
+from tests.support.sessions import SMALL_STRAIN, without_times
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]
@@ -124,6 +124,24 @@ def test_the_mechanics_name_their_rung_and_bound(record: Writer, summary: Summar
     guards = {code: one["guards"] for code, one in mechanics["per_phantom"].items()}
     assert [words[:36] for words in guards["A"]] == ["ring_m = 0.016: small strain: 2 mm p"]
     assert guards["C"] == []
+
+
+def test_guards_are_those_of_the_run_and_not_of_another_solution(
+    record: Writer, summary: Summariser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def solve_again(*_: object) -> None:
+        raise AssertionError("the mechanics are solved a second time")
+
+    monkeypatch.setattr("palp_core.palpation.mechanics.equilibrium.sweep_table.solve", solve_again)
+    monkeypatch.setattr("palp_core.palpation.mechanics.scene.rig.solve", solve_again, raising=False)
+    run = summary(out := record())
+    table = out / "trials.csv"
+    table.write_text(table.read_text(encoding="utf-8").replace(SMALL_STRAIN, "lift-off | stuck"))
+    per_phantom = built(out, run)["mechanics"]["per_phantom"]
+    assert per_phantom["A"]["guards"] == ["ring_m = 0.016: lift-off", "ring_m = 0.016: stuck"]
+    assert per_phantom["B"]["guards"] == per_phantom["C"]["guards"] == []
+    run.listens["experiment"].remove("/phantom/guard")
+    assert built(out, run)["mechanics"]["per_phantom"]["A"]["guards"] is None
 
 
 def test_the_scene_names_its_numbers_and_whether_they_were_published(

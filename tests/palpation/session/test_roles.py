@@ -101,9 +101,9 @@ def test_of_two_estimators_the_one_that_the_experiment_hears_from_counts(
     record: Writer, summary: Summariser
 ) -> None:
     run = summary(record(trials=TRIALS))
-    run.publishes["a_shadow"] = ["Belief", "Palpation"]
+    run.publishes["a_shadow"] = {"/a_shadow/belief": "Belief"}
     run.params["a_shadow"] = {"stop": "fixed_number", "stop_value": 3.0}
     assert roles_of(run).node["estimator"] == "estimator"
-    run.listens["experiment"].append("a_shadow")
+    run.listens["experiment"].append("/a_shadow/belief")
     with pytest.raises(PalpError, match="estimator and a_shadow publish Belief"):
         roles_of(run)

@@ -18,8 +18,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         args: The launch file's arguments as resolved.
         params: Parameters of every node, by node.
-        publishes: Names of the message types that each node publishes, by node.
-        listens: Nodes that each node listens to, by node.
+        publishes: Message type of each topic that a node publishes, by node.
+        listens: Topics that each node reads, by node.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep.
@@ -33,7 +33,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     composed: bool
     args: dict[str, Any]
     params: dict[str, dict[str, Any]]
-    publishes: dict[str, list[str]]
+    publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]
     exit_code: int
     clock_s: float
@@ -50,7 +50,6 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         path: Its launch file, as given.
         outcome: What only the run itself can tell.
     """
-    topics = checked.topics
     return RunSummary(
         graph=checked.graph,
         file=str(path),
@@ -59,14 +58,11 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         args=checked.args,
         params={spec.name: spec.params for spec in checked.nodes},
         publishes={
-            spec.name: sorted(topic.type for topic in topics.values() if topic.node == spec.name)
+            spec.name: {name: topic.type for name, topic in checked.topics.items() if topic.node == spec.name}
             for spec in checked.nodes
         },
         listens={
-            node: sorted(
-                {checked.topics[one.topic].node for one in wires.values() if one.topic in checked.topics}
-            )
-            for node, wires in checked.readings.items()
+            node: sorted({wire.topic for wire in wires.values()}) for node, wires in checked.readings.items()
         },
         **outcome,
     )

@@ -48,6 +48,7 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
             "estimated": [f"estimated {depth}" for depth in depths],
             "rows": [[d, *line] for d, line in zip(depths, confusion["actual_by_estimated"], strict=True)],
         },
+        met=_met(mechanics["per_phantom"]) if mechanics else [],
         phantoms=_phantoms(mechanics["per_phantom"]) if mechanics else [],
         scene=_scene(mechanics["scene"]) if mechanics else [],
     )
@@ -59,6 +60,11 @@ def _phantoms(per_phantom: dict[str, Any]) -> list[list[str]]:
     for code, choice in per_phantom.items():
         alike.setdefault((choice["rung"], percent(choice["bound"]), choice["reason"]), []).append(code)
     return [[", ".join(codes), *line] for line, codes in alike.items()]
+
+
+def _met(per_phantom: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return code of the phantom and words of each guard."""
+    return [(code, words) for code, choice in per_phantom.items() for words in choice["guards"] or ()]
 
 
 def _scene(scene: dict[str, dict[str, dict[str, Any]]]) -> list[tuple[str, str, Any, str]]:

@@ -93,7 +93,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "grid_depths": session.grid_count,
         "rmse_mm": _rmse_mm(trials),
         "stop_rule": _stop_rule(roles.params("estimator")),
-        "mechanics": _mechanics(roles.params("phantom"), session) if roles.touch_simulated else None,
+        "mechanics": _mechanics(roles, session) if roles.touch_simulated else None,
         "roles": dict(roles.node),
         "protocol": _protocol(summary.params, roles),
         "clock": summary.clock,
@@ -230,17 +230,16 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     return {"name": estimator["stop"], "settings": settings | limit}
 
 
-def _mechanics(phantom: dict[str, Any], session: RecordedSession) -> dict[str, Any]:
+def _mechanics(roles: Roles, session: RecordedSession) -> dict[str, Any]:
     """Return every phantom's rung, its stated bound, its guards, and the scene.
 
-    Guards are those of sweeps at the ring positions visited and the nominal height.
+    Guards are what the run's sweeps met, as the phantom told; None where the experiment did not hear it.
     """
+    phantom = roles.params("phantom")
     names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
     indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
     touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
     choices, file = touched.choices, phantom.get("scene") or phantom.get("phantoms", "")
-    way_m = phantom.get("from_m", -0.03), phantom.get("to_m", 0.05)
-    visited = {code: {row.ring_m for row in session.rows if row.phantom == code} for code in choices}
     return {
         "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
         "bound": max(choice.bound or 0.0 for choice in choices.values()),
@@ -251,7 +250,7 @@ def _mechanics(phantom: dict[str, Any], session: RecordedSession) -> dict[str, A
                 "rung": choice.method.name,
                 "bound": choice.bound,
                 "reason": choice.reason,
-                "guards": list(touched.guards(code, sorted(visited[code]), *way_m)),
+                "guards": _guards(session, code) if roles.guards_heard else None,
             }
             for code, choice in choices.items()
         },
@@ -260,6 +259,12 @@ def _mechanics(phantom: dict[str, Any], session: RecordedSession) -> dict[str, A
             **{code: _based(_flat(s), file) for code, s in touched.phantoms.items()},
         },
     }
+
+
+def _guards(session: RecordedSession, code: str) -> list[str]:
+    """Return what the sweeps over a phantom met, by ring position, each once."""
+    met = {(row.ring_m, words) for row in session.rows if row.phantom == code for words in row.guards}
+    return [f"ring_m = {ring_m:g}: {words}" for ring_m, words in sorted(met)]
 
 
 def _flat(phantom: Phantom) -> dict[str, float]:

@@ -29,8 +29,8 @@ PUBLISHED = {
 }
 """The message type that a node of each role publishes; the first role that fits is a node's."""
 
-SIMULATED_TOUCH = "ContactGuard"
-"""What a phantom publishes that is solved and not touched."""
+GUARD = "ContactGuard"
+"""What a phantom publishes that is solved and not touched: what its contact model met."""
 
 _NEEDED = ("experiment", "policy", "stage", "estimator")
 
@@ -43,11 +43,13 @@ class Roles:
         node: Name of the node by role; a role that a session can do without may be missing.
         of: Role by node; nodes without one are left out.
         touch_simulated: Whether the phantom's touch was computed.
+        guards_heard: Whether the experiment was told what the computed touch met.
     """
 
     node: Mapping[str, str]
     of: Mapping[str, str]
     touch_simulated: bool
+    guards_heard: bool
     _params: Mapping[str, Mapping[str, Any]]
 
     def params(self, role: str) -> dict[str, Any]:
@@ -63,19 +65,20 @@ def roles_of(summary: RunSummary) -> Roles:
     """
     of = {node: role for node, types in summary.publishes.items() if (role := _role(types))}
     experiment = _only(summary, "experiment", [node for node, role in of.items() if role == "experiment"])
-    away = _away(experiment, summary.listens)
+    away = _away(experiment, summary)
     node = {"experiment": experiment}
     for role in PUBLISHED:
         found = sorted((one for one in of if of[one] == role), key=lambda one: away.get(one, len(away)))
         nearest = [one for one in found if away.get(one) == away.get(found[0])]
         if role in _NEEDED or nearest:
             node[role] = _only(summary, role, nearest)
-    phantom = summary.publishes.get(node.get("phantom", ""), [])
-    return Roles(node, of, SIMULATED_TOUCH in phantom, summary.params)
+    told = summary.publishes.get(node.get("phantom", ""), {})
+    guards = {topic for topic, type_name in told.items() if type_name == GUARD}
+    return Roles(node, of, bool(guards), not guards.isdisjoint(summary.listens[experiment]), summary.params)
 
 
-def _role(types: list[str]) -> str:
-    return next((role for role, type_name in PUBLISHED.items() if type_name in types), "")
+def _role(topics: Mapping[str, str]) -> str:
+    return next((role for role, type_name in PUBLISHED.items() if type_name in topics.values()), "")
 
 
 def _only(summary: RunSummary, role: str, found: list[str]) -> str:
@@ -92,12 +95,14 @@ def _only(summary: RunSummary, role: str, found: list[str]) -> str:
     )
 
 
-def _away(start: str, listens: Mapping[str, list[str]]) -> dict[str, int]:
-    """Return over how many wires each node is heard by ``start``; nodes it never hears of are left out."""
+def _away(start: str, summary: RunSummary) -> dict[str, int]:
+    """Return over how many wires ``start`` hears of each node; nodes it never hears of are left out."""
+    owner = {topic: node for node, topics in summary.publishes.items() for topic in topics}
     away, edge = {start: 0}, [start]
     while edge:
         node = edge.pop(0)
-        for heard in listens.get(node, []):
+        for topic in summary.listens.get(node, []):
+            heard = owner.get(topic, start)
             if heard not in away:
                 away[heard] = away[node] + 1
                 edge.append(heard)

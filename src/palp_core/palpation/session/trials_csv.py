@@ -19,7 +19,8 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -45,6 +46,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
     where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
+    ``guards``: what the simulated sweep met in which its contact model may be wrong, in words.
+
+    A field is a column, but a list of numbers is a column per class. A new one needs a line here and a line
+    where the experiment makes its rows; records without it are read with its default.
     """
 
     row: int
@@ -70,6 +75,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     start_ns: int
     end_ns: int
     landed: bool | None = None
+    guards: list[str] = []
+
+
+_TYPES: dict[str, Any] = get_type_hints(Row)
+_BY_CLASS = tuple(name for name, kind in _TYPES.items() if kind == list[float])
+_BETWEEN = " | "  # entries of a list of words
 
 
 class SessionWriter:
@@ -84,11 +95,8 @@ class SessionWriter:
         self.folder = Path(out)
         labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
         self._columns = []
-        for name in Row.__struct_fields__:
-            if name in ("posterior", "gain"):
-                self._columns += [f"{name}_{label}" for label in labels]
-            else:
-                self._columns.append(name)
+        for name in _TYPES:
+            self._columns += [f"{name}_{label}" for label in labels] if name in _BY_CLASS else [name]
         self._class_count = len(labels)
         self._lock = -1
 
@@ -137,14 +145,12 @@ class SessionWriter:
         with whole_file(target) as file:
             np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
         cells: list[Any] = []
-        for name in Row.__struct_fields__:
+        for name in _TYPES:
             value = getattr(row, name)
-            if name in ("posterior", "gain"):
+            if name in _BY_CLASS:
                 cells += [*value, *([""] * (self._class_count - len(value)))]
-            elif isinstance(value, bool):
-                cells.append(int(value))
             else:
-                cells.append("" if value is None else value)
+                cells.append(_cell(value))
         self._append(cells)
 
     def _append(self, cells: Sequence[Any]) -> None:
@@ -176,15 +182,28 @@ def read_rows(out: str | Path) -> list[Row]:
     return [_row(cells) for cells in csv.DictReader(lines)]
 
 
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        return _BETWEEN.join(value)
+    return int(value) if isinstance(value, bool) else "" if value is None else value
+
+
 def _row(cells: dict[str, str]) -> Row:
-    plain: dict[str, Any] = {name: text for name, text in cells.items() if name in Row.__struct_fields__}
-    for name in ("posterior", "gain"):
+    plain: dict[str, Any] = {
+        name: _value(_TYPES[name], text) for name, text in cells.items() if name in _TYPES
+    }
+    for name in _BY_CLASS:
         plain[name] = [float(text) for key, text in cells.items() if key.startswith(f"{name}_") and text]
-    for name in ("gamma", "estimate_m", "true_ring_m", "true_height_m"):
-        plain[name] = float(plain[name]) if plain.get(name) else None
-    plain["outlier"] = plain["outlier"] == "1"
-    plain["landed"] = plain["landed"] == "1" if plain.get("landed") else None
     return msgspec.convert(plain, Row, strict=False)
+
+
+def _value(kind: Any, text: str) -> Any:
+    """Return what a cell says; numbers are left to be converted."""
+    if kind == list[str]:
+        return text.split(_BETWEEN) if text else []
+    if not text and NoneType in get_args(kind):
+        return None
+    return text == "1" if bool in (kind, *get_args(kind)) else text
 
 
 def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:

@@ -23,8 +23,9 @@ from palp_core.palpation.mechanics import (
     run_scene,
 )
 from palp_core.palpation.mechanics import Path as StagePath
+from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, decisions, peak_n_m, separation_n_m
-from palp_core.palpation.mechanics.scene.rig import rig
+from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.methods import choose, find
 
 TEXT = """\
@@ -236,6 +237,12 @@ def test_a_scene_that_is_none_is_refused(given: dict[str, Any]) -> None:
         Tolerance(output="colour")
 
 
+def met(touched: Rig, code: str, ring_m: float) -> tuple[str, ...]:
+    """Return what a sweep over a phantom meets at the nominal height."""
+    table = solve(touched.model(code), touched.probe, ring_m, touched.indentation_m, -0.03, 0.05)
+    return touched.met(code, table.solved)
+
+
 def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> None:
     file = written(tmp_path, TEXT.replace("20000.0", "25000.0").replace("friction: 0.3", "friction: 0.35"))
     touched = rig(scene=str(file))
@@ -248,11 +255,11 @@ def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> N
     named = rig(scene=str(file), phantoms=str(phantoms))
     assert list(named.phantoms) == ["X", "bare"]
     assert named.model("X").rung == "l2"
-    assert named.guards("bare", (0.0, 0.016), -0.03, 0.05) == ()
-    met = named.guards("X", (0.0, 0.016), -0.03, 0.05)
-    assert [words.split(":")[0] for words in met] == ["ring_m = 0.016"]
-    assert "small strain" in met[0]
-    assert "stopped" in named.guards("X", (-0.01,), -0.03, 0.05)[0]
+    assert met(named, "bare", 0.0) == met(named, "bare", 0.016) == met(named, "X", 0.0) == ()
+    (words,) = met(named, "X", 0.016)
+    assert "small strain" in words
+    with pytest.raises(MechanicsError):
+        met(named, "X", -0.01)
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
     with pytest.raises(MechanicsError, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'"):
         rig(phantoms=str(phantoms))

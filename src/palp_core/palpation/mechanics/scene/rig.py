@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
-from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
@@ -66,17 +63,6 @@ class Rig:
     def met(self, code: str, solved: Sweep) -> tuple[str, ...]:
         """Return what a sweep over a phantom met that its record must say."""
         return sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
-
-    def guards(self, code: str, rings_m: Iterable[float], from_m: float, to_m: float) -> tuple[str, ...]:
-        """Return what sweeps over a phantom meet at ring positions and the nominal height, in words."""
-        words: list[str] = []
-        for ring_m in rings_m:
-            try:
-                table = solve(self.model(code), self.probe, ring_m, self.indentation_m, from_m, to_m)
-                words += (f"ring_m = {ring_m:g}: {met}" for met in self.met(code, table.solved))
-            except MechanicsError as error:
-                words.append(f"ring_m = {ring_m:g}: stopped: {error}")
-        return tuple(words)
 
 
 def rig(

@@ -1,0 +1,53 @@
+"""A column of trials.csv is a field of ``Row``: written, read back, and made in one place."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import palp_core
+from palp_core.palpation.session import trials_csv
+from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows
+from tests.support.palp import ROOT
+
+FACTS: dict[str, Any] = {
+    "row": 0, "session": "s, \"quoted\"", "phase": "estimation", "phantom": "A", "remount": 2, "trial": 3,
+    "depth_m": 0.002, "iteration": 4, "ring_m": 0.016, "true_ring_m": 0.0161, "true_height_m": -1e-5,
+    "peak_n_m": 0.01, "posterior": [0.25, 0.75], "gain": [0.5, 0.125], "gamma": 0.5, "verdict": "decided",
+    "estimate_m": 0.002, "outlier": True, "policy": "fixed", "seed": 7, "start_ns": 1, "end_ns": 2**60,
+    "landed": False, "guards": ["lift-off; at last", "stuck, too"],
+}  # fmt: skip
+NOTHING: dict[str, Any] = {
+    "row": 1, "posterior": [], "gain": [], "gamma": None, "estimate_m": None, "true_ring_m": None,
+    "true_height_m": None, "outlier": False, "landed": None, "guards": [],
+}  # fmt: skip
+
+
+def test_every_column_is_read_back_as_it_was_written(tmp_path: Path) -> None:
+    assert set(FACTS) == set(Row.__struct_fields__)
+    rows = [Row(**FACTS), Row(**(FACTS | NOTHING))]
+    writer = SessionWriter(str(tmp_path / "out"), (0.002, 0.004))
+    writer.start()
+    for row in rows:
+        writer.append(row, np.zeros(3), 1000.0)
+    writer.close()
+    assert read_rows(tmp_path / "out") == rows
+
+
+def test_a_new_column_takes_two_lines_a_field_and_where_rows_are_made() -> None:
+    """Rows are made in one place of the rig, and nothing that writes or reads the table names a column."""
+    makers = [
+        path.name
+        for folder in (ROOT / "nodes", Path(palp_core.__file__).parent)
+        for path in folder.rglob("*.py")
+        for call in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Row"
+    ]
+    assert makers == ["experiment_record.py"]
+    module = ast.parse(Path(trials_csv.__file__).read_text("utf-8"))
+    outside = [node for node in module.body if not (isinstance(node, ast.ClassDef) and node.name == "Row")]
+    named = {one.value for node in outside for one in ast.walk(node) if isinstance(one, ast.Constant)}
+    assert named.isdisjoint(set(Row.__struct_fields__))
