@@ -5,16 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
+from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.emg import SimEmg
-from palp_core.palpation.devices.sim.emg import SimEmgState as DeviceState
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
@@ -50,8 +48,7 @@ class EmgParams(Params):
 class EmgNodeState(State):
     """What a replacement inherits."""
 
-    device: DeviceState = msgspec.field(default_factory=DeviceState)
-    driver: EmgSourceState = msgspec.field(default_factory=EmgSourceState)
+    device: Any = None
     begin_ns: int = 0
 
 
@@ -75,14 +72,15 @@ class Emg(Node):
 
     @property
     def memory(self) -> Any:
-        """What the device remembers, held here."""
-        return self.state.device if isinstance(self.device, SimEmg) else self.state.driver
+        """What the device remembers, held here; of a predecessor's state its plain values are left."""
+        self.state.device = restored(self.device, self.state.device)
+        return self.state.device
 
     def on_activate(self) -> None:
         self.state.begin_ns = self.now_ns()
         self.device.open(self.now_ns(), self.memory, self.rng)
         if isinstance(self.device, SimEmg):
-            begin_ns = self.device.palpation_ns(self.state.device)
+            begin_ns = self.device.palpation_ns(self.memory)
             self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
 
     def on_resume(self) -> None:
@@ -138,8 +136,8 @@ class Emg(Node):
             if since_s >= 2.0 * rest_s + mvc_s:
                 return "palpation"
             return "mvc" if rest_s <= since_s < rest_s + mvc_s else "rest"
-        mvc_begin_ns, mvc_end_ns = self.device.mvc_ns(self.state.device)
-        if start_ns >= self.device.palpation_ns(self.state.device):
+        mvc_begin_ns, mvc_end_ns = self.device.mvc_ns(self.memory)
+        if start_ns >= self.device.palpation_ns(self.memory):
             return "palpation"
         return "mvc" if mvc_begin_ns <= start_ns < mvc_end_ns else "rest"
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
-
 from msgs.actuator import RingCommand, RingState
 from msgs.safety import RingReport, SafetyBeat
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.protocols import RingReading
+from palp_core.palpation.devices.protocols import RingReading, restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.units import DeadlineMilliseconds, HertzPositive
 
@@ -30,7 +27,7 @@ class RigActuatorParams(Params):
 class RigActuatorState(State):
     """What a replacement inherits: the command under way and those that wait."""
 
-    driver: MaestroState = msgspec.field(default_factory=MaestroState)
+    driver: Any = None
     commands: list[RingCommand] = []
     activity: str = "ready"
     acknowledged_count: int = 0
@@ -59,16 +56,22 @@ class RigActuator(Node):
         self.refused = self.closed = ""  # why the device refuses, and why it is not open after a trip
         self.last_m = 0.0
 
+    @property
+    def memory(self) -> Any:
+        """What the device remembers, held here; of a predecessor's state its plain values are left."""
+        self.state.driver = restored(self.device, self.state.driver)
+        return self.state.driver
+
     def on_activate(self) -> None:
         self.state.activity, self.closed = "ready", ""
-        self.device.open(self.now_ns(), self.state.driver, self.rng)
+        self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_resume(self) -> None:
         self.on_activate()
 
     def on_deactivate(self) -> None:
         try:
-            self.device.stop(self.now_ns(), self.state.driver)
+            self.device.stop(self.now_ns(), self.memory)
         except DeviceError as error:
             self.log.warning("could not be stopped at the end: %s", error)
         finally:
@@ -116,7 +119,7 @@ class RigActuator(Node):
         )
 
     def _read(self) -> RingReading:
-        return self.device.read(self.now_ns(), self.state.driver)
+        return self.device.read(self.now_ns(), self.memory)
 
     def _go_on(self) -> None:
         """End the move under way if it has arrived; begin the next if it may."""
@@ -129,9 +132,9 @@ class RigActuator(Node):
         command = state.commands[0]
         try:
             if command.rehome:
-                self.device.rehome(now_ns, state.driver, self.rng)
+                self.device.rehome(now_ns, self.memory, self.rng)
             else:
-                self.device.command(command.ring_m, now_ns, state.driver, self.rng)
+                self.device.command(command.ring_m, now_ns, self.memory, self.rng)
         except DeviceError as error:
             if str(error) != self.refused:
                 self.log.warning("%s", error)
@@ -144,7 +147,7 @@ class RigActuator(Node):
         """Stop where it is; the command stays the first to follow."""
         self.state.activity = "ready"
         try:
-            self.device.stop(self.now_ns(), self.state.driver)
+            self.device.stop(self.now_ns(), self.memory)
         except DeviceError as error:
             self.log.warning("could not be stopped: %s", error)
         self.log.warning("holds: %s", why)
@@ -156,11 +159,9 @@ class RigActuator(Node):
             if self.closed or self.device.health(self.now_ns()).condition is Condition.LINK_LOST:
                 self.device.close()
                 self.closed = "not open"
-                self.device.open(self.now_ns(), self.state.driver, self.rng)
+                self.device.open(self.now_ns(), self.memory, self.rng)
                 self.closed = ""
-            acknowledge = getattr(self.device, "acknowledge", None)
-            if acknowledge is not None:
-                acknowledge(self.now_ns(), self.state.driver)
+            self.device.acknowledge(self.now_ns(), self.memory)
         except DeviceError as error:
             self.closed = self.closed and str(error)
             self.log.warning("%s", error)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-import msgspec
 import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
@@ -15,9 +14,9 @@ from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits, check_lift
+from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
-from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Path
@@ -62,7 +61,6 @@ class RigStageParams(StageParams):
 class RigStageState(StageState):
     """What a replacement inherits."""
 
-    driver: AerotechState = msgspec.field(default_factory=AerotechState)
     acknowledged_count: int = 0
 
 
@@ -125,10 +123,6 @@ class RigStage(Stage):
         self.waiting: list[SweepGoal] = []
         self.trouble = ""
         self.text = ""
-
-    @property
-    def memory(self) -> AerotechState:
-        return self.state.driver
 
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "down", False
@@ -196,9 +190,7 @@ class RigStage(Stage):
             return
         self.state.activity = "halted"
         try:
-            acknowledge = getattr(self.device, "acknowledge", None)
-            if acknowledge is not None:
-                acknowledge(now_ns, self.memory)
+            self.device.acknowledge(now_ns, self.memory)
         except DeviceError as error:
             self.log.warning("%s", error)
             if self.device.health(now_ns).condition is Condition.LINK_LOST:
@@ -221,10 +213,7 @@ class RigStage(Stage):
     def _raise_probe(self, activity: str, speed_m_s: float) -> None:
         """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
         self.state.activity = activity
-        if (retreat := getattr(self.device, "retreat", None)) is None:
-            self._be_ready()
-        else:
-            self._begin_move(lambda: retreat(speed_m_s, self.now_ns(), self.memory))
+        self._begin_move(lambda: self.device.retreat(speed_m_s, self.now_ns(), self.memory))
 
     def _be_ready(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
@@ -266,7 +255,9 @@ class RigStage(Stage):
 
     @on(Stage.arrival)
     def arrive(self) -> None:
-        if getattr(self.device, "moving", False):
+        if self.state.activity == "down":  # the move was a predecessor's, which has stopped it
+            return
+        if self._feedback().moving:
             self.arrival.set(self.now_ns() + AGAIN_NS)
         elif self.state.activity == "returning":
             self._sweep()
@@ -278,9 +269,9 @@ class RigStage(Stage):
     @on(Stage.block)
     def sample(self) -> None:
         known_ns = self.now_ns() - LAG_NS
-        if getattr(self.device, "moving", False) and known_ns >= self.state.leave_ns:
-            self.state.leave_ns = self.now_ns()  # later than predicted
         try:
+            if known_ns >= self.state.leave_ns and self._feedback().moving:
+                self.state.leave_ns = self.now_ns()  # later than predicted
             super().sample()
         except DeviceError as error:
             self._halt("stale", str(error))
@@ -288,7 +279,7 @@ class RigStage(Stage):
     def _end_passed_sweep(self) -> None:
         """End the sweep once a poll has seen the stage beyond it: its end lies between two polls then."""
         state = self.state
-        if (self._measured(self.now_ns())[0] - state.to_m) * (state.to_m - state.from_m) <= 0.0:
+        if (self._feedback().y_m - state.to_m) * (state.to_m - state.from_m) <= 0.0:
             return
         try:
             self._measure_interval()
@@ -309,36 +300,28 @@ class RigStage(Stage):
         )
         state.sample_count = 0  # the torque streams: who reads it cuts it by these times
 
-    def _measured(self, now_ns: int) -> tuple[float, float, float]:
-        """Return y, z and the larger of the two speeds, as the device has measured them last."""
-        measured = getattr(self.device, "measured", None)
-        if measured is not None:
-            y_m, z_m, speed_m_s = measured()
-            return float(y_m), float(z_m), float(speed_m_s)
-        reading = self.device.read(np.array([now_ns - LAG_NS, now_ns]), self.memory)
-        ways_m = (reading.y_m[1] - reading.y_m[0], reading.z_m[1] - reading.z_m[0])
-        speed_m_s = max(map(abs, ways_m)) / (LAG_NS * 1e-9)
-        return float(reading.y_m[1]), float(reading.z_m[1]), float(speed_m_s)
+    def _feedback(self) -> StageFeedback:
+        return self.device.feedback(self.now_ns(), self.memory)
 
     # Report
 
     def _publish_report(self, *, bring_up: bool = False) -> None:
         now_ns, condition, text = self.now_ns(), self.trouble, self.text
-        y_m = z_m = speed_m_s = 0.0
+        seen = StageFeedback(0.0, 0.0, 0.0, moving=False)
         if self.state.activity == "down":
             condition = condition or "closed"
         else:
             health = self.device.health(now_ns)
             if not (condition and health.ok):  # what it suffers from now says more than what it refused
                 condition, text = health.condition, health.cause
-            y_m, z_m, speed_m_s = self._measured(now_ns)
+            seen = self._feedback()
         self.report.publish(
             StageReport(
                 stamp_ns=now_ns,
-                y_m=y_m,
-                z_m=z_m,
-                speed_m_s=speed_m_s,
-                moving=bool(getattr(self.device, "moving", False)),
+                y_m=seen.y_m,
+                z_m=seen.z_m,
+                speed_m_s=seen.speed_m_per_s,
+                moving=seen.moving,
                 bring_up=bring_up,
                 acknowledged_count=self.state.acknowledged_count,
                 condition=condition,

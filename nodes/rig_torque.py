@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import msgspec
 import numpy as np
 
 from msgs.safety import LoadReport
@@ -12,8 +11,8 @@ from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import TorqueSamples as Samples
+from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import (
     CountPositive,
@@ -54,7 +53,7 @@ class RigTorqueParams(Params):
 class RigTorqueState(State):
     """What a replacement inherits: the bias is in the record with the data."""
 
-    driver: WrenchState = msgspec.field(default_factory=WrenchState)
+    driver: Any = None
     tared: bool = False
 
 
@@ -84,9 +83,15 @@ class RigTorque(Node):
         self.saturated_count = 0
         self.sample_ns = 0
 
+    @property
+    def memory(self) -> Any:
+        """What the device remembers, held here; of a predecessor's state its plain values are left."""
+        self.state.driver = restored(self.device, self.state.driver)
+        return self.state.driver
+
     def on_activate(self) -> None:
         self.state.tared = self.state.tared or self.params.tare == "never"
-        self.device.open(self.now_ns(), self.state.driver, self.rng)
+        self.device.open(self.now_ns(), self.memory, self.rng)
 
     def on_resume(self) -> None:
         self.on_activate()
@@ -99,7 +104,7 @@ class RigTorque(Node):
 
     @on(tick)
     def drain(self) -> None:
-        samples = self.device.drain(self.now_ns(), self.state.driver, self.rng)
+        samples = self.device.drain(self.now_ns(), self.memory, self.rng)
         if not self.state.tared:
             self._tare(samples)
             return
@@ -113,7 +118,7 @@ class RigTorque(Node):
             return
         parts, self.first = self.first, []
         try:
-            self.device.tare(
+            zero = self.device.tare(
                 Samples(
                     np.concatenate([s.times_ns for s in parts]),
                     np.concatenate([s.torque_n_m for s in parts]),
@@ -121,13 +126,13 @@ class RigTorque(Node):
                     faulty=np.concatenate([s.faulty for s in parts]),
                     wrench=np.concatenate([s.wrench for s in parts]),
                 ),
-                self.state.driver,
+                self.memory,
             )
         except DeviceError as error:
             self.log.warning("%s", error)
             return
         self.state.tared = True
-        self.log.info("zero: %s", [f"{value:.5f}" for value in self.state.driver.bias])
+        self.log.info("zero: %s", [f"{value:.5f}" for value in zero])
 
     def _report(self, samples: Samples) -> None:
         """Say how large the loads are; a number that is none counts as faulty."""

@@ -23,6 +23,8 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
+from palp_core.palpation.devices.protocols import StopLink
+from palp_core.palpation.devices.registry import stop_link_of
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
 from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
@@ -33,7 +35,6 @@ from palp_core.palpation.devices.safety.watchdog import (
     WatchedStage,
     WatchLimits,
 )
-from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
 from palp_core.units import (
     CountPositive,
@@ -65,11 +66,13 @@ class SafetyParams(Params):
     figures for SI-12-0.12); a stop above them could never trip and is refused.
 
     ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
+    ``device`` is the stage's driver, which knows how to stop by that port.
     ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of a sweep.
     ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
     """
 
     stop_url: ReadOnly[str] = ""
+    device: ReadOnly[str] = "aerotech"
     axes: ReadOnly[tuple[str, str]] = ("X", "Y")
     baud: ReadOnly[CountPositive] = 115200
     tick_hz: ReadOnly[HertzPositive] = 100.0
@@ -121,6 +124,11 @@ def mistakes(params: SafetyParams) -> dict[str, str]:
             "warn_n": params.warn_n > params.stop_n,
         }
         return {next((name for name, wrong in guilty.items() if wrong), ""): str(error)}
+    try:
+        if params.stop_url:
+            stop_link_of(params.device)
+    except DeviceError as error:
+        return {"device": str(error)}
     return {}
 
 
@@ -211,7 +219,7 @@ class Safety(Node):
         self.machine = SafetyMachine(Standing(state.standing), cause, state.text)
         self.machine.acknowledged_count = state.acknowledged_count
         self.host, self.processes = HostTime(), ProcessWatch()
-        self.link: AerotechStop | None = None
+        self.link: StopLink | None = None
         self.again, self.complaint = Reconnection(self._new_link), ""
         self.memory, self.overloads = LastSecond(), list[LimitViolation]()
         self.stopped_ns = self.permitted_ns = self.search_ns = 0
@@ -318,8 +326,7 @@ class Safety(Node):
                 if (axis.moving or powered) and axis.asked_ns > self.stopped_ns:
                     self._handle(Event.MOVES)
             elif axis.asked_ns > self.permitted_ns:  # before, a fault may have waited for FAULTACK
-                fault = axis.fault.words if axis.fault else ""
-                self._judge(self.watchdog.check_axis(axis.axis, fault, axis.following_m), self.now_ns())
+                self._judge(self.watchdog.check_axis(axis.axis, axis.fault, axis.following_m), self.now_ns())
 
     # What is done
 
@@ -365,10 +372,10 @@ class Safety(Node):
         self.stopped_ns = max(self.now_ns(), disabled_ns)
         return written_ns, disabled_ns
 
-    def _new_link(self) -> AerotechStop:
+    def _new_link(self) -> StopLink:
         p = self.params
         timing = {"timeout_s": p.link_ms * 1e-3, "look_hz": p.look_hz}
-        return AerotechStop(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
+        return stop_link_of(p.device)(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
 
     @serve(stop)
     def obey(self, request: StopRequest) -> StatusReply:

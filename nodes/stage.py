@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
-import msgspec
 import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
+from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import open_device
-from palp_core.palpation.devices.sim.stage import SimStageState as DeviceState
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
 
 
@@ -32,7 +31,7 @@ class StageParams(Params):
 class StageState(State):
     """What a replacement inherits."""
 
-    device: DeviceState = msgspec.field(default_factory=DeviceState)
+    device: Any = None
     activity: str = "ready"
     goal_id: int = 0
     from_m: float = 0.0
@@ -65,7 +64,8 @@ class Stage(Node):
 
     @property
     def memory(self) -> Any:
-        """What the device remembers, held here."""
+        """What the device remembers, held here; of a predecessor's state its plain values are left."""
+        self.state.device = restored(self.device, self.state.device)
         return self.state.device
 
     def on_activate(self) -> None:

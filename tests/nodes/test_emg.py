@@ -13,6 +13,7 @@ from nodes.emg import Emg
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.node.lifecycle import Transition
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.units import Float64Array
@@ -113,6 +114,8 @@ def test_an_unknown_amplifier_is_named() -> None:
 
 class ScriptedSource:
     """A real source as the node sees it: two samples a drain, a gap before the second drain's."""
+
+    state_type = EmgSourceState
 
     def __init__(self) -> None:
         self.condition, self.drained = Condition.OK, 0

@@ -15,10 +15,13 @@ from palp_core.errors import DeviceError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import RingReading
+from palp_core.palpation.devices.ring.maestro import MaestroState
 
 
 class ScriptedRing:
     """Settles when the test says so; ``calls`` says what was asked of it."""
+
+    state_type = MaestroState
 
     def __init__(self) -> None:
         self.calls: list[str] = []

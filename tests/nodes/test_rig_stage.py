@@ -16,6 +16,7 @@ from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
+from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.sim.stage import SimStage
 
 FROM_M, TO_M = -0.015, 0.020
@@ -48,9 +49,8 @@ class ScriptedStage:
         self.now_ns = now_ns
         return HEALTHY if self.condition is Condition.OK else DeviceHealth(self.condition, 0, "scripted")
 
-    @property
-    def moving(self) -> bool:
-        return self.now_ns < self.end_ns
+    def feedback(self, now_ns: int, state: Any) -> StageFeedback:
+        return self.sim.feedback(now_ns, state)._replace(moving=self.now_ns < self.end_ns)
 
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: Any) -> Any:
         times = self.sim.sweep(from_m, to_m, now_ns, state)
@@ -87,7 +87,6 @@ class Permitted:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.device = ScriptedStage()
         monkeypatch.setattr(rig_stage, "open_device", lambda *_, **__: self.device)
-        monkeypatch.setattr(RigStage, "memory", property(lambda node: node.state.device))
         self.bench = Bench(RigStage, {"from_m": FROM_M, "to_m": TO_M})
 
     def beat(self, state: str = "ready", count: int = 0) -> None:

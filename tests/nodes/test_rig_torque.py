@@ -13,13 +13,16 @@ from palp_core import Bench
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.protocols import TorqueSamples
-from palp_core.palpation.devices.torque.wrench_state import bias_from
+from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from
+from palp_core.units import Float64Array
 
 MS = 1_000_000
 
 
 class ScriptedSensor:
     """Delivers what it is given."""
+
+    state_type = WrenchState
 
     def __init__(self) -> None:
         self.waiting: list[TorqueSamples] = []
@@ -37,8 +40,8 @@ class ScriptedSensor:
     def drain(self, now_ns: int, state: Any, rng: Any) -> TorqueSamples:
         return self.waiting.pop(0) if self.waiting else samples([], [])
 
-    def tare(self, block: TorqueSamples, state: Any) -> None:
-        bias_from(block, state)
+    def tare(self, block: TorqueSamples, state: Any) -> Float64Array:
+        return bias_from(block, state)
 
 
 def samples(times_ms: list[float], torque: list[float], **counts: Any) -> TorqueSamples:

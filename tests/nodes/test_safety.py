@@ -15,7 +15,7 @@ from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.params import describe_params
-from palp_core.palpation.devices.stage.aerotech_stop import AxisReport, StopTimes
+from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.wire.aerotech import Fault
 
 
@@ -25,7 +25,7 @@ class ScriptedStop:
     def __init__(self) -> None:
         self.calls: list[str] = []
         self.broken = False
-        self.report = AxisReport("X", Fault(0), moving=False, enabled=True)
+        self.report = AxisReport("X", "", moving=False, enabled=True)
         self.asked_ns: Callable[[], int] = int
 
     def reports(self) -> list[AxisReport]:
@@ -62,7 +62,7 @@ class Watched:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **params: Any) -> None:
         self.link = ScriptedStop()
-        monkeypatch.setattr(safety, "AerotechStop", lambda *_, **__: self.link)
+        monkeypatch.setattr(safety, "stop_link_of", lambda _: lambda *_, **__: self.link)
         given = {"stop_url": "socket://nowhere:8001", "watch_processes": False, **params}
         self.bench = Bench(Safety, given)
         self.link.asked_ns = lambda: self.now_ns
@@ -205,7 +205,7 @@ def test_what_an_axis_said_before_the_stop_is_no_new_motion(watched: Watched) ->
     sweeping(watched)
     before_ns = watched.now_ns
     watched.link.asked_ns = lambda: before_ns
-    watched.link.report = AxisReport("X", Fault(0), moving=True, enabled=True)
+    watched.link.report = AxisReport("X", "", moving=True, enabled=True)
     watched.moving = False
     watched.bench.call(Safety.stop, StopRequest())
     watched.run(0.1)
@@ -221,14 +221,14 @@ def test_a_stage_out_of_its_window_trips(watched: Watched) -> None:
 
 def test_an_axis_fault_on_the_own_link_trips(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", Fault.E_STOP, moving=False, enabled=False)
+    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
     watched.run(0.1)
     assert watched.trips() == ["axis fault"]
 
 
 def test_an_axis_that_does_not_follow_trips(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", Fault(0), moving=True, enabled=True, following_m=0.6e-3)
+    watched.link.report = AxisReport("X", "", moving=True, enabled=True, following_m=0.6e-3)
     watched.run(0.1)
     assert watched.trips() == ["following error"]
 
@@ -361,12 +361,12 @@ def test_a_sample_from_the_future_is_no_fresh_one(watched: Watched) -> None:
 
 def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=False)
+    watched.link.report = AxisReport("X", "", moving=False, enabled=False)
     watched.bench.call(Safety.stop, StopRequest())
     watched.moving = False
     watched.run(0.1)
     assert watched.link.calls == ["abort", "disable"]
-    watched.link.report = AxisReport("X", Fault(0), moving=False, enabled=True)
+    watched.link.report = AxisReport("X", "", moving=False, enabled=True)
     watched.run(0.01)
     assert watched.link.calls[2:4] == ["abort", "disable"]
 

@@ -1,4 +1,4 @@
-"""A safety node whose own link is gone goes on hearing and answering while it looks for another."""
+"""The safety node while its own link is gone, and what it hears late or early: void words permit nothing."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ from typing import Any
 
 import pytest
 
+from msgs.safety import StopRequest
 from nodes import safety
+from nodes.safety import Safety
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.link.reconnection import Reconnection
+from palp_core.palpation.devices.protocols import AxisReport
+from palp_core.palpation.devices.wire.aerotech import Fault
 from tests.nodes.test_safety import ScriptedStop, Watched, sweeping
 
 LONG_S = 60.0
+MS = 1_000_000
 
 
 def test_a_controller_that_neither_answers_nor_refuses_keeps_nobody_waiting(
@@ -30,7 +35,7 @@ def test_a_controller_that_neither_answers_nor_refuses_keeps_nobody_waiting(
         assert answers.wait(LONG_S)
         return second
 
-    monkeypatch.setattr(safety, "AerotechStop", connect)
+    monkeypatch.setattr(safety, "stop_link_of", lambda _: connect)
     watched.link.broken = True
     with caplog.at_level(logging.WARNING):
         watched.run(0.5)
@@ -88,3 +93,84 @@ def test_a_connection_that_comes_after_the_end_is_closed() -> None:
     answers.set()
     assert closed.wait(LONG_S)
     assert not again.start()
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+def test_a_fault_that_an_axis_told_before_motion_was_permitted_is_none_after(watched: Watched) -> None:
+    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
+    watched.link.asked_ns = lambda: 0
+    watched.run(0.1)
+    assert (watched.status.state, watched.trips()) == ("ready", [])
+    watched.link.asked_ns = lambda: watched.now_ns
+    watched.run(0.02)
+    assert watched.trips() == ["axis fault"]
+
+
+def test_a_trip_tells_when_its_cause_was_measured_and_not_when_it_was_heard(watched: Watched) -> None:
+    watched.run(0.1)
+    taken_ns = watched.now_ns - 4 * MS
+    watched.load(sample_ns=taken_ns, torque_n_m=0.101)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.cause_ns == taken_ns
+    assert trip.stamp_ns == watched.now_ns
+
+
+def test_what_the_stage_said_before_the_stop_is_no_new_motion(watched: Watched) -> None:
+    sweeping(watched)
+    said_ns = watched.now_ns
+    watched.bench.clock.set(said_ns + MS)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.see(stamp_ns=said_ns, moving=True)
+    assert watched.link.calls == ["abort", "disable"]
+    assert watched.status.state == "latched"
+    watched.bench.clock.set(said_ns + 2 * MS)
+    watched.see(moving=True)
+    assert watched.link.calls == ["abort", "disable"] * 2
+
+
+def test_a_watch_that_comes_late_permits_nothing_that_it_has_not_heard(watched: Watched) -> None:
+    watched.silent = {"ring"}
+    watched.run(0.1)
+    watched.bench.clock.set(watched.now_ns + 35 * MS)
+    watched.bench.advance(0.0)
+    assert watched.status.state == "starting"
+
+
+def test_a_report_without_a_sample_is_not_in_the_record_of_a_trip(watched: Watched) -> None:
+    watched.run(0.1)
+    watched.load(sample_count=0, torque_n_m=0.0, force_n=0.0)
+    watched.load(torque_n_m=0.101)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.torque_n_m.min() > 0.0
+
+
+def test_a_sample_from_the_future_does_not_wipe_out_the_last_second(watched: Watched) -> None:
+    watched.run(2.0)
+    watched.load(sample_ns=watched.now_ns + 10_000 * MS)
+    watched.run(1.5)
+    (trip,) = watched.bench.sent(Safety.trip)
+    assert trip.cause == "stale"
+    assert len(trip.load_time_s) == pytest.approx(200, abs=10)
+    watched.load(torque_n_m=0.2)
+    assert len(watched.bench.node.memory._loads) < 300
+
+
+def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -> None:
+    sweeping(watched)
+    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
+    watched.moving = False
+    watched.run(1.0)
+    assert watched.status.state == "latched"
+    watched.acknowledge()
+    watched.run(0.1)
+    assert watched.status.state == "latched"
+    assert watched.trips() == ["axis fault", "axis fault"]
+    watched.link.report = AxisReport("X", "", moving=False, enabled=False)
+    watched.run(0.1)
+    assert watched.acknowledge().done
+    watched.run(0.1)
+    assert watched.status.permits

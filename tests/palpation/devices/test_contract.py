@@ -168,12 +168,12 @@ def test_a_stage_sweeps_an_interval_at_the_times_it_says(subject: Subject) -> No
     start_m = stage.sweep_start(-0.002, 0.002)
     subject.reach(stage.return_to(start_m, subject.now(), subject.state))
     if subject.name != "sim":
-        subject.wait.until(lambda: not stage.moving)
+        subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
     times = stage.sweep(-0.002, 0.002, subject.now(), subject.state)
     assert times.enter_ns < times.leave_ns < times.end_ns
     subject.reach(times.end_ns)
     if subject.name != "sim":
-        subject.wait.until(lambda: not stage.moving)
+        subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
     place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
     np.testing.assert_allclose(place.y_m, [-0.002, 0.002], atol=1e-3)  # 1 s of a busy machine, emulated
     np.testing.assert_allclose(place.z_m, 0.0, atol=1e-4)
@@ -200,7 +200,9 @@ def test_a_stage_takes_one_move_at_a_time_and_stops_when_told(subject: Subject) 
     rest_ns = stage.stop(subject.now(), subject.state)
     subject.reach(rest_ns)
     if subject.name != "sim":
-        subject.wait.until(lambda: not stage.moving and stage.health(subject.now()).ok)
+        subject.wait.until(
+            lambda: not stage.feedback(subject.now(), subject.state).moving and stage.health(subject.now()).ok
+        )
     assert stage.return_to(0.0, subject.now(), subject.state) >= subject.now()
 
 

@@ -169,7 +169,9 @@ def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
         stage.return_to(0.0, time.monotonic_ns(), state)
     assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == at_m
     stage.acknowledge(time.monotonic_ns(), state)
-    wait.until(lambda: stage.health(time.monotonic_ns()).ok and not stage.moving)
+    wait.until(
+        lambda: stage.health(time.monotonic_ns()).ok and not stage.feedback(time.monotonic_ns(), state).moving
+    )
     stage.return_to(0.0, time.monotonic_ns(), state)
     stop.close()
     stage.close()

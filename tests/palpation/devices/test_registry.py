@@ -100,7 +100,7 @@ def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> 
 
 def test_options_are_what_a_yaml_file_can_say() -> None:
     options = {"url": "x", "axes": ["A", "B"], "limits": {"y_m": [-0.01, 0.02]}, "sweep_speed_m_per_s": 0.01}
-    stage = open_device("stage", "aerotech", **options)
+    stage: object = open_device("stage", "aerotech", **options)
     limits = TravelLimits(y_m=(-0.01, 0.02))
     assert stage == AerotechStage("x", axes=("A", "B"), limits=limits, sweep_speed_m_per_s=0.01)
 

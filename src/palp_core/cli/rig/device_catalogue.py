@@ -5,18 +5,7 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass, fields
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.registry import back_end, known_devices
-
-ORDER = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
-_LINKS = {
-    "aerotech": "Aerotech ASCII (Ensemble, Soloist): serial or TCP 8000",
-    "maestro": "Pololu Maestro with CRC, driving an L12-I: serial",
-    "ati": "ATI NETCANOEM: CAN, any interface of python-can",
-    "netft": "ATI Net F/T: UDP 49152",
-    "noraxon": "Noraxon MR3: HTTP 9220",
-    "lsl": "Lab Streaming Layer: an inlet of type EMG (pip install 'palp[lsl]')",
-    "spikershield": "Backyard Brains' Muscle SpikerShield: serial at 230400",
-}
+from palp_core.palpation.devices.registry import back_end, drivers
 
 
 @dataclass(frozen=True)
@@ -35,21 +24,23 @@ def kind_of(name: str) -> str:
     Raises:
         DeviceError: There is no such device.
     """
-    for kind in ("stage", "ring", "torque", "emg"):
-        if name in known_devices(kind) and name != "sim":
-            return kind
-    raise DeviceError(f"no device '{name}'; known: {', '.join(ORDER)}")
+    kinds = {known: kind for kind, known in drivers()}
+    if name not in kinds:
+        raise DeviceError(f"no device '{name}'; known: {', '.join(kinds)}")
+    return kinds[name]
 
 
 def device_entries() -> list[DeviceEntry]:
-    """Return every device that has a driver, in the order of the documentation."""
-    found = []
-    for name in ORDER:
-        kind = kind_of(name)
-        options = {
-            field.name: "" if field.default is MISSING else str(field.default)
-            for field in fields(back_end(kind, name))
-            if field.init
-        }
-        found.append(DeviceEntry(kind, name, _LINKS[name], options))
-    return found
+    """Return every device that has a driver, in the order of the registry."""
+    return [
+        DeviceEntry(kind, name, back_end(kind, name).LINK, _options(kind, name)) for kind, name in drivers()
+    ]
+
+
+def _options(kind: str, name: str) -> dict[str, str]:
+    """Return the options of a driver with their defaults as text."""
+    return {
+        field.name: "" if field.default is MISSING else str(field.default)
+        for field in fields(back_end(kind, name))
+        if field.init
+    }

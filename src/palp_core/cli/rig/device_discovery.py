@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -12,18 +13,12 @@ import numpy as np
 
 from palp_core.cli.rig.device_catalogue import kind_of
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
-from palp_core.palpation.devices.protocols import EmgSamples, TorqueSamples
-from palp_core.palpation.devices.registry import open_device
-from palp_core.palpation.devices.ring.maestro_link import MaestroLink
-from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
+from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
+from palp_core.palpation.devices.registry import back_end, open_device
 from palp_core.palpation.devices.torque.ati import AtiTorque
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
-from palp_core.palpation.devices.wire import aerotech as wire
-from palp_core.palpation.devices.wire import maestro as maestro_wire
 
 _LONGEST_S = 5.0
 _LISTEN_S = 0.5
@@ -40,10 +35,8 @@ def discover(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
         DeviceError: No such device or option, or it does not answer.
     """
     kind = kind_of(device)
-    if kind == "stage":
-        return _discover_stage(dict(options))
-    if kind == "ring":
-        return _discover_ring(dict(options))
+    if kind in ("stage", "ring"):
+        return _discover_mover(kind, device, options)
     row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
     if not row["samples"]:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
@@ -84,7 +77,7 @@ def watch(
     check_range(device, "seconds", seconds, 0.0, 1e9)
     check_range(device, "every_s", every_s, 1e-3, 1e6)
     sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
-    state: Any = WrenchState() if kind == "torque" else EmgSourceState()
+    state: Any = sensor.state_type()
     rng, pause = np.random.default_rng(0), Event()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnverifiedWarning)  # it is asked for: unverified()
@@ -146,55 +139,10 @@ def _identity(sensor: Any) -> dict[str, Any]:
     return {"serial_number": told.serial_number, "firmware": ".".join(map(str, told.firmware))}
 
 
-def _discover_stage(options: dict[str, Any]) -> dict[str, Any]:
-    if "url" not in options:
-        raise DeviceError("aerotech: where is it? give url:=/dev/ttyUSB0 or url:=socket://HOST:8000")
-    stage: Any = open_device("stage", "aerotech", **options)
-    link = AerotechLink(stage.url, stage.baud, stage.timeout_s)
-    try:
-        return {axis: _axis(link, axis) for axis in stage.axes}
-    finally:
-        link.close()
-
-
-def _axis(link: AerotechLink, axis: str) -> str:
-    """Return how an axis does, in words; nothing but questions is sent."""
-    status = wire.AxisStatus(link.bits(f"AXISSTATUS({axis})"))
-    fault = wire.Fault(link.bits(f"AXISFAULT({axis})"))
-    words = [
-        "enabled" if status & wire.AxisStatus.ENABLED else "disabled",
-        "homed" if status & wire.AxisStatus.HOMED else "not homed",
-        "moving" if status & wire.AxisStatus.MOVING else "at rest",
-        f"at {link.number(f'PFBKPROG({axis})'):g} mm",
-        f"fault {fault.words}",
-    ]
-    try:
-        low, high = (
-            link.number(f"GETPARM({axis}, {number})")
-            for number in (wire.Parameter.SOFT_LIMIT_LOW, wire.Parameter.SOFT_LIMIT_HIGH)
-        )
-        words.append(f"soft limits {low:g} to {high:g} mm")
-    except CommandRefused:
-        words.append("does not tell its soft limits")
-    return ", ".join(words)
-
-
-def _discover_ring(options: dict[str, Any]) -> dict[str, Any]:
-    if "url" not in options:
-        raise DeviceError("maestro: where is it? give url:=/dev/ttyACM0")
-    ring: Any = open_device("ring", "maestro", **options)
-    link = MaestroLink(ring.url, ring.crc, ring.timeout_s, ring.servo)
-    try:
-        link.mark_out_of_step()  # the line must be silent while nobody asks
-        counts, pulse_us = link.position(ring.feedback), link.position(ring.servo) / 4.0
-        if counts > maestro_wire.LARGEST_INPUT or pulse_us > maestro_wire.LONGEST_US:
-            raise DeviceError(
-                f"maestro: feedback {counts} counts, pulse {pulse_us:g} us: no Maestro says that;"
-                " check the port, the baud rate and that crc is what it is set to"
-            )
-        return {
-            "feedback": f"{counts} counts, {ring.ring_m(counts) * 1e3:.2f} mm by the present calibration",
-            "pulse": f"{pulse_us:.2f} us",
-        }
-    finally:
-        link.close()
+def _discover_mover(kind: str, device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    driver = back_end(kind, device)
+    needed = {p.name for p in inspect.signature(driver).parameters.values() if p.default is p.empty}
+    if needed - set(options):
+        raise DeviceError(f"{device}: where is it? give {driver.ADDRESS}")
+    mover: Mover[Any] = open_device(kind, device, **options)  # type: ignore[call-overload]
+    return mover.discover()

@@ -7,14 +7,15 @@ already it only connects. ``close`` only releases the link and leaves the state 
 integer nanoseconds and randomness as a generator; real devices ignore what they do not need. Commands change
 the state in place.
 
-A state type belongs to its back end: a protocol names it by its type variable, and a driver that remembers
-nothing on the host takes ``object``.
+A state type belongs to its back end, which names it as ``state_type``; a protocol names it by its type
+variable. Whoever holds a state that was serialised gets it back by :func:`restored`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -25,7 +26,7 @@ from palp_core.units import Float64Array
 
 Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-S = TypeVar("S", contravariant=True)
+S = TypeVar("S")
 
 
 @dataclass(frozen=True)
@@ -129,12 +130,139 @@ class EmgSamples:
     clock: ClockFit = EXACT
 
 
-class StageDevice(Protocol[S]):
-    """Sweep one way over the tissue at constant speed, and come back by another path."""
+class StageFeedback(NamedTuple):
+    """Where the stage was measured last, the larger of its speeds, and whether a path is under way."""
+
+    y_m: float
+    z_m: float
+    speed_m_per_s: float
+    moving: bool
+
+
+@dataclass(frozen=True)
+class StopTimes:
+    """Monotonic times of a stop: written, all axes at rest as far as is known, all disabled."""
+
+    written_ns: int
+    resting_ns: int
+    disabled_ns: int
+
+
+@dataclass(frozen=True)
+class AxisReport:
+    """What an axis says of itself; ``following_m`` is how far it is from where it is sent.
+
+    ``fault`` names its latched faults, empty for none. ``asked_ns`` is when it was asked: what it says may be
+    older than what was done since.
+    """
+
+    axis: str
+    fault: str
+    moving: bool
+    enabled: bool
+    following_m: float = 0.0
+    asked_ns: int = 0
+
+
+class StopLink(Protocol):
+    """A second link to a stage's controller, the safety process's own: it stops and moves nothing."""
+
+    def reports(self) -> list[AxisReport]:
+        """Return what the axes have said since the last call, without waiting.
+
+        Raises:
+            DeviceError: They are not heard, or the link is lost: the rig must not move.
+        """
+
+    def poll(self) -> list[AxisReport]:
+        """Ask every axis and wait for its answer; errors as above."""
+
+    def abort(self) -> int:
+        """Stop every axis past whatever is under way; return when that was written, in ns.
+
+        Raises:
+            DeviceError: The link is lost.
+        """
+
+    def finish_stop(self, written_ns: int) -> StopTimes:
+        """Wait a little for rest after :meth:`abort`, then disable whatever was answered; errors as there."""
+
+    def trip(self) -> StopTimes:
+        """Abort and finish the stop; errors as there."""
+
+    def close(self) -> None: ...
+
+
+class OpenStopLink(Protocol):
+    """Opens a second link to a stage's controller."""
+
+    def __call__(
+        self,
+        url: str,
+        axes: tuple[str, str],
+        baud: int,
+        *,
+        timeout_s: float,
+        look_hz: float,
+        clock: Callable[[], int],
+    ) -> StopLink:
+        """Connect.
+
+        Args:
+            url: Address of the second link.
+            axes: The controller's names of the axes y and z.
+            baud: Of a serial line.
+            timeout_s: Longest wait for an answer.
+            look_hz: How often an axis is asked how it does.
+            clock: Time in ns.
+
+        Raises:
+            DeviceError: Nobody answers there.
+        """
+
+
+class Device(Protocol[S]):
+    """What every device is; nothing of a protocol is optional, and ``open_device`` refuses what lacks any."""
+
+    LINK: ClassVar[str]
+    """How it is reached, for a person."""
+
+    @property
+    def state_type(self) -> type[S]:
+        """What it remembers: a type that serialises, whose default is a device that was never up."""
 
     def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
     def close(self) -> None: ...
     def health(self, now_ns: int) -> DeviceHealth: ...
+
+
+class Mover(Device[S], Protocol[S]):
+    """A device that moves: it can be found without moving, and a person leads it out of a trip."""
+
+    ADDRESS: ClassVar[str]
+    """The options that say where it is, as a person types them."""
+
+    def discover(self) -> dict[str, str]:
+        """Return how the device does, in words by what answered; nothing moves and nothing is enabled.
+
+        Raises:
+            DeviceError: It does not answer, or says what no such device says.
+        """
+
+    def acknowledge(self, now_ns: int, state: S) -> None:
+        """Clear what stopped it, and enable again: a person's step, never the driver's own.
+
+        Raises:
+            DeviceError: The cause persists, or the link is lost.
+        """
+
+
+class StageDevice(Mover[S], Protocol[S]):
+    """Sweep one way over the tissue at constant speed, and come back by another path."""
+
+    @property
+    def stop_link(self) -> OpenStopLink | None:
+        """What opens a second link to its controller, told by the class; None: nothing does."""
 
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep over [from_m, to_m] has the room to reach its speed, in m."""
@@ -145,18 +273,24 @@ class StageDevice(Protocol[S]):
     def return_to(self, y_m: float, now_ns: int, state: S) -> int:
         """Raise, go to ``y_m``, lower; return the time of arrival in ns."""
 
+    def retreat(self, speed_m_per_s: float, now_ns: int, state: S) -> int:
+        """Raise the probe where it is; return the time of arrival in ns."""
+
     def stop(self, now_ns: int, state: S) -> int:
         """Decelerate to rest where it is, whatever it was doing; return the time of rest in ns."""
+
+    def feedback(self, now_ns: int, state: S) -> StageFeedback:
+        """Return what was measured last.
+
+        Raises:
+            DeviceError: The stage is not open.
+        """
 
     def read(self, times_ns: Int64Array, state: S) -> StageReading: ...
 
 
-class RingDevice(Protocol[S]):
+class RingDevice(Mover[S], Protocol[S]):
     """Move the anchor ring, and with it the stiffness of the joint."""
-
-    def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
-    def close(self) -> None: ...
-    def health(self, now_ns: int) -> DeviceHealth: ...
 
     def command(self, target_m: float, now_ns: int, state: S, rng: np.random.Generator) -> int:
         """Go to ``target_m``; return the time at which it will have settled, in ns."""
@@ -170,29 +304,38 @@ class RingDevice(Protocol[S]):
     def read(self, now_ns: int, state: S) -> RingReading: ...
 
 
-class TorqueSensor(Protocol[S]):
+class TorqueSensor(Device[S], Protocol[S]):
     """Measure the torque between connecting and base link."""
-
-    def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
-    def close(self) -> None: ...
-    def health(self, now_ns: int) -> DeviceHealth: ...
 
     def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> TorqueSamples:
         """Return every sample received since the last call; a simulated sensor is unloaded here."""
 
-    def tare(self, block: TorqueSamples, state: S) -> None:
-        """Make the mean of ``block``, read unloaded, the new zero."""
+    def tare(self, block: TorqueSamples, state: S) -> Float64Array:
+        """Make the mean of ``block``, read unloaded, the new zero; return what is subtracted from now on.
+
+        Returns:
+            Forces in N and torques in N m, shape (6,), or the torque of a one-axis source, shape (1,).
+        """
 
 
-class EmgDevice(Protocol[S]):
+class EmgDevice(Device[S], Protocol[S]):
     """Deliver the raw EMG of two muscles."""
 
     @property
     def rate_hz(self) -> float: ...
 
-    def open(self, now_ns: int, state: S, rng: np.random.Generator) -> None: ...
-    def close(self) -> None: ...
-    def health(self, now_ns: int) -> DeviceHealth: ...
-
     def drain(self, now_ns: int, state: S, rng: np.random.Generator) -> EmgSamples:
         """Return every sample since the last call up to and including ``now_ns``."""
+
+
+def restored(device: Device[S], kept: object) -> S:
+    """Return a device's state from what its caller has kept.
+
+    Args:
+        device: Whose state it is.
+        kept: The state itself; or the plain values that are left of one that was serialised; or None for a
+            device that was never up.
+    """
+    if isinstance(kept, device.state_type):
+        return kept
+    return device.state_type() if kept is None else msgspec.convert(kept, device.state_type)

@@ -10,9 +10,15 @@ from typing import Any, Literal, get_type_hints, overload
 import msgspec
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import EmgDevice, RingDevice, StageDevice, TorqueSensor
+from palp_core.palpation.devices.protocols import (
+    EmgDevice,
+    OpenStopLink,
+    RingDevice,
+    StageDevice,
+    TorqueSensor,
+)
 
-_BACK_ENDS: Mapping[str, Mapping[str, str]] = {
+BACK_ENDS: dict[str, dict[str, str]] = {
     "stage": {
         "sim": "palp_core.palpation.devices.sim.stage:SimStage",
         "aerotech": "palp_core.palpation.devices.stage.aerotech:AerotechStage",
@@ -33,6 +39,19 @@ _BACK_ENDS: Mapping[str, Mapping[str, str]] = {
         "spikershield": "palp_core.palpation.devices.emg.spikershield:SpikerShieldEmg",
     },
 }
+"""A driver of another maker is one file and one line here."""
+
+_PROTOCOLS: Mapping[str, type] = {
+    "stage": StageDevice,
+    "ring": RingDevice,
+    "torque": TorqueSensor,
+    "emg": EmgDevice,
+}
+
+
+def drivers() -> list[tuple[str, str]]:
+    """Return kind and name of every back end that is no simulation."""
+    return [(kind, name) for kind, names in BACK_ENDS.items() for name in names if name != "sim"]
 
 
 def known_devices(kind: str) -> list[str]:
@@ -41,9 +60,9 @@ def known_devices(kind: str) -> list[str]:
     Raises:
         DeviceError: There is no such kind.
     """
-    if kind not in _BACK_ENDS:
-        raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(_BACK_ENDS))}")
-    return sorted(_BACK_ENDS[kind])
+    if kind not in BACK_ENDS:
+        raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(BACK_ENDS))}")
+    return sorted(BACK_ENDS[kind])
 
 
 @overload
@@ -65,7 +84,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
 
     Raises:
         DeviceError: The kind, the name or an option is unknown, and the message lists those there are; or an
-            option has another type.
+            option has another type; or the class lacks an ability of its kind.
     """
     found = back_end(kind, name)
     signature = inspect.signature(found)
@@ -76,7 +95,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
             f"{kind} device '{name}': {error}; its options are {', '.join(signature.parameters)}"
         ) from error
     hints = get_type_hints(found)
-    return found(
+    made = found(
         **{
             option: _converted(f"{kind} device '{name}': {option}", value, hints[option])
             if option in hints
@@ -84,6 +103,12 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
             for option, value in options.items()
         }
     )
+    if lacking := [ability for ability in _abilities(kind) if not hasattr(made, ability)]:
+        raise DeviceError(
+            f"{kind} device '{name}': {found.__name__} has no {', no '.join(lacking)};"
+            " see palp_core.palpation.devices.protocols for what its kind can do"
+        )
+    return made
 
 
 def device_mistakes(
@@ -110,12 +135,37 @@ def device_mistakes(
 def back_end(kind: str, name: str) -> Any:
     """Return the class behind a name; errors as for :func:`open_device`."""
     known = known_devices(kind)
-    where = _BACK_ENDS[kind].get(name, name)
+    where = BACK_ENDS[kind].get(name, name)
     if ":" not in where:
         raise DeviceError(
             f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
         )
     return _load(kind, where)
+
+
+def stop_link_of(name: str) -> OpenStopLink:
+    """Return what opens a second link to a stage's controller.
+
+    Args:
+        name: Of the stage's back end.
+
+    Raises:
+        DeviceError: There is no such back end, or it has no second link.
+    """
+    connect: OpenStopLink | None = back_end("stage", name).stop_link
+    if connect is None:
+        raise DeviceError(f"stage device '{name}' has no link of its own for stopping; leave stop_url empty")
+    return connect
+
+
+def _abilities(kind: str) -> list[str]:
+    """Return the members of a kind's protocol."""
+    names = {
+        name
+        for line in _PROTOCOLS[kind].__mro__
+        for name in (*vars(line), *vars(line).get("__annotations__", {}))
+    }
+    return sorted(name for name in names if not name.startswith("_"))
 
 
 def _converted(where: str, value: Any, wanted: Any) -> Any:

@@ -78,7 +78,7 @@ def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(
         ring.command(ring_m, now(), at_ring, RNG)
         wait.until(lambda: ring.read(now(), at_ring).settled)
         stage.return_to(0.0, now(), at_stage)
-        wait.until(lambda: not stage.moving)
+        wait.until(lambda: not stage.feedback(now(), at_stage).moving)
         truth = rig.on_world(lambda world, t: world.truth(t))
         assert block_of(S // 4).torque_n_m.mean() == pytest.approx(truth["torque_n_m"], abs=15e-6)
         seen.append(truth["torque_n_m"])

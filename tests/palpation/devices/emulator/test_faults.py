@@ -216,9 +216,9 @@ def test_a_stages_fault_has_a_name_stops_it_and_ends_by_the_documented_step(
         elif fault.way_out == REOPEN:
             stage.close()
             stage.open(now(), state, RNG)
-        wait.until(lambda: stage.health(now()).ok and not stage.moving)
+        wait.until(lambda: stage.health(now()).ok and not stage.feedback(now(), state).moving)
         stage.return_to(-0.01, now(), state)
-        wait.until(lambda: not stage.moving)
+        wait.until(lambda: not stage.feedback(now(), state).moving)
         assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == pytest.approx(-0.01, abs=1e-5)
     finally:
         stage.close()
@@ -235,9 +235,9 @@ def test_a_stuck_axis_is_a_device_fault(quick_rig: Start, wait: Any) -> None:
     assert "position error" in stage.health(now()).cause
     rig.clear("aerotech")
     stage.acknowledge(now(), state)
-    wait.until(lambda: stage.health(now()).ok and not stage.moving)
+    wait.until(lambda: stage.health(now()).ok and not stage.feedback(now(), state).moving)
     stage.return_to(-0.01, now(), state)
-    wait.until(lambda: not stage.moving)
+    wait.until(lambda: not stage.feedback(now(), state).moving)
     stage.close()
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
+from palp_core.palpation.devices.sim.stage import SimStage, SimStageState, path_end_ns
 
 FROM_M, TO_M = -0.025, 0.025
 few = settings(deadline=None, max_examples=40)
@@ -113,7 +113,7 @@ def test_the_state_survives_the_wire_in_the_middle_of_a_move(after_ns: int, stop
     SimStage(accel_m_per_s2=2.0).open(now_ns, heir, np.random.default_rng(1))
     times = now_ns + np.arange(0, 4 * 10**9, 10**7)
     assert np.array_equal(stage.read(times, heir).y_m, stage.read(times, state).y_m)
-    assert stage.end_ns(heir) == stage.end_ns(state)
+    assert path_end_ns(heir) == path_end_ns(state)
 
 
 def test_commands_that_cannot_be_followed_are_refused_and_change_nothing() -> None:

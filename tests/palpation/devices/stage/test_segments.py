@@ -49,9 +49,9 @@ def test_no_command_on_a_single_line_goes_further_than_2_mm(
     state, rng = AerotechState(), np.random.default_rng(0)
     stage.open(time.monotonic_ns(), state, rng)
     stage.return_to(stage.sweep_start(-0.005, 0.005), time.monotonic_ns(), state)
-    wait.until(lambda: not stage.moving)
+    wait.until(lambda: not stage.feedback(time.monotonic_ns(), state).moving)
     stage.sweep(-0.005, 0.005, time.monotonic_ns(), state)
-    wait.until(lambda: not stage.moving)
+    wait.until(lambda: not stage.feedback(time.monotonic_ns(), state).moving)
     stage.close()
     place = {"X": 0.0, "Y": 0.0}
     lines = [line.split() for _, _, line in rig.on_world(lambda world, _: list(world.log))]

@@ -49,7 +49,7 @@ def test_an_abort_on_the_other_link_ends_the_path_and_not_only_the_leg(
             "MOVEABS X"
         )  # it is raised, and goes sideways for 10 s before it is lowered
         stop.abort()
-        wait.until(lambda: not stage.moving)
+        wait.until(lambda: not stage.feedback(time.monotonic_ns(), state).moving)
         assert stage.health(time.monotonic_ns()).condition is Condition.DISABLED
         assert "stopped, and not by this driver" in stage.health(time.monotonic_ns()).cause
         with pytest.raises(DeviceError, match="acknowledge before a move"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,6 +35,9 @@ class LslEmg:
         find_s: Longest search for the stream.
         gap_s: Larger than the jitter of a sender that stamps when it sends (assumed).
     """
+
+    LINK: ClassVar[str] = "Lab Streaming Layer: an inlet of type EMG (pip install 'palp[lsl]')"
+    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
     stream: str
     rate_hz: float = 1500.0

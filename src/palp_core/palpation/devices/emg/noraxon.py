@@ -46,6 +46,9 @@ class NoraxonEmg:
         "units": "not every version of MR3 is known to hand out microvolts",
     }
 
+    LINK: ClassVar[str] = "Noraxon MR3: HTTP 9220"
+    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
+
     host: str
     port: int = 9220
     rate_hz: float = 1500.0

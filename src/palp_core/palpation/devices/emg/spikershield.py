@@ -39,6 +39,9 @@ class SpikerShieldEmg:
         "rate_hz": "the firmware's setting conf s:10000;c:2 means 5 kHz a channel",
     }
 
+    LINK: ClassVar[str] = "Backyard Brains' Muscle SpikerShield: serial at 230400"
+    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
+
     url: str
     rate_hz: float = 5000.0
     volt_per_count: float = 4e-6

@@ -72,12 +72,16 @@ class MaestroRing:
         verified: Parameters checked on the device; ``*`` for all.
     """
 
+    LINK: ClassVar[str] = "Pololu Maestro with CRC, driving an L12-I: serial"
+    ADDRESS: ClassVar[str] = "url:=/dev/ttyACM0"
     UNVERIFIED: ClassVar[dict[str, str]] = {
         "pulses": "retracted_us and extended_us: another family of actuators is reversed; try both ends",
         "counts": "retracted_counts and extended_counts: read the feedback at both ends",
         "zero_m": "where the ring's zero lies in the stroke",
         "duty_window_s": "the data sheet gives 20 % but no window",
     }
+
+    state_type: ClassVar[type[MaestroState]] = MaestroState
 
     url: str
     crc: bool = True
@@ -122,7 +126,7 @@ class MaestroRing:
         self._motion: RodMotion | None = None
 
     @property
-    def limits_m(self) -> tuple[float, float]:
+    def _limits_m(self) -> tuple[float, float]:
         """Smallest and largest target."""
         return 0.0, self.stroke_m - self.zero_m - self.margin_m
 
@@ -178,7 +182,7 @@ class MaestroRing:
         """
         self._host.observe(now_ns)
         motion = self._ready(state)
-        check_range("ring", "target_m", target_m, *self.limits_m)
+        check_range("ring", "target_m", target_m, *self._limits_m)
         if target_m == state.target_m and not motion.holding:
             return state.settled_ns
         return self._go([target_m], state)
@@ -216,6 +220,28 @@ class MaestroRing:
         settled = state.homed and self._motion.arrived and self._host.now_ns() >= state.settled_ns
         return RingReading(state.target_m, self._motion.measured_m, settled)
 
+    def discover(self) -> dict[str, str]:
+        """Return feedback and pulse; nothing moves.
+
+        Raises:
+            DeviceError: Nobody answers, or with numbers that no Maestro says.
+        """
+        link = MaestroLink(self.url, self.crc, self.timeout_s, self.servo)
+        try:
+            link.mark_out_of_step()  # the line must be silent while nobody asks
+            counts, pulse_us = link.position(self.feedback), link.position(self.servo) / 4.0
+            if counts > wire.LARGEST_INPUT or pulse_us > wire.LONGEST_US:
+                raise DeviceError(
+                    f"maestro: feedback {counts} counts, pulse {pulse_us:g} us: no Maestro says that;"
+                    " check the port, the baud rate and that crc is what it is set to"
+                )
+            return {
+                "feedback": f"{counts} counts, {self.ring_m(counts) * 1e3:.2f} mm by the present calibration",
+                "pulse": f"{pulse_us:.2f} us",
+            }
+        finally:
+            link.close()
+
     def quarter_us(self, ring_m: float) -> int:
         """Return the pulse of a ring position in quarters of a microsecond."""
         share = (ring_m + self.zero_m) / self.stroke_m
@@ -232,7 +258,7 @@ class MaestroRing:
         return max(1, math.floor(us_per_s / wire.SPEED_UNIT_US_PER_S))
 
     @property
-    def true_speed_m_per_s(self) -> float:
+    def _true_speed_m_per_s(self) -> float:
         """The speed after rounding to the Maestro's steps."""
         m_per_us = self.stroke_m / abs(self.extended_us - self.retracted_us)
         return self._speed_steps * wire.SPEED_UNIT_US_PER_S * m_per_us
@@ -251,7 +277,7 @@ class MaestroRing:
         assert self._motion is not None
         places = [self._motion.measured_m, *targets_m]
         ways_m = [abs(b - a) for a, b in pairwise(places)]
-        run_ns = round(sum(ways_m) / self.true_speed_m_per_s * 1e9)
+        run_ns = round(sum(ways_m) / self._true_speed_m_per_s * 1e9)
         self._duty.end_run(self._host.now_ns())
         start_ns = self._duty.start_ns(self._host.now_ns(), run_ns)
         self._duty.add_run(start_ns, start_ns + run_ns)

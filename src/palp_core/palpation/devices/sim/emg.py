@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -75,6 +76,9 @@ class SimEmg:
     Raises:
         DeviceError: A parameter is not finite or out of range, or the matrix is not a matrix of transitions.
     """
+
+    LINK: ClassVar[str] = "none: simulated"
+    state_type: ClassVar[type[SimEmgState]] = SimEmgState
 
     matrix: Sequence[Sequence[float]] | Float64Array  # kept as a tuple of rows
     levels: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5)

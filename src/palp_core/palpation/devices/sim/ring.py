@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -66,6 +66,10 @@ class SimRing:
     Raises:
         DeviceError: A parameter is not finite or outside of the actuator's abilities.
     """
+
+    LINK: ClassVar[str] = "none: simulated"
+    ADDRESS: ClassVar[str] = ""
+    state_type: ClassVar[type[SimRingState]] = SimRingState
 
     speed_m_per_s: float = 5.0e-3
     settle_s: float = 0.2
@@ -153,6 +157,13 @@ class SimRing:
             self._follow(state, now_ns, [nominal_m], [true_m])
             state.holding = True
             state.settled_ns = now_ns
+
+    def discover(self) -> dict[str, str]:
+        """Return nothing: there is no link."""
+        return {}
+
+    def acknowledge(self, now_ns: int, state: SimRingState) -> None:
+        """Do nothing: nothing trips it."""
 
     def read(self, now_ns: int, state: SimRingState) -> RingReading:
         """Return target, measured position and whether it rests at the target."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -16,7 +17,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.motion_profile import MotionProfile
-from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
+from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
 from palp_core.units import Float64Array
 
 _TOLERANCE_M = 1e-12  # rounding of a double, far below the resolution
@@ -62,6 +63,11 @@ class SimStage:
     Raises:
         DeviceError: A parameter is not finite or outside of the stage's abilities.
     """
+
+    LINK: ClassVar[str] = "none: simulated"
+    ADDRESS: ClassVar[str] = ""
+    state_type: ClassVar[type[SimStageState]] = SimStageState
+    stop_link: ClassVar[None] = None
 
     sweep_speed_m_per_s: float = 0.020
     accel_m_per_s2: float = 1.0
@@ -138,7 +144,24 @@ class SimStage:
         corners = [(here_y, here_z), (here_y, above), (y_m, above), (y_m, 0.0)]
         speeds = [self.lift_speed_m_per_s, self.return_speed_m_per_s, self.lift_speed_m_per_s]
         self._follow(state, corners, speeds, now_ns)
-        return self.end_ns(state)
+        return path_end_ns(state)
+
+    def retreat(self, speed_m_per_s: float, now_ns: int, state: SimStageState) -> int:
+        """Raise to ``lift_m``; return the time of arrival in ns.
+
+        Raises:
+            DeviceError: The stage moves.
+        """
+        y_m, z_m = self._resting_place(now_ns, state)
+        self._follow(state, [(y_m, z_m), (y_m, max(z_m, self.lift_m))], [speed_m_per_s], now_ns)
+        return path_end_ns(state)
+
+    def discover(self) -> dict[str, str]:
+        """Return nothing: there is no link."""
+        return {}
+
+    def acknowledge(self, now_ns: int, state: SimStageState) -> None:
+        """Do nothing: nothing trips it."""
 
     def stop(self, now_ns: int, state: SimStageState) -> int:
         """Decelerate to rest along the present leg; return the time of rest in ns."""
@@ -164,16 +187,20 @@ class SimStage:
             2.0 * state.accel_m_per_s2 * math.hypot(end_y - y_m, end_z - z_m)
         )
         state.speeds_m_per_s = [max(speed, state.entry_speed_m_per_s)]
-        return self.end_ns(state)
+        return path_end_ns(state)
+
+    def feedback(self, now_ns: int, state: SimStageState) -> StageFeedback:
+        """Return where it is, how fast, and whether its path has not ended yet."""
+        now = np.array([now_ns])
+        place = self.read(now, state)
+        speed_m_per_s = max((abs(float(p.velocity(now)[0])) for p in _profiles(state)), default=0.0)
+        moving = now_ns < path_end_ns(state)
+        return StageFeedback(float(place.y_m[0]), float(place.z_m[0]), speed_m_per_s, moving)
 
     def read(self, times_ns: Int64Array, state: SimStageState) -> StageReading:
         """Return the positions at ``times_ns``, shape (n,), in steps of the resolution."""
         y_m, z_m = _positions(times_ns, state)
         return StageReading(self._rounded(y_m), self._rounded(z_m))
-
-    def end_ns(self, state: SimStageState) -> int:
-        """Return the time at which the stage comes, or came, to rest."""
-        return max((profile.end_ns for profile in _profiles(state)), default=state.start_ns)
 
     def _rounded(self, position_m: Float64Array) -> Float64Array:
         if self.resolution_m == 0.0:
@@ -183,7 +210,7 @@ class SimStage:
     def _resting_place(self, now_ns: int, state: SimStageState) -> tuple[float, float]:
         if not state.homed:
             raise DeviceError("stage: not homed; open it before the first move")
-        if now_ns < (end_ns := self.end_ns(state)):
+        if now_ns < (end_ns := path_end_ns(state)):
             raise DeviceError(
                 f"stage: moves for another {(end_ns - now_ns) * 1e-9:.3f} s; wait or stop it first"
             )
@@ -204,6 +231,11 @@ class SimStage:
         state.accel_m_per_s2 = self.accel_m_per_s2
         state.entry_speed_m_per_s = 0.0
         state.start_ns = now_ns
+
+
+def path_end_ns(state: SimStageState) -> int:
+    """Return the time at which the stage comes, or came, to rest."""
+    return max((profile.end_ns for profile in _profiles(state)), default=state.start_ns)
 
 
 def _profiles(state: SimStageState) -> list[MotionProfile]:

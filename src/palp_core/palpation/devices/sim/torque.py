@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -56,6 +57,9 @@ class SimTorque:
     Raises:
         DeviceError: A parameter is not finite or negative where it cannot be.
     """
+
+    LINK: ClassVar[str] = "none: simulated"
+    state_type: ClassVar[type[SimTorqueState]] = SimTorqueState
 
     noise_sd_n_m: float = RESOLUTION_N_M
     resolution_n_m: float = RESOLUTION_N_M
@@ -140,8 +144,8 @@ class SimTorque:
         gap = np.zeros(times_ns.size, dtype=np.bool_)
         return TorqueSamples(times_ns, torque_n_m - state.tare_n_m, saturated_count, index, gap, saturated)
 
-    def tare(self, block: TorqueSamples, state: SimTorqueState) -> None:
-        """Make the mean of ``block``, read unloaded, the new zero.
+    def tare(self, block: TorqueSamples, state: SimTorqueState) -> Float64Array:
+        """Make the mean of ``block``, read unloaded, the new zero; return it, shape (1,).
 
         Raises:
             DeviceError: The block is empty or saturated, so its mean is no bias.
@@ -151,6 +155,7 @@ class SimTorque:
                 "torque: cannot tare from an empty or saturated block; unload the probe and read again"
             )
         state.tare_n_m += float(np.mean(block.torque_n_m))
+        return np.array([state.tare_n_m])
 
     def _drift(
         self, times_ns: Int64Array, draws: Float64Array, state: SimTorqueState

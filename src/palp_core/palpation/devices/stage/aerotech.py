@@ -19,15 +19,17 @@ from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.motion_profile import MotionProfile
-from palp_core.palpation.devices.protocols import Int64Array, StageReading, SweepTimes
+from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.stage.aerotech_motion import (
     ControllerAxes,
     Leg,
     Motion,
+    axis_in_words,
     duration_s,
     in_segments,
 )
+from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import aerotech as wire
 
@@ -67,6 +69,8 @@ class AerotechStage:
         verified: Parameters checked on the device; ``*`` for all.
     """
 
+    LINK: ClassVar[str] = "Aerotech ASCII (Ensemble, Soloist): serial or TCP 8000"
+    ADDRESS: ClassVar[str] = "url:=/dev/ttyUSB0 or url:=socket://HOST:8000"
     UNVERIFIED: ClassVar[dict[str, str]] = {
         "baud": "the controller's parameter 111",
         "axes": "which axis sweeps and which lifts",
@@ -74,6 +78,9 @@ class AerotechStage:
         "sign": "which way the axes count",
         "limits": "the stage's variant and travel; the speed stays at 50 mm/s until it is known",
     }
+
+    state_type: ClassVar[type[AerotechState]] = AerotechState
+    stop_link: ClassVar[type[AerotechStop]] = AerotechStop
 
     url: str
     baud: int = 115200
@@ -162,11 +169,6 @@ class AerotechStage:
         self._host.observe(now_ns)
         return self._monitor.read(self._host.now_ns())
 
-    @property
-    def moving(self) -> bool:
-        """Whether legs of a path are under way or waiting."""
-        return self._motion is not None and self._motion.busy
-
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
         return from_m - math.copysign(self._run_up_m, to_m - from_m)
@@ -229,7 +231,7 @@ class AerotechStage:
             DeviceError: The cause persists (an emergency stop that is still pressed), or the link is lost.
         """
         self._host.observe(now_ns)
-        self._opened(state).acknowledge()
+        self._opened().acknowledge()
 
     def read(self, times_ns: Int64Array, state: AerotechState) -> StageReading:
         """Return positions at times, from the polls around them; at most ``stale_s`` beyond the last one.
@@ -237,21 +239,36 @@ class AerotechStage:
         Raises:
             DeviceError: The stage is not open, or the last poll is older than that.
         """
-        motion = self._opened(state)
+        motion = self._opened()
         positions = motion.history.at(times_ns, self.stale_s, moving=motion.on_leg)
         return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
 
-    def measured(self) -> tuple[float, float, float]:
-        """Return the y and z that were polled last, in m, and the larger speed, in m/s."""
-        y, z, speed_mm_per_s = self._opened(AerotechState()).history.measured()
-        return float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3
+    def feedback(self, now_ns: int, state: AerotechState) -> StageFeedback:
+        """Return where the last poll found the stage, and whether legs are under way or waiting."""
+        motion = self._opened()
+        y, z, speed_mm_per_s = motion.history.measured()
+        return StageFeedback(
+            float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3, motion.busy
+        )
+
+    def discover(self) -> dict[str, str]:
+        """Return how each axis does; nothing but questions is sent.
+
+        Raises:
+            DeviceError: Nobody answers.
+        """
+        link = AerotechLink(self.url, self.baud, self.timeout_s)
+        try:
+            return {axis: axis_in_words(link, axis) for axis in self.axes}
+        finally:
+            link.close()
 
     @property
     def _run_up_m(self) -> float:
         accel_m_per_s2 = getattr(self, "_accel_m_per_s2", 1.0)
         return float(self.sweep_speed_m_per_s**2 / (2.0 * accel_m_per_s2)) + self.lead_m
 
-    def _opened(self, state: AerotechState) -> Motion:
+    def _opened(self) -> Motion:
         if self._motion is None:
             raise DeviceError("stage: not open; open it first")
         return self._motion
@@ -263,7 +280,7 @@ class AerotechStage:
             DeviceError: It does not rest, or must not move.
         """
         self._host.observe(now_ns)
-        motion, health = self._opened(state), self.health(now_ns)
+        motion, health = self._opened(), self.health(now_ns)
         if not health.ok:
             raise DeviceError(
                 f"stage: {health.condition}: {health.cause}; clear it and acknowledge before a move"
@@ -279,7 +296,7 @@ class AerotechStage:
         return np.asarray(self.sign[axis] * (np.asarray(controller_mm) * 1e-3 - self.origin_m[axis]))
 
     def _way_to(self, y_m: float, z_m: float) -> list[Leg]:
-        motion = self._opened(AerotechState())
+        motion = self._opened()
         y, z = (float(self._place(i, value)) for i, value in enumerate(motion.history.last))
         return [
             self._leg("z", z, z_m, self.lift_speed_m_per_s),

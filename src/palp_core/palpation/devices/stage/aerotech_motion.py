@@ -411,3 +411,25 @@ def _condition_of(fault: wire.Fault) -> Condition:
     if fault & wire.Fault.LIMITS:
         return Condition.LIMIT
     return Condition.DEVICE_FAULT
+
+
+def axis_in_words(link: AerotechLink, axis: str) -> str:
+    """Return how an axis does; nothing but questions is sent."""
+    status = wire.AxisStatus(link.bits(f"AXISSTATUS({axis})"))
+    fault = wire.Fault(link.bits(f"AXISFAULT({axis})"))
+    words = [
+        "enabled" if status & wire.AxisStatus.ENABLED else "disabled",
+        "homed" if status & wire.AxisStatus.HOMED else "not homed",
+        "moving" if status & wire.AxisStatus.MOVING else "at rest",
+        f"at {link.number(f'PFBKPROG({axis})'):g} mm",
+        f"fault {fault.words}",
+    ]
+    try:
+        low, high = (
+            link.number(f"GETPARM({axis}, {number})")
+            for number in (wire.Parameter.SOFT_LIMIT_LOW, wire.Parameter.SOFT_LIMIT_HIGH)
+        )
+        words.append(f"soft limits {low:g} to {high:g} mm")
+    except CommandRefused:
+        words.append("does not tell its soft limits")
+    return ", ".join(words)

@@ -4,38 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import monotonic_ns
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
 _KEPT = 100  # reports that nobody has asked for yet
-
-
-@dataclass(frozen=True)
-class StopTimes:
-    """Monotonic times of a stop: ABORT written, all axes at rest as far as is known, all disabled."""
-
-    written_ns: int
-    resting_ns: int
-    disabled_ns: int
-
-
-@dataclass(frozen=True)
-class AxisReport:
-    """What an axis says of itself; ``following_m`` is how far it is from where it is sent.
-
-    ``asked_ns`` is when it was asked: what it says may be older than what was done since.
-    """
-
-    axis: str
-    fault: wire.Fault
-    moving: bool
-    enabled: bool
-    following_m: float = 0.0
-    asked_ns: int = 0
 
 
 class AerotechStop:
@@ -177,7 +154,7 @@ class AerotechStop:
         status = self._link.bits(f"AXISSTATUS({axis})")
         fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
         moving, enabled = bool(status & wire.AxisStatus.MOVING), bool(status & wire.AxisStatus.ENABLED)
-        return AxisReport(axis, fault, moving, enabled, asked_ns=asked_ns)
+        return AxisReport(axis, fault.words if fault else "", moving, enabled, asked_ns=asked_ns)
 
     def _moves(self) -> bool:
         """Tell whether an axis is known to move; no answer is no reason to wait."""

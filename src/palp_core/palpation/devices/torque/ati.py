@@ -20,6 +20,7 @@ from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_fr
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.palpation.nano17 import RANGE_N_M
+from palp_core.units import Float64Array
 
 
 @dataclass
@@ -50,6 +51,9 @@ class AtiTorque:
         "axis": "which of the sensor's axes the joint turns about, and the sign",
         "calibration": "the sensor falls back to calibration 0 at power-up",
     }
+
+    LINK: ClassVar[str] = "ATI NETCANOEM: CAN, any interface of python-can"
+    state_type: ClassVar[type[WrenchState]] = WrenchState
 
     channel: str = "can0"
     interface: str = "socketcan"
@@ -141,9 +145,9 @@ class AtiTorque:
             EXACT,
         )
 
-    def tare(self, block: TorqueSamples, state: WrenchState) -> None:
-        """Make the mean of ``block``, read unloaded, the new zero of forces and torques."""
-        bias_from(block, state)
+    def tare(self, block: TorqueSamples, state: WrenchState) -> Float64Array:
+        """Make the mean of ``block``, read unloaded, the new zero of forces and torques; return it."""
+        return bias_from(block, state)
 
     def _connect(self) -> AtiSession:
         before, first = self._session, self._first

@@ -7,6 +7,7 @@ import socket
 import threading
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.wire import rdt
 from palp_core.palpation.nano17 import RANGE_N_M
+from palp_core.units import Float64Array
 
 _FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
 _WAIT_S = 0.05
@@ -58,6 +60,9 @@ class NetFtTorque:
         sign: Direction of the torque about it.
         range_n_m: Largest torque (the maker's figure for SI-12-0.12).
     """
+
+    LINK: ClassVar[str] = "ATI Net F/T: UDP 49152"
+    state_type: ClassVar[type[WrenchState]] = WrenchState
 
     host: str
     port: int = rdt.PORT
@@ -120,9 +125,9 @@ class NetFtTorque:
             stretch.clock,
         )
 
-    def tare(self, block: TorqueSamples, state: WrenchState) -> None:
-        """Make the mean of ``block``, read unloaded, the new zero of forces and torques."""
-        bias_from(block, state)
+    def tare(self, block: TorqueSamples, state: WrenchState) -> Float64Array:
+        """Make the mean of ``block``, read unloaded, the new zero of forces and torques; return it."""
+        return bias_from(block, state)
 
     def _connect(self) -> _NetFtStream:
         self._scale = _read_scale(self.host, self.http_port)

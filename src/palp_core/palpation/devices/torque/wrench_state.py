@@ -48,8 +48,8 @@ def torque_block(
     )
 
 
-def bias_from(block: TorqueSamples, state: WrenchState) -> None:
-    """Make the mean of a block, read unloaded, the new zero of forces and torques.
+def bias_from(block: TorqueSamples, state: WrenchState) -> Float64Array:
+    """Make the mean of a block, read unloaded, the new zero of forces and torques; return it, shape (6,).
 
     Raises:
         DeviceError: The block is empty or has samples that must not be used.
@@ -58,7 +58,9 @@ def bias_from(block: TorqueSamples, state: WrenchState) -> None:
         raise DeviceError(
             "torque: cannot tare from an empty or faulty block; unload the probe and read again"
         )
-    state.bias = (np.array(state.bias) + block.wrench.mean(axis=0)).tolist()
+    bias: Float64Array = np.array(state.bias) + block.wrench.mean(axis=0)
+    state.bias = bias.tolist()
+    return bias
 
 
 def check_axis(axis: str, sign: int) -> None:

@@ -1,0 +1,127 @@
+"""A stage of another maker is one file and one line of the registry; the nodes know no maker."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from msgs.safety import SafetyBeat, StopRequest
+from msgs.stage import SweepGoal
+from nodes.rig_stage import RigStage
+from nodes.safety import Safety, SafetyParams
+from palp_core import Bench
+from palp_core.cli.rig.device_catalogue import device_entries
+from palp_core.cli.rig.device_discovery import discover
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.protocols import restored
+from palp_core.palpation.devices.registry import BACK_ENDS, device_mistakes, open_device
+from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
+
+ROOT = Path(__file__).resolve().parents[2]
+GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=-0.002, to_m=0.002)
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the one line."""
+    monkeypatch.setitem(BACK_ENDS["stage"], "made_up", "tests.support.made_up_stage:MadeUpStage")
+    MadeUpStop.written.clear()
+
+
+def run(bench: Bench[RigStage], seconds: float) -> None:
+    for _ in range(round(seconds * 100)):
+        bench.advance(0.01)
+        beat = SafetyBeat(stamp_ns=bench.clock.now_ns(), state="ready", permits=True, acknowledged_count=0)
+        bench.feed(RigStage.safety, beat)
+
+
+def test_the_stage_node_sweeps_with_it() -> None:
+    bench = Bench(RigStage, {"device": "made_up", "options": {"port": 7}})
+    assert isinstance(bench.node.device, MadeUpStage)
+    run(bench, 0.1)
+    bench.feed(RigStage.goal, GOAL)
+    run(bench, 2.0)
+    words = [status.status for status in bench.sent(RigStage.status)]
+    assert words == ["ready", "sweeping", "swept", "ready"]
+    swept = next(status for status in bench.sent(RigStage.status) if status.status == "swept")
+    assert (swept.leave_ns - swept.enter_ns) * 1e-9 == pytest.approx(0.2, abs=2e-3)  # 4 mm at 20 mm/s
+    places_m = [place for pose in bench.sent(RigStage.pose) for place in pose.position_m]
+    assert places_m[0] == pytest.approx(-0.002, abs=1e-4)
+    report = bench.sent(RigStage.report)[-1]
+    assert report.condition == "ok"
+    assert report.z_m == pytest.approx(0.020)
+    assert not report.moving
+
+
+def test_a_replacement_takes_over_what_it_remembers(successor: Callable[..., Bench[RigStage]]) -> None:
+    bench = Bench(RigStage, {"device": "made_up", "options": {"port": 7}})
+    run(bench, 0.1)
+    bench.node.memory.z_m = 0.007
+    remembered = successor(bench).node.memory
+    assert isinstance(remembered, MadeUpState)
+    assert remembered.z_m == 0.007
+
+
+def test_the_safety_node_stops_it_on_its_own_link() -> None:
+    bench = Bench(Safety, {"device": "made_up", "stop_url": "port 8", "watch_processes": False})
+    assert bench.call(Safety.stop, StopRequest()).state == "latched"
+    assert MadeUpStop.written == ["open port 8", "abort", "disable"]
+
+
+def test_a_stage_without_a_second_link_is_refused_where_one_is_asked_for() -> None:
+    assert "leave stop_url empty" in Safety.examine(SafetyParams(device="sim", stop_url="port 8"))["device"]
+    assert "no stage device 'mad_up'" in Safety.examine(SafetyParams(device="mad_up", stop_url="8"))["device"]
+    assert Safety.examine(SafetyParams(device="sim")) == {}
+
+
+def test_the_command_line_lists_and_finds_it() -> None:
+    (entry,) = [entry for entry in device_entries() if entry.name == "made_up"]
+    assert (entry.kind, entry.link, entry.options["port"]) == ("stage", "made up", "")
+    assert discover("made_up", {"port": 7}) == {"controller": "answers on port 7"}
+    with pytest.raises(DeviceError, match="made_up: where is it\\? give port:=7"):
+        discover("made_up", {})
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "misspelt"), [("stage", "sim", "retreat"), ("ring", "sim", "acknowledge")]
+)
+def test_an_ability_that_is_missing_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, kind: str, name: str, misspelt: str
+) -> None:
+    made = type(open_device(kind, name))  # type: ignore[call-overload]
+    monkeypatch.setattr(made, f"{misspelt}_", getattr(made, misspelt), raising=False)
+    monkeypatch.delattr(made, misspelt)
+    assert device_mistakes(kind, name, {})["options"].startswith(  # type: ignore[arg-type]
+        f"{kind} device 'sim': {made.__name__} has no {misspelt};"
+    )
+
+
+def test_a_state_comes_back_from_what_was_kept_of_it() -> None:
+    stage, state = MadeUpStage(7), MadeUpState(open_count=3)
+    assert restored(stage, state) is state
+    assert restored(stage, {"open_count": 3}) == state
+    assert restored(stage, None) == MadeUpState()
+
+
+def test_the_nodes_name_no_maker() -> None:
+    makers = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+    for path in sorted((ROOT / "nodes").glob("*.py")):
+        for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(statement, ast.ImportFrom) and statement.module:
+                assert not [part for part in statement.module.split(".") if part.split("_")[0] in makers], (
+                    path
+                )
+
+
+def test_no_driver_imports_the_simulation() -> None:
+    code = (
+        "import sys; from palp_core.palpation.devices.registry import back_end, drivers\n"
+        "for kind, name in drivers(): back_end(kind, name) if name != 'made_up' else None\n"
+        "assert not [name for name in sys.modules if name.startswith('palp_core.palpation.devices.sim')]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
