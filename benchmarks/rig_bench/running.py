@@ -35,6 +35,40 @@ LAUNCHER = "launcher"
 DEVICES = "aerotech,maestro,ati,noraxon"
 
 
+class StageInTruth:
+    """The emulated stage itself: what its controller was told, and how it is.
+
+    Args:
+        emulator: Whose stage it is.
+    """
+
+    def __init__(self, emulator: EmulatorProcess) -> None:
+        self._emulator = emulator
+
+    def log(self, since_ns: int = 0) -> list[tuple[int, int, str]]:
+        """Return what the controller was told since a time: when, by which client, what."""
+        return [(when, client, line) for when, client, line in self._emulator.ask(f"log {since_ns}")]
+
+    def aborts(self, since_ns: int = 0) -> list[int]:
+        """Return when an ABORT arrived."""
+        return [stamp_ns for stamp_ns, _, line in self.log(since_ns) if line.startswith("ABORT")]
+
+    def axes(self) -> dict[str, Any]:
+        """Return how the axes are."""
+        axes: dict[str, Any] = self._emulator.ask("axes")
+        return axes
+
+    def at_rest(self) -> bool:
+        """Tell whether both axes are at rest."""
+        axes = self.axes()
+        return not any(axes[name]["moving"] for name in ("y", "z"))
+
+    def enabled(self) -> bool:
+        """Tell whether an axis is enabled."""
+        axes = self.axes()
+        return any(axes[name]["enabled"] for name in ("y", "z"))
+
+
 class RunningRig:
     """An experiment under way: the devices in a process of their own, the graph's nodes in theirs.
 
@@ -77,6 +111,7 @@ class RunningRig:
         settings = msgspec.json.encode(self._settings).decode()
         priority = ("--priority", str(PRIORITY))
         self.emulator = EmulatorProcess("--devices", DEVICES, "--settings", settings, *priority)
+        self.stage = StageInTruth(self.emulator)
         try:
             self._launch()
         except BaseException:
@@ -205,22 +240,9 @@ class RunningRig:
         """Return what the safety node says."""
         return self.call("safety", "status")
 
-    def log(self, since_ns: int = 0) -> list[tuple[int, int, str]]:
-        """Return what the stage's controller was told since a time: when, by which client, what."""
-        return [(when, client, line) for when, client, line in self.emulator.ask(f"log {since_ns}")]
-
-    def aborts(self, since_ns: int = 0) -> list[int]:
-        """Return when an ABORT arrived."""
-        return [stamp_ns for stamp_ns, _, line in self.log(since_ns) if line.startswith("ABORT")]
-
-    def axes(self) -> dict[str, Any]:
-        """Return how the stage is in truth."""
-        axes: dict[str, Any] = self.emulator.ask("axes")
-        return axes
-
     def sweeping(self) -> bool:
         """Tell whether the probe is down and moves at the speed of a sweep, well inside of it."""
-        axes = self.axes()
+        axes = self.stage.axes()
         y, down = axes["y"], axes["z"]["position_m"] < 1e-4
         fast = y["velocity_m_per_s"] > 0.95 * self._sweep_m_per_s
         return bool(down and fast and FROM_M < y["position_m"] < FROM_M + 0.010)
@@ -258,19 +280,9 @@ class RunningRig:
         self.signalled_ns = time.monotonic_ns()
         os.kill(pid, number)
 
-    def at_rest(self) -> bool:
-        """Tell whether both axes are at rest."""
-        axes = self.axes()
-        return not any(axes[name]["moving"] for name in ("y", "z"))
-
-    def enabled(self) -> bool:
-        """Tell whether an axis is enabled."""
-        axes = self.axes()
-        return any(axes[name]["enabled"] for name in ("y", "z"))
-
     def stop_ms(self) -> float:
         """Return how long after the signal the last motion ended."""
-        axes = self.axes()
+        axes = self.stage.axes()
         return float((max(axes[name]["rest_ns"] for name in ("y", "z")) - self.signalled_ns) * 1e-6)
 
 

@@ -55,8 +55,8 @@ def trips(at_rest: int, sweeping: int, *, burners: int = 0, collector: bool = Tr
             if latency_ms is not None:
                 latencies_ms.append(latency_ms)
                 if moving:
-                    rig.until(rig.at_rest, "rest")
-                    axes = rig.axes()
+                    rig.until(rig.stage.at_rest, "rest")
+                    axes = rig.stage.axes()
                     beyond_mm.append(abs(axes["y"]["position_m"] - axes["felt_y_m"]) * 1e3)
             else:  # it had tripped for another reason just before
                 others += 1
@@ -84,8 +84,8 @@ def wait_for_abort(rig: RunningRig) -> float | None:
     found: list[float | None] = []
 
     def look() -> bool:
-        felt_ns = rig.axes()["felt_ns"]
-        aborts = rig.aborts(felt_ns) if felt_ns else []
+        felt_ns = rig.stage.axes()["felt_ns"]
+        aborts = rig.stage.aborts(felt_ns) if felt_ns else []
         found.extend((when - felt_ns) * 1e-6 for when in aborts[:1])
         cause = rig.safety()["cause"]
         if cause and cause not in ("torque", "saturated"):
@@ -140,11 +140,11 @@ def death(
     """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm."""
     with loaded(burners), running(single_line=single_line) as rig:
         rig.until(lambda: permitted(rig) and rig.sweeping(), "sweep")
-        before = rig.axes()
+        before = rig.stage.axes()
         rig.signal(node, number)
         until_ns = time.monotonic_ns() + GIVE_UP_NS
-        while not rig.at_rest() and time.monotonic_ns() < until_ns:
+        while not rig.stage.at_rest() and time.monotonic_ns() < until_ns:
             pass
         moved_s = (rig.signalled_ns - before["now_ns"]) * 1e-9
         struck_m = before["y"]["position_m"] + before["y"]["velocity_m_per_s"] * moved_s
-        return rig.stop_ms(), (rig.axes()["y"]["position_m"] - struck_m) * 1e3
+        return rig.stop_ms(), (rig.stage.axes()["y"]["position_m"] - struck_m) * 1e3

@@ -63,12 +63,12 @@ def strike(rig: RunningRig, node: str, number: signal.Signals) -> None:
     rig.signal(node, number)
 
     def aborted() -> bool:
-        return bool(rig.aborts(rig.signalled_ns))
+        return bool(rig.stage.aborts(rig.signalled_ns))
 
-    rig.until(lambda: aborted() and rig.at_rest(), "stop", ended_ok=True)
-    assert rig.axes()["y"]["position_m"] < TO_M  # it did not just come to the end of its leg
-    abort_ns = rig.aborts(rig.signalled_ns)[0]
-    assert [line for _, _, line in rig.log(abort_ns) if is_motion(line)] == []
+    rig.until(lambda: aborted() and rig.stage.at_rest(), "stop", ended_ok=True)
+    assert rig.stage.axes()["y"]["position_m"] < TO_M  # it did not just come to the end of its leg
+    abort_ns = rig.stage.aborts(rig.signalled_ns)[0]
+    assert [line for _, _, line in rig.stage.log(abort_ns) if is_motion(line)] == []
 
 
 @pytest.mark.parametrize(("node", "number"), SOME)
@@ -87,16 +87,16 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
     rig.sweep()
     assert rig.call("safety", "stop", reason="a test")["cause"] == "operator"
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
-    assert rig.at_rest()
-    lines = [line for _, _, line in rig.log()]
+    assert rig.stage.at_rest()
+    lines = [line for _, _, line in rig.stage.log()]
     last_move = max(i for i, line in enumerate(lines) if line.startswith("MOVE"))
     after = lines[last_move + 1 :]
     assert after.index("ABORT X") < after.index("DISABLE X")
-    assert not rig.enabled()
+    assert not rig.stage.enabled()
     mark = len(lines)
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()  # the palpation that was stopped is done again
-    later = [line for _, _, line in rig.log()][mark:]
+    later = [line for _, _, line in rig.stage.log()][mark:]
     first_move = next(line for line in later if line.startswith("MOVE"))
     assert first_move == "MOVEABS Y 5.000 YF 2.000"  # up, at 2 mm/s
     assert rig.safety()["acknowledged_count"] == 1
@@ -105,10 +105,10 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
 @pytest.mark.nightly
 def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwards(start: Start) -> None:
     rig = start(*LENIENT, home_s=2.0)
-    rig.until(lambda: any(line == "HOMEASYNC Y" for _, _, line in rig.log()), "homing")
+    rig.until(lambda: any(line == "HOMEASYNC Y" for _, _, line in rig.stage.log()), "homing")
     rig.call("safety", "stop", reason="a test")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
-    assert not rig.enabled()
+    assert not rig.stage.enabled()
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()
 
@@ -135,7 +135,7 @@ def test_an_emergency_stop_is_acknowledged_only_after_it_is_released(start: Star
     assert rig.safety()["cause"] == "axis fault"
     rig.call("safety", "acknowledge")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
-    assert not rig.enabled()
+    assert not rig.stage.enabled()
     rig.emulator.tell("clear aerotech")
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()

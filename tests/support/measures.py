@@ -28,17 +28,10 @@ APART = {"Message", "Params", "Protocol", "State"}
 
 SAME_NAME: dict[str, str] = {
     "Belief": "the message msgs.estimation:Belief carries it",
+    "Emg": "nodes.policy_emg:Emg is the policy of that name, like nodes.policy_fixed:Fixed",
     "Phantom": "the node nodes.phantom:Phantom is it in the simulated rig",
 }
 """Top-level classes that share a name, with the cause."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """Something that does not keep its measure: a name that stays while it shrinks, and a sentence."""
-
-    key: str
-    words: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +47,7 @@ class Tree:
         texts = {path.relative_to(self.root).as_posix(): path.read_text(encoding="utf-8") for path in paths}
         return {name: (text, ast.parse(text)) for name, text in texts.items()}
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[str]:
         """Yield everything that does not keep its measure."""
         yield from self.files()
         yield from self.folders()
@@ -63,25 +56,21 @@ class Tree:
         yield from self.only_heirs()
         yield from self.circles()
 
-    def files(self) -> Iterator[Finding]:
+    def files(self) -> Iterator[str]:
         """A file is at most 500 lines, and the source says what each is for."""
         for name, (text, module) in self.modules.items():
             if (lines := len(text.splitlines())) > LONGEST_FILE:
-                yield Finding(
-                    f"{name}: lines", f"{name} has {lines} lines; at most {LONGEST_FILE} are one idea"
-                )
+                yield f"{name} has {lines} lines; at most {LONGEST_FILE} are one idea"
             if name.startswith(SOURCE) and not ast.get_docstring(module):
-                yield Finding(f"{name}: docstring", f"{name}: say in one line what the module is for")
+                yield f"{name}: say in one line what the module is for"
 
-    def folders(self) -> Iterator[Finding]:
+    def folders(self) -> Iterator[str]:
         """A folder has at most 24 files."""
         for folder, count in Counter(name.rpartition("/")[0] for name in self.modules).items():
             if count > MOST_FILES:
-                yield Finding(
-                    f"{folder}: files", f"{folder} has {count} files; at most {MOST_FILES} are a room"
-                )
+                yield f"{folder} has {count} files; at most {MOST_FILES} are a room"
 
-    def classes(self) -> Iterator[Finding]:
+    def classes(self) -> Iterator[str]:
         """A class has at most 12 public methods, properties included; a test's may have more."""
         for name, (_, module) in self.modules.items():
             if name.startswith("tests/"):
@@ -95,9 +84,9 @@ class Tree:
                 }
                 if len(public) > MOST_METHODS:
                     words = f"{name}: {defined.name} has {len(public)} public methods; at most {MOST_METHODS}"
-                    yield Finding(f"{name}: {defined.name}", f"{words} are one thing")
+                    yield f"{words} are one thing"
 
-    def namesakes(self) -> Iterator[Finding]:
+    def namesakes(self) -> Iterator[str]:
         """No two public classes of the source have one name, but for a few with a cause."""
         places = defaultdict(list)
         for name, (_, module) in self.source():
@@ -106,14 +95,12 @@ class Tree:
                     places[defined.name].append(name)
         for name, files in places.items():
             if len(files) > 1 and name not in SAME_NAME:
-                yield Finding(
-                    f"{name}: twice", f"{name} is a class in {', '.join(files)}; say two things in two words"
-                )
+                yield f"{name} is a class in {', '.join(files)}; say two things in two words"
         for name in SAME_NAME:
             if len(places[name]) < 2:
-                yield Finding(f"{name}: once", f"{name} is one class now; take it out of SAME_NAME")
+                yield f"{name} is one class now; take it out of SAME_NAME"
 
-    def only_heirs(self) -> Iterator[Finding]:
+    def only_heirs(self) -> Iterator[str]:
         """No class that only its one heir next door names: the two are one class in two pieces."""
         homes: dict[str, list[str]] = defaultdict(list)
         heirs: dict[str, list[tuple[str, ast.ClassDef]]] = defaultdict(list)
@@ -132,9 +119,9 @@ class Tree:
                 place, heir = heirs[base][0]
                 if place.rpartition("/")[0] == files[0].rpartition("/")[0]:
                     words = f"nobody names {base} but its only heir {heir.name} in {place}"
-                    yield Finding(f"{files[0]}: {base}", f"{files[0]}: {words}; make them one")
+                    yield f"{files[0]}: {words}; make them one"
 
-    def circles(self) -> Iterator[Finding]:
+    def circles(self) -> Iterator[str]:
         """No module, and no room of a package, imports itself by way of others; for types alone it may."""
         graph = grimp.build_graph(
             *PACKAGES, include_external_packages=False, exclude_type_checking_imports=True, cache_dir=None
@@ -142,9 +129,7 @@ class Tree:
         arrows = {(a, b) for a in graph.modules for b in graph.find_modules_directly_imported_by(a)}
         rooms = {(a, b) for a, b in (where_they_part(*arrow) for arrow in arrows) if a != b}
         for circle in {*circles_in(arrows), *circles_in(rooms)}:
-            yield Finding(
-                f"circle: {', '.join(circle)}", f"{', '.join(circle)} import each other in a circle"
-            )
+            yield f"{', '.join(circle)} import each other in a circle"
 
     def source(self) -> Iterable[tuple[str, tuple[str, ast.Module]]]:
         """Return the files that are not tests or benchmarks."""
