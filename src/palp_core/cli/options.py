@@ -29,6 +29,13 @@ HiddenOption = Annotated[
 TimeoutOption = Annotated[
     float, typer.Option("--timeout", metavar="S", min=0.0, help="Seconds to wait for a node's answer.")
 ]
+RegexOption = Annotated[
+    str | None, typer.Option("--regex", "-e", metavar="REGEX", help="Topics in which it is found.")
+]
+ExcludeRegexOption = Annotated[
+    str | None,
+    typer.Option("--exclude-regex", "-x", metavar="REGEX", help="Not topics in which it is found."),
+]
 TopicArgument = Annotated[
     str,
     typer.Argument(

@@ -12,7 +12,7 @@ from palp_core.cli.bag.play import play
 from palp_core.cli.bag.record import CompressionName, record, snapshot
 from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
 from palp_core.cli.output import print_json, print_text
 from palp_core.graph.bag.convert import BagForm, convert
 
@@ -29,8 +29,6 @@ app.command("replay")(replay)
 BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
 OutOption = Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)]
 TopicsOption = Annotated[list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")]
-RegexOption = Annotated[str | None, typer.Option("--regex", "-e", help="Only topics in which it is found.")]
-ExcludeOption = Annotated[str | None, typer.Option("--exclude-regex", "-x", help="Not these topics.")]
 CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag's chunks.")]
 
 
@@ -90,7 +88,7 @@ def filter_(
     *,
     topics: TopicsOption = None,
     regex: RegexOption = None,
-    exclude_regex: ExcludeOption = None,
+    exclude_regex: ExcludeRegexOption = None,
     start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
     end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
     compression: CompressionOption = CompressionName.ZSTD,

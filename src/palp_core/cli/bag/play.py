@@ -11,7 +11,7 @@ import typer
 
 from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.keyboard import attended, standard_input
-from palp_core.cli.options import INTERRUPTED, GraphOption
+from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError
@@ -47,10 +47,8 @@ def play(
     topics: Annotated[
         list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")
     ] = None,
-    regex: Annotated[str | None, typer.Option("--regex", "-e", help="Topics in which it is found.")] = None,
-    exclude_regex: Annotated[
-        str | None, typer.Option("--exclude-regex", "-x", help="Not topics in which it is found.")
-    ] = None,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeRegexOption = None,
     remap: Annotated[
         list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Another name; repeatable.")
     ] = None,

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import GraphOption
+from palp_core.cli.options import ExcludeRegexOption, GraphOption, RegexOption
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError
@@ -30,8 +30,8 @@ def record(
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="The bag; default: graph and time.")
     ] = None,
     every: Annotated[bool, typer.Option("--all", "-a", help="Every topic, the hidden ones too.")] = False,
-    regex: Annotated[str | None, typer.Option("--regex", "-e", help="Topics in which it is found.")] = None,
-    exclude_regex: Annotated[str | None, typer.Option("--exclude-regex", "-x", help="Not these.")] = None,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeRegexOption = None,
     max_bag_size: Annotated[int, typer.Option("--max-bag-size", "-b", min=0, help="Bytes per file.")] = 0,
     max_bag_duration: Annotated[
         float, typer.Option("--max-bag-duration", "-d", min=0.0, help="Seconds per file.")

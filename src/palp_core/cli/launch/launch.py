@@ -18,6 +18,7 @@ from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.conductor import Observer
 
 
@@ -68,16 +69,6 @@ def launch(
     sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record, listen=listen))
 
 
-@contextlib.contextmanager
-def _recorders_said(graph: Graph) -> Iterator[None]:
-    """Say what became of a graph's recordings, however it ends."""
-    try:
-        yield
-    finally:
-        if graph.recorders.text:
-            print_text(graph.recorders.text)
-
-
 def _run(
     file: Path,
     overrides: list[str],
@@ -87,28 +78,24 @@ def _run(
     record: Path | None,
     listen: str | None,
 ) -> int:
+    """Run a graph and say how it went; return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView
     from palp_core.graph.launch.graph import Graph
-    from palp_core.graph.lockstep.digest import TopicDigest
     from palp_core.graph.supervision.interrupt import Interrupted
 
-    digests = TopicDigest() if digest is not None else None
-    if digest is not None:
-        try:
-            digest.touch()  # now rather than after hours
-        except OSError as error:
-            raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
     view = LaunchView()
-    observers: list[Observer] = [view] if digests is None else [view, digests]
+    observers: list[Observer] = [view]
 
     def observe(now_ns: int, frame: bytes) -> None:
         for observer in observers:
             observer(now_ns, frame)
 
+    if digest is not None:
+        _check_writable(digest)
     graph = Graph(
         file,
         compose=compose,
@@ -122,24 +109,58 @@ def _run(
         with _recorders_said(graph), graph:
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
-            view.start(graph.checked)
-            key = stop_key(graph)
-            try:
+            with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
                 summary = graph.run()
-            finally:
-                key.stop()
-                view.stop()
-                if digests is not None and digest is not None:
-                    write_whole(digest, json.dumps(digests.result(), indent=1) + "\n")
     except Interrupted as stop:
-        sys.stderr.write(f"{stop}; every node has ended\n")
+        note(f"{stop}; every node has ended")
         return 128 + int(stop.signal)
     except NodeError as error:
-        sys.stderr.write(f"{error}\n")
+        note(str(error))
         return 1
     except PalpError as error:
-        sys.stderr.write(f"{error}\n")
+        note(str(error))
         return 2
+    _print_summary(summary)
+    if not graph.recorders.complete:
+        return 1
+    return summary.exit_code if 0 <= summary.exit_code < 256 else 1
+
+
+def _check_writable(digest: Path) -> None:
+    """Find out now, rather than after hours, whether the digest can be written."""
+    try:
+        digest.touch()
+    except OSError as error:
+        raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
+
+
+@contextlib.contextmanager
+def _digest_into(file: Path | None, observers: list[Observer]) -> Iterator[None]:
+    """Write the digest of what is observed, if a file is named, however the run ends."""
+    from palp_core.graph.lockstep.digest import TopicDigest
+
+    if file is None:
+        yield
+        return
+    digest = TopicDigest()
+    observers.append(digest)
+    try:
+        yield
+    finally:
+        write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
+
+
+@contextlib.contextmanager
+def _recorders_said(graph: Graph) -> Iterator[None]:
+    """Say what became of a graph's recordings, however it ends."""
+    try:
+        yield
+    finally:
+        if graph.recorders.text:
+            print_text(graph.recorders.text)
+
+
+def _print_summary(summary: RunSummary) -> None:
     pace = (
         f"{summary.clock_s / summary.wall_s:.0f} times real time" if summary.clock == "sim" else "real time"
     )
@@ -149,6 +170,3 @@ def _run(
     )
     if summary.report:
         print_text(summary.report)
-    if not graph.recorders.complete:
-        return 1
-    return summary.exit_code if 0 <= summary.exit_code < 256 else 1

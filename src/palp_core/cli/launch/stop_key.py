@@ -6,7 +6,7 @@ import os
 import select
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from palp_core.cli.keyboard import Keyboard, standard_input
 from palp_core.cli.output import note
@@ -82,6 +82,12 @@ class StopKey:
         self._keyboard, self._press = Keyboard(descriptor), press
         self._end, self._end_in = -1, -1  # a pipe that ends the thread
         self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
     def start(self) -> bool:
         """Begin to listen; tell whether there is a terminal that listens to us."""

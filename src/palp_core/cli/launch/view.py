@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
@@ -32,8 +34,17 @@ class LaunchView:
         self._phase = ""
         self._lockstep = False
 
-    def start(self, graph: CheckedGraph) -> None:
-        """Begin to show a graph."""
+    @contextlib.contextmanager
+    def showing(self, graph: CheckedGraph) -> Iterator[None]:
+        """Show a graph; afterwards the terminal is as it was."""
+        self._start(graph)
+        try:
+            yield
+        finally:
+            if self._bars is not None:
+                self._bars.stop()
+
+    def _start(self, graph: CheckedGraph) -> None:
         type_hash = schema_of(Progress).hash_text
         self._topics = {name.encode() for name, t in graph.topics.items() if t.type_hash == type_hash}
         self._start_ns = monotonic_ns()
@@ -87,8 +98,3 @@ class LaunchView:
             task = self._bars.add_task(progress.phase, total=progress.total_count, note=note)
             self._tasks[progress.phase] = task
         self._bars.update(task, completed=progress.done_count, total=progress.total_count, note=note)
-
-    def stop(self) -> None:
-        """Leave the terminal as it was."""
-        if self._bars is not None:
-            self._bars.stop()

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import GraphOption, until_ctrl_c
+from palp_core.cli.options import ExcludeRegexOption, GraphOption, RegexOption, until_ctrl_c
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 
@@ -18,10 +18,8 @@ def tap(
         typer.Argument(metavar="TOPIC", help="Default: all.", autocompletion=completion.topics),
     ] = None,
     *,
-    regex: Annotated[str | None, typer.Option("--regex", "-e", help="Topics in which it is found.")] = None,
-    exclude_regex: Annotated[
-        str | None, typer.Option("--exclude-regex", "-x", help="Not topics in which it is found.")
-    ] = None,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeRegexOption = None,
     endpoint: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where the plotter connects; this host only.")
     ] = "tcp://127.0.0.1:9872",
