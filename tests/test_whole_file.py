@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
 
+from palp_core.graph.bag.writer import BagWriter
 from palp_core.whole_file import whole_file, write_json, write_whole
 
 
@@ -41,3 +43,24 @@ def test_what_a_dead_process_of_the_same_number_has_left_is_no_obstacle(tmp_path
 def test_json_has_null_where_there_is_no_number(tmp_path: Path) -> None:
     write_json(tmp_path / "file.json", {"rmse_m": float("nan")})
     assert (tmp_path / "file.json").read_text() == '{\n "rmse_m": null\n}\n'
+
+
+def test_a_durable_file_is_on_the_disk_with_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[bool] = []
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(stat.S_ISDIR(os.fstat(handle).st_mode)))
+    write_whole(tmp_path / "file", "plain")
+    assert synced == []
+    write_whole(tmp_path / "file", "durable", durable=True)
+    assert synced == [False, True]
+
+
+def test_the_description_of_a_finished_bag_is_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[str] = []
+    monkeypatch.setattr(
+        os, "fsync", lambda handle: synced.append(Path(f"/proc/self/fd/{handle}").readlink().name)
+    )
+    BagWriter(tmp_path / "run").close()
+    assert [name for name in synced if "metadata" in name] == [f".metadata.yaml.{os.getpid()}.part"]
+    assert synced[-1] == "run"

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 from collections.abc import Callable
 
 import zmq
-from zmq.utils.monitor import parse_monitor_message
 
 from palp_core.errors import GraphError
 from palp_core.graph.network.curve_listener import (
@@ -18,7 +16,7 @@ from palp_core.graph.network.curve_listener import (
     configure,
     is_large,
 )
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
+from palp_core.graph.network.event_loop import EventLoop, drain
 from palp_core.graph.network.keys import OwnKeys
 
 _LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
@@ -67,13 +65,12 @@ class CurveCaller:
             self._dealer.curve_serverkey = server_key.encode()
             self._dealer.curve_publickey = own.public.encode()
             self._dealer.curve_secretkey = own.secret.encode()
-        self._monitor = self._dealer.get_monitor_socket(_CALLED)
+        event_loop.observe(self._dealer, _CALLED, self._on_event)
         try:
             self._dealer.connect(endpoint)
         except zmq.ZMQError as error:
             raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
-        event_loop.watch(self._monitor, self._read_monitor)
-        event_loop.watch(self._dealer, self._receive_pending)
+        event_loop.receive(self._dealer, receive)
 
     def send(self, parts: list[bytes]) -> Sent:
         """Send without waiting."""
@@ -83,19 +80,6 @@ class CurveCaller:
             return Sent.FULL if self._stands else Sent.GONE
         return Sent.QUEUED
 
-    def _receive_pending(self) -> None:
-        for _ in range(MOST_AT_ONCE):
-            try:
-                self._receive(self._dealer.recv_multipart(zmq.NOBLOCK))
-            except zmq.Again:
-                return
-
-    def _read_monitor(self) -> None:
-        with contextlib.suppress(zmq.Again):
-            while True:
-                event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
-                self._on_event(event["event"], event["value"])
-
     def _on_event(self, event: int, value: int) -> None:
         self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
@@ -104,7 +88,7 @@ class CurveCaller:
         elif event == zmq.EVENT_CONNECT_RETRIED:
             self.attempt_count += 1
         elif event == zmq.EVENT_DISCONNECTED and self._stands:
-            self._receive_pending()  # its last messages came before the end
+            drain(self._dealer, self._receive)  # its last messages came before the end
             self._stands = False
             self._failed(f"the connection to {self._endpoint} has ended")
         elif event & FAILED:

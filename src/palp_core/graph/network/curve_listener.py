@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import zmq
 from zmq.utils import z85
-from zmq.utils.monitor import parse_monitor_message
 
 from palp_core.errors import GraphError
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
@@ -96,18 +95,17 @@ class CurveListener:
         if own is not None:
             self._zap = event_loop.socket(zmq.ROUTER)
             self._zap.bind("inproc://zeromq.zap.01")
-            event_loop.watch(self._zap, self._authenticate)
+            event_loop.receive(self._zap, self._authenticate)
             self._router.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)
             self._router.curve_server = True
             self._router.curve_publickey = own.public.encode()
             self._router.curve_secretkey = own.secret.encode()
-        self._monitor = self._router.get_monitor_socket(_LISTENED)
+        event_loop.observe(self._router, _LISTENED, self._on_event)
         try:
             self._router.bind(endpoint)
         except zmq.ZMQError as error:
             raise GraphError(f"cannot listen on {endpoint}: {error.strerror}") from error
         self.endpoint = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
-        event_loop.watch(self._monitor, self._read_monitor)
         event_loop.watch(self._router, self._receive_pending)
 
     def send(self, connection: bytes, parts: list[bytes]) -> Sent:
@@ -133,25 +131,15 @@ class CurveListener:
                 address = _property(frames[-1], "Peer-Address")
                 self._receive(Received(connection.bytes, key, address, [frame.bytes for frame in frames]))
 
-    def _authenticate(self) -> None:
-        with contextlib.suppress(zmq.Again):
-            while True:
-                identity, delimiter, version, request, *rest = self._zap.recv_multipart(zmq.NOBLOCK)
-                _domain, address, _routing, mechanism, *credentials = rest
-                shown = mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32
-                key = z85.encode(credentials[0]).decode() if shown else ""
-                allowed = bool(key) and self._admits(key)
-                if not allowed:
-                    self._refused(address.decode(errors="replace"), key, "its key is not allowed here")
-                code, text = (b"200", b"OK") if allowed else (b"400", b"not allowed")
-                reply = [identity, delimiter, version, request, code, text, key.encode(), b""]
-                self._zap.send_multipart(reply)
-
-    def _read_monitor(self) -> None:
-        with contextlib.suppress(zmq.Again):
-            while True:
-                event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))
-                self._on_event(event["event"], event["value"])
+    def _authenticate(self, parts: list[bytes]) -> None:
+        identity, delimiter, version, request, _domain, address, _routing, mechanism, *credentials = parts
+        shown = mechanism == b"CURVE" and len(credentials) == 1 and len(credentials[0]) == 32
+        key = z85.encode(credentials[0]).decode() if shown else ""
+        allowed = bool(key) and self._admits(key)
+        if not allowed:
+            self._refused(address.decode(errors="replace"), key, "its key is not allowed here")
+        code, text = (b"200", b"OK") if allowed else (b"400", b"not allowed")
+        self._zap.send_multipart([identity, delimiter, version, request, code, text, key.encode(), b""])
 
     def _on_event(self, event: int, value: int) -> None:
         """Follow a connection; a failure is told first, then, by the same thread, whose it was."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import zmq
+from zmq.utils.monitor import parse_monitor_message
 
 MOST_AT_ONCE = 200  # messages taken from one socket before the others have their turn
 
@@ -31,6 +32,14 @@ class EventLoop:
         self._poller.register(socket, zmq.POLLIN)
         self._handlers[socket] = handle
 
+    def receive(self, socket: zmq.Socket[bytes], take: Callable[[list[bytes]], None]) -> None:
+        """Hand each message of a socket to a function, as many at a time as leave the others their turn."""
+        self.watch(socket, lambda: drain(socket, take))
+
+    def observe(self, socket: zmq.Socket[bytes], events: int, take: Callable[[int, int], None]) -> None:
+        """Hand what happens to a socket's connections to a function: the event and its value."""
+        self.receive(socket.get_monitor_socket(events), lambda parts: take(*_event(parts)))
+
     def forget(self, socket: zmq.Socket[bytes] | int) -> None:
         """Watch it no longer; a socket is closed."""
         if self._handlers.pop(socket, None) is not None:
@@ -50,3 +59,18 @@ class EventLoop:
         """Close every socket."""
         self.context.destroy(linger=linger_ms)
         self._sockets.clear()
+
+
+def drain(socket: zmq.Socket[bytes], take: Callable[[list[bytes]], None]) -> None:
+    """Hand the messages that wait at a socket to a function, up to :data:`MOST_AT_ONCE`."""
+    for _ in range(MOST_AT_ONCE):
+        try:
+            parts = socket.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return
+        take(parts)
+
+
+def _event(parts: list[bytes]) -> tuple[int, int]:
+    told = parse_monitor_message(parts)
+    return told["event"], told["value"]

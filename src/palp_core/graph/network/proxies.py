@@ -17,7 +17,7 @@ import zmq
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, parse
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
+from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, Turns
 
@@ -54,8 +54,8 @@ class NodeProxy:
         self._serve = event_loop.socket(zmq.ROUTER)
         self._serve.setsockopt(zmq.MAXMSGSIZE, LARGEST_REQUEST_BYTES)
         self._serve.bind(endpoints[1])
-        event_loop.watch(self._publish, self._on_subscription)
-        event_loop.watch(self._serve, self._on_request)
+        event_loop.receive(self._publish, self._on_subscription)
+        event_loop.receive(self._serve, self._on_request)
 
     def publish(self, parts: list[bytes]) -> None:
         """Hand a frame to the local readers."""
@@ -65,23 +65,15 @@ class NodeProxy:
         """Answer a request."""
         self._serve.send_multipart([*way_back, reply])
 
-    def _on_subscription(self) -> None:
-        for _ in range(MOST_AT_ONCE):
-            try:
-                event = self._publish.recv(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            if event[:1] in (b"\0", b"\1") and event[-1:] == b"\0" and len(event) > 2:
-                self._subscribed(event[1:-1], event[:1] == b"\1")
+    def _on_subscription(self, parts: list[bytes]) -> None:
+        event = parts[0]
+        if event[:1] in (b"\0", b"\1") and event[-1:] == b"\0" and len(event) > 2:
+            self._subscribed(event[1:-1], event[:1] == b"\1")
 
-    def _on_request(self) -> None:
-        for _ in range(MOST_AT_ONCE):
-            try:
-                *way_back, request = self._serve.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            if way_back:
-                self._requested(way_back, request)
+    def _on_request(self, parts: list[bytes]) -> None:
+        *way_back, request = parts
+        if way_back:
+            self._requested(way_back, request)
 
 
 class Tap:
@@ -101,7 +93,7 @@ class Tap:
         self._socket = event_loop.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
-        event_loop.watch(self._socket, self._on_frame)
+        event_loop.receive(self._socket, self._on_frame)
 
     def subscribe(self, topic: bytes, endpoint: str) -> None:
         """Hear a topic."""
@@ -134,18 +126,13 @@ class Tap:
             self._connected.discard(endpoint)
             self._socket.disconnect(endpoint)
 
-    def _on_frame(self) -> None:
-        for _ in range(MOST_AT_ONCE):
-            try:
-                parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            with contextlib.suppress(SchemaMismatch, KeyError):
-                frame = parse(parts[0])
-                if frame.kind == Kind.MOVED:  # a matter of this host
-                    self._migration.follow(frame, monotonic_ns())
-                else:
-                    self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
+    def _on_frame(self, parts: list[bytes]) -> None:
+        with contextlib.suppress(SchemaMismatch, KeyError):
+            frame = parse(parts[0])
+            if frame.kind == Kind.MOVED:  # a matter of this host
+                self._migration.follow(frame, monotonic_ns())
+            else:
+                self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
 
 
 class LocalRequester:
@@ -167,18 +154,13 @@ class LocalRequester:
             asking = self._sockets[endpoint] = self._event_loop.socket(zmq.DEALER)
             asking.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
             asking.connect(endpoint)
-            self._event_loop.watch(asking, lambda: self._on_reply(asking))
+            self._event_loop.receive(asking, self._on_reply)
         try:
             asking.send_multipart([_TICKET.pack(ticket), request], zmq.NOBLOCK)
         except zmq.Again:
             return False
         return True
 
-    def _on_reply(self, asking: zmq.Socket[bytes]) -> None:
-        for _ in range(MOST_AT_ONCE):
-            try:
-                parts = asking.recv_multipart(zmq.NOBLOCK)
-            except zmq.Again:
-                return
-            if len(parts) == 2 and len(parts[0]) == _TICKET.size:
-                self._answered(_TICKET.unpack(parts[0])[0], parts[1])
+    def _on_reply(self, parts: list[bytes]) -> None:
+        if len(parts) == 2 and len(parts[0]) == _TICKET.size:
+            self._answered(_TICKET.unpack(parts[0])[0], parts[1])
