@@ -63,14 +63,14 @@ class LockstepLoop:
         """Answer tools while the conductor has no work for this node; knock if one asks for a change."""
         if self.sockets.pending():
             self.sockets.poll()
-        line = self.channel.socket.fileno()
+        supervisor = self.channel.socket.fileno()
         ready: set[int] = set()
-        while line not in ready and not self.channel.buffered():
+        while supervisor not in ready and not self.channel.buffered():
             if self.sockets.requests.waiting and not self._knocked:
                 self._knocked = True
                 self.channel.send(Knock())
             ready = {descriptor for descriptor, _ in self._poll.poll()}
-            if ready - {line}:
+            if ready - {supervisor}:
                 self.sockets.poll()
 
     def run(self) -> None:
@@ -117,15 +117,15 @@ class LockstepLoop:
         """
         return len(hand_over.inbox)
 
-    def _answer(self, line: ChannelMessage) -> None:
+    def _answer(self, message: ChannelMessage) -> None:
         """Add what the node has published on the occasion; the conductor hands it on."""
-        if isinstance(line, TookOver) and not line.error:
+        if isinstance(message, TookOver) and not message.error:
             due_ns = self.executor.next_due_ns()
             frames, next_due_ns = self.frames, -1 if due_ns is None else due_ns
-            line = msgspec.structs.replace(line, frames=frames, next_due_ns=next_due_ns)
-        elif isinstance(line, HandedIn):
-            line = msgspec.structs.replace(line, frames=self.frames)
-        self.channel.send(line)
+            message = msgspec.structs.replace(message, frames=frames, next_due_ns=next_due_ns)
+        elif isinstance(message, HandedIn):
+            message = msgspec.structs.replace(message, frames=self.frames)
+        self.channel.send(message)
 
     def close(self) -> None:
         """Let go of the sockets."""

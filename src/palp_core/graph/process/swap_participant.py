@@ -63,7 +63,7 @@ class SwapParticipant:
             wait.
         begin: Is told the graph's start before the node takes over.
         depart: Stops listening to the inputs.
-        line: Descriptor of the line to the supervisor.
+        supervisor: Descriptor of the channel to the supervisor.
         successor: This process waits for its word.
     """
 
@@ -72,7 +72,7 @@ class SwapParticipant:
         executor: Executor,
         sockets: NodeSockets,
         say: Callable[[ChannelMessage], None],
-        line: int,
+        supervisor: int,
         *,
         heard: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
         succeed: Callable[[HandOver], int] = lambda hand_over: len(hand_over.inbox),
@@ -80,7 +80,7 @@ class SwapParticipant:
         depart: Callable[[], None] = lambda: None,
         successor: bool = False,
     ) -> None:
-        self._executor, self._sockets, self._say, self._line = executor, sockets, say, line
+        self._executor, self._sockets, self._say, self._supervisor = executor, sockets, say, supervisor
         self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
         self._place: Place | None = None
         self._hand_in: HandIn | None = None
@@ -98,11 +98,11 @@ class SwapParticipant:
         """True while :meth:`turn` has to look."""
         return self._hand_in is not None or self._meet is not None or self._eavesdropper is not None
 
-    def handle(self, line: ToSwapped) -> None:
+    def handle(self, message: ToSwapped) -> None:
         """Do what the supervisor says."""
-        match line:
+        match message:
             case Place():
-                self._place = line
+                self._place = message
                 self._sockets.publisher.greeting = lambda publisher: [
                     publisher.heartbeat(),
                     self._moved(publisher, "prepare"),
@@ -110,7 +110,7 @@ class SwapParticipant:
                 self._sockets.publisher.send_past_hold(self._moved_all("prepare"))
                 self._say(Announced(self._sockets.publisher.readers))
             case HandIn():
-                self._hand_in = line
+                self._hand_in = message
             case Resume():
                 self._hand_in = None
                 self._executor.succession.resume()
@@ -121,15 +121,15 @@ class SwapParticipant:
             case Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
             case Meet():
-                self._meet = line, monotonic_ns() + READERS_NS
+                self._meet = message, monotonic_ns() + READERS_NS
             case Rehearse():
-                self._say(Rehearsed(self._objection(line), self._heard()))
+                self._say(Rehearsed(self._objection(message), self._heard()))
             case TakeOver():
-                self._say(self._take_over(line))
+                self._say(self._take_over(message))
             case Go():
-                self._go(line)
+                self._go(message)
             case Shadow():
-                self._say(self._begin_shadow(line))
+                self._say(self._begin_shadow(message))
             case EndShadow():
                 self._say(self._end_shadow())
         self.turn()
@@ -174,26 +174,26 @@ class SwapParticipant:
         self._sockets.publisher.greeting = lambda publisher: [self._moved(publisher, "gone")]
         self._sockets.publisher.send_past_hold(self._moved_all("gone"))
         self._depart()
-        self._sockets.wait_until_unread(patience_ns, self._line)
+        self._sockets.wait_until_unread(patience_ns, self._supervisor)
         self._executor.succession.leave()
         self.left = True
 
     # Successor
 
-    def _objection(self, line: Rehearse) -> str:
+    def _objection(self, message: Rehearse) -> str:
         try:
-            hand_over = decode_any(HandOver, line.hand_over)
-            self._executor.succession.fitting(hand_over, line.params)
+            hand_over = decode_any(HandOver, message.hand_over)
+            self._executor.succession.fitting(hand_over, message.params)
         except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
             return in_words(error)
         return ""
 
-    def _take_over(self, line: TakeOver) -> TookOver:
+    def _take_over(self, message: TakeOver) -> TookOver:
         try:
-            self._begin(line.start_ns)
-            hand_over = decode_any(HandOver, line.hand_over)
-            self._executor.succession.take_over(hand_over, line.params)
-            self._sockets.requests.remember(line.remembered)
+            self._begin(message.start_ns)
+            hand_over = decode_any(HandOver, message.hand_over)
+            self._executor.succession.take_over(hand_over, message.params)
+            self._sockets.requests.remember(message.remembered)
             return TookOver("", self._succeed(hand_over))
         except PalpError as error:
             return TookOver(in_words(error))
@@ -203,19 +203,19 @@ class SwapParticipant:
         """True while this node works unheard."""
         return self._comparison is not None
 
-    def _begin_shadow(self, line: Shadow) -> TookOver:
+    def _begin_shadow(self, message: Shadow) -> TookOver:
         """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
-        published = decode_any(HandOver, line.hand_over).published
+        published = decode_any(HandOver, message.hand_over).published
         publishers = self._executor.ends.publishers.items()
         arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
         self._comparison = ShadowComparison(published, arrays)
         self._sockets.publisher.hold(self._comparison.new)
-        if line.publish:
-            places = dict.fromkeys(published, line.publish)
+        if message.publish:
+            places = dict.fromkeys(published, message.publish)
             self._eavesdropper = SubscriberSocket(places, self._sockets.context, queue=100_000)
             for out in self._executor.ends.publishers.values():
                 out.listened = True
-        return self._take_over(TakeOver(line.hand_over, line.params, line.start_ns, {}))
+        return self._take_over(TakeOver(message.hand_over, message.params, message.start_ns, {}))
 
     def _end_shadow(self) -> Shadowed:
         assert self._comparison is not None
@@ -232,7 +232,7 @@ class SwapParticipant:
         self._sockets.publisher.hold()
         return Shadowed(report, self._heard())
 
-    def _go(self, line: Go) -> None:
+    def _go(self, message: Go) -> None:
         self.silent = False
         sockets = self._sockets
         sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
@@ -242,8 +242,8 @@ class SwapParticipant:
             out.moved(here) for name, out in self._executor.ends.publishers.items() if name in readers
         )
         sockets.publisher.release()
-        gap_s = (monotonic_ns() - line.paused_ns) / 1e9 if line.paused_ns else 0.0
-        record = {**line.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
+        gap_s = (monotonic_ns() - message.paused_ns) / 1e9 if message.paused_ns else 0.0
+        record = {**message.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
         self._executor.swaps.append(record)
         self._say(Working(record))
 

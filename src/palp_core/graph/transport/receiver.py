@@ -33,6 +33,7 @@ from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 256 << 20
+_DATA = int(Kind.DATA)
 
 
 class TopicReceiver:
@@ -186,7 +187,7 @@ class TopicReceiver:
             ):
                 graph_ns = now_ns - self._start_ns
                 payload = memoryview(raw)[end + 1 + HEADER_BYTES :]
-                executor.deliver(subscription, graph_ns, 0, epoch, sequence, stamp_ns, type_hash, payload)
+                executor.deliver(subscription, graph_ns, _DATA, epoch, sequence, stamp_ns, type_hash, payload)
                 buffer.next = sequence + 1
                 buffer.heard_ns = buffer.data_ns = now_ns
                 buffer.latency.add(graph_ns - stamp_ns)
