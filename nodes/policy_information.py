@@ -10,7 +10,7 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import independent_model, noise_of
-from palp_core.palpation.perception.belief.trial_filter import TrialReading, known
+from palp_core.palpation.perception.belief.trial_filter import TrialReading, belief_after
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
@@ -68,7 +68,7 @@ class Information(PolicyNode):
         rings_m = np.array(state.primitives["rings_m"])
         levels = [int(np.argmin(np.abs(rings_m - ring_m))) for ring_m in state.tried_m]
         probes = map(TrialReading, state.readings_n_m, levels, state.landed)
-        return known(self._model(), list(probes)).with_classes(posterior)
+        return belief_after(self._model(), list(probes)).with_classes(posterior)
 
     def _model(self) -> latent.OffsetModel:
         """Return how readings spread and what stays; made anew where parameters or primitives are new."""

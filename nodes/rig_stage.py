@@ -19,7 +19,7 @@ from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.scene import Path
+from palp_core.palpation.mechanics.scene.scene import StagePath
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     DeadlineMilliseconds,
@@ -82,7 +82,7 @@ def require_clearance(p: RigStageParams) -> None:
         DeviceError: It is one.
         MechanicsError: The scene cannot be read.
     """
-    path = read_scene(p.scene).path if p.scene else Path()
+    path = read_scene(p.scene).path if p.scene else StagePath()
     lift_m = p.options.get("lift_m", p.lift_mm * 1e-3)
     if isinstance(lift_m, int | float):  # what is no number the driver refuses
         check_lift(lift_m, path.indentation_m)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import OutOfRange
-from palp_core.palpation.mechanics import Bead, Path, Phantom, Probe
+from palp_core.palpation.mechanics import Bead, Phantom, Probe, StagePath
 
 
 @pytest.mark.parametrize("depth_m", [-0.001, 0.0, math.nan, math.inf])
@@ -101,11 +101,11 @@ def test_equation_6_at_the_stiffest_ring_is_the_published_product() -> None:
 
 
 def test_a_path_samples_from_its_start_to_its_end() -> None:
-    stage_m = Path().stage_m()
+    stage_m = StagePath().stage_m()
     assert len(stage_m) == 4001
     assert stage_m[0] == -0.03
     assert stage_m[-1] == pytest.approx(0.05)
-    backwards = Path(from_m=0.03, to_m=-0.05).stage_m()
+    backwards = StagePath(from_m=0.03, to_m=-0.05).stage_m()
     assert np.allclose(backwards, -stage_m)
 
 
@@ -113,7 +113,7 @@ def test_a_path_samples_from_its_start_to_its_end() -> None:
 def test_a_path_refuses_what_is_no_path(name: str, value: float) -> None:
     given_: dict[str, Any] = {name: value}
     with pytest.raises(OutOfRange) as caught:
-        Path(**given_)
+        StagePath(**given_)
     assert caught.value.quantity == name
 
 

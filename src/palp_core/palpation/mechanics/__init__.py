@@ -1,7 +1,7 @@
 """The mechanics of a yielding probe on a soft phantom: pure functions, usable in a notebook.
 
->>> from palp_core.palpation.mechanics import Bead, Path, Phantom, Probe, contact_model, solve
->>> probe, path = Probe(), Path()
+>>> from palp_core.palpation.mechanics import Bead, StagePath, Phantom, Probe, contact_model, solve
+>>> probe, path = Probe(), StagePath()
 >>> model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), probe.tip_radius_m)
 >>> choice.method.name
 'l2'
@@ -20,16 +20,16 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import choose_rung, contact_model, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.run import force_table, run_scene
-from palp_core.palpation.mechanics.scene.scene import Path, Scene, Tolerance
+from palp_core.palpation.mechanics.scene.scene import Scene, StagePath, Tolerance
 
 __all__ = [
     "Bead",
     "ContactModel",
     "LayeredHertz",
-    "Path",
     "Phantom",
     "Probe",
     "Scene",
+    "StagePath",
     "Sweep",
     "SweepTable",
     "Tolerance",

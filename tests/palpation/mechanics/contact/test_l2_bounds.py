@@ -16,11 +16,11 @@ from palp_core.palpation.mechanics import (
     Phantom,
     Probe,
     Scene,
+    StagePath,
     Tolerance,
     choose_rung,
     sweep,
 )
-from palp_core.palpation.mechanics import Path as StagePath
 from palp_core.palpation.mechanics.contact.l2_bounds import _ABOUT, _NEAR, _PAPER
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m

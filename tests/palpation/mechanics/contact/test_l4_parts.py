@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from palp_core.errors import MechanicsError
-from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_term import _rigid, bead_term
 from palp_core.palpation.mechanics.contact.halfspace import love_centre, love_mean
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
@@ -197,7 +197,7 @@ def test_touch_meets_both_conditions_on_random_compliances() -> None:
         count = int(rng.integers(1, 40))
         root = rng.normal(size=(count, count))
         compliance, gap = root @ root.T + 1e-3 * np.eye(count), rng.normal(size=count)
-        force = touch(compliance, gap)
+        force = solve_contact(compliance, gap)
         scale = np.abs(gap).max()
         assert np.all(force >= 0.0)
         assert np.all(compliance @ force - gap >= -1e-6 * scale)
@@ -206,8 +206,8 @@ def test_touch_meets_both_conditions_on_random_compliances() -> None:
 
 def test_touch_refuses_a_compliance_that_is_not_positive_definite() -> None:
     with pytest.raises(MechanicsError, match="positive definite"):
-        touch(np.diag([1.0, -1.0]), np.ones(2))
-    assert np.all(touch(np.eye(2), np.array([-1.0, 0.0])) == 0.0)
+        solve_contact(np.diag([1.0, -1.0]), np.ones(2))
+    assert np.all(solve_contact(np.eye(2), np.array([-1.0, 0.0])) == 0.0)
 
 
 def test_a_table_of_a_smooth_energy_converges_with_its_grid() -> None:

@@ -15,6 +15,7 @@ from palp_core.palpation.mechanics import (
     Phantom,
     Probe,
     Scene,
+    StagePath,
     Tolerance,
     choose_rung,
     contact_model,
@@ -22,7 +23,6 @@ from palp_core.palpation.mechanics import (
     read_scene,
     run_scene,
 )
-from palp_core.palpation.mechanics import Path as StagePath
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, decisions, peak_n_m, separation_n_m
 from palp_core.palpation.mechanics.scene.rig import Rig, rig

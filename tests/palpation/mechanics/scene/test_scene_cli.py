@@ -13,7 +13,7 @@ from palp_core.cli.rig import cache, scene, study
 from palp_core.errors import MechanicsError, PalpError
 from palp_core.palpation.mechanics import Bead, Phantom, Probe
 from palp_core.palpation.studies.contact.cost import RungVariant, measure, variants
-from palp_core.palpation.studies.contact.tradeoff import pareto
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
 TEXT = """
 phantom: {bead: {depth_m: 0.004}}
@@ -96,7 +96,7 @@ def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.
 
 def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
     nan = float("nan")
-    assert pareto([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]
+    assert pareto_front([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]
 
 
 def test_a_rung_is_timed_and_held_against_another() -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.latent import OffsetModel
-from palp_core.palpation.perception.belief.trial_filter import TrialReading, known
+from palp_core.palpation.perception.belief.trial_filter import TrialReading, belief_after
 from palp_core.palpation.perception.strategy.policies import RingChoice
 from palp_core.palpation.perception.strategy.policies_informed import (
     EmgDriven,
@@ -81,7 +81,7 @@ def test_from_a_belief_without_offsets_it_still_chooses() -> None:
 def test_a_history_of_readings_is_as_good_as_the_belief() -> None:
     one = policy(0.5)
     found = after_one_probe(one)
-    told = known(one.model, [TrialReading(0.5, 1, True)]).with_classes(found.posterior)
+    told = belief_after(one.model, [TrialReading(0.5, 1, True)]).with_classes(found.posterior)
     choice = one.step(RingChoice.at(1), told, RANDOM)
     assert where(choice) == where(one.step(RingChoice.at(1), found, RANDOM))
     assert choice.renew

@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.decision.feature_cases import RATE_HZ, TO_M, clean_cases, measure, ways
-from palp_core.palpation.studies.decision.feature_tradeoff import front
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
 
 @pytest.fixture(scope="module")
@@ -61,4 +61,4 @@ def test_the_same_seed_gives_the_same_errors() -> None:
 
 
 def test_the_front_is_what_nothing_beats_in_both() -> None:
-    assert front([1.0, 2.0, 2.0, 3.0], [5.0, 4.0, 6.0, 4.5]) == [0, 1]
+    assert pareto_front([1.0, 2.0, 2.0, 3.0], [5.0, 4.0, 6.0, 4.5]) == [0, 1]

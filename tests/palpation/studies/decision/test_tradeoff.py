@@ -1,5 +1,6 @@
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from palp_core.palpation.studies.decision.limits import least_seconds, limits, w
 from palp_core.palpation.studies.decision.tradeoff import (
     FILTERS,
     mark_front,
-    pareto,
     tradeoff_session,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -28,11 +28,12 @@ points = st.lists(st.tuples(st.floats(0, 10), st.floats(0, 1)), min_size=1, max_
 @given(points)
 @settings(max_examples=40, deadline=None)
 def test_the_front_is_what_no_other_beats(found: list[tuple[float, float]]) -> None:
-    front = pareto(found)
-    assert any(front)
-    for (cost, share), on in zip(found, front, strict=True):
-        beaten = any(c < cost and a > share for c, a in found)
-        assert not (beaten and on)
+    rows: list[dict[str, Any]] = [{"probes": 1.0, "seconds": c, "accuracy": a} for c, a in found]
+    mark_front(rows, "seconds")
+    assert any(row["front_seconds"] for row in rows)
+    for (cost, share), row in zip(found, rows, strict=True):
+        beaten = any(c <= cost and a >= share and (c, a) != (cost, share) for c, a in found)
+        assert row["front_seconds"] == (not beaten)
 
 
 def test_a_guess_without_a_probe_is_not_on_the_front() -> None:

@@ -13,7 +13,7 @@ _PATIENCE = 8  # block exchanges without progress before single exchanges take o
 _ROUNDS = 2000
 
 
-def touch(
+def solve_contact(
     compliance: Float64Array, gap: Float64Array, start: NDArray[np.bool_] | None = None
 ) -> Float64Array:
     """Return the forces p >= 0 with C p >= g where p = 0 and C p = g elsewhere.

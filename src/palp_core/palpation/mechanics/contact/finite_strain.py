@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, ElementQuad1, ElementQuad2, ElementVector
 
 from palp_core.errors import MechanicsError
-from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.section_mesh import Section, bead_section, slab_section
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
@@ -184,7 +184,7 @@ class PressedSolid:
         rest = np.delete(np.arange(overlap.size), axis)
         schur = compliance[np.ix_(rest, rest)] - np.outer(row[rest], row[rest]) / own
         force = np.zeros(overlap.size)
-        force[rest] = touch(schur, overlap[rest] - row[rest] * (overlap[axis] / own))
+        force[rest] = solve_contact(schur, overlap[rest] - row[rest] * (overlap[axis] / own))
         force[axis] = (overlap[axis] - row[rest] @ force[rest]) / own
         return force
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palp_core.errors import OutOfRange
-from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -129,7 +129,7 @@ class PlaneContact:
             # Only what overlaps can touch, and its surroundings where the gel is squeezed out.
             near = np.flatnonzero(aside**2 <= 9.0 * self.tip_radius_m * float(indentation_m[index]))
             if near.size:
-                force = touch(self.solid.compliance[np.ix_(near, near)], overlap[near])
+                force = solve_contact(self.solid.compliance[np.ix_(near, near)], overlap[near])
                 beyond = abs(float(offset_m[index])) > self.reach_m
                 lateral = 0.0 if beyond else float(force @ aside[near]) / self.tip_radius_m
                 result[(slice(None), *index)] = (force.sum(), lateral, 0.5 * float(force @ overlap[near]))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from palp_core.errors import MechanicsError
-from palp_core.palpation.mechanics.contact.active_set import touch
+from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.halfspace import love_mean
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
@@ -119,7 +119,7 @@ class Patch:
         for _ in range(_GROWTHS):
             if start is not None and start.size != self._x.size:
                 start = None
-            force = touch(self.compliance(offset_m), self._overlap, start)
+            force = solve_contact(self.compliance(offset_m), self._overlap, start)
             if not np.any(force[self._rim] > 0.0):
                 return Pressed(2.0 * float(force.sum()), float(force @ self._overlap), force)
             self._margin *= 1.25

@@ -25,8 +25,7 @@ import yaml
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import OUTPUTS, Scene, Tolerance
-from palp_core.palpation.mechanics.scene.scene import Path as StagePath
+from palp_core.palpation.mechanics.scene.scene import OUTPUTS, Scene, StagePath, Tolerance
 
 T = TypeVar("T")
 

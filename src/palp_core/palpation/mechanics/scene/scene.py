@@ -25,7 +25,7 @@ RINGS_M = (0.0, 0.016)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Path:
+class StagePath:
     """One straight sweep of the stage at constant height; stage position 0 is over the bead.
 
     Attributes:
@@ -120,7 +120,7 @@ class Scene:
 
     phantom: Phantom = field(default_factory=lambda: Phantom(bead=Bead(depth_m=0.004)))
     probe: Probe = field(default_factory=Probe)
-    path: Path = field(default_factory=Path)
+    path: StagePath = field(default_factory=StagePath)
     ring_m: tuple[float, ...] = (0.004, 0.016)
     tolerance: Tolerance = field(default_factory=Tolerance)
     budget_s: float | None = None

@@ -57,7 +57,7 @@ class TrialFilter:
             PerceptionError: A reading is not finite, or a setting was not trained.
         """
         if self.model is not None:
-            return known(self.model, probes).posterior
+            return belief_after(self.model, probes).posterior
         log_belief = bayes.flat_prior(self.primitives.depths_m.size)
         for probe in probes:
             density = self.primitives.log_likelihood(probe.reading, probe.setting, model=self.likelihood)
@@ -65,7 +65,7 @@ class TrialFilter:
         return bayes.posterior(log_belief)
 
 
-def known(model: latent.OffsetModel, probes: Sequence[TrialReading]) -> latent.Belief:
+def belief_after(model: latent.OffsetModel, probes: Sequence[TrialReading]) -> latent.Belief:
     """Return what is known of classes and offsets after the probes."""
     belief = latent.start(model)
     for probe in probes:

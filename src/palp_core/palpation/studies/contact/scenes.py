@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from palp_core.errors import OutOfRange
-from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, Tolerance
-from palp_core.palpation.mechanics import Path as StagePath
+from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, StagePath, Tolerance
 from palp_core.palpation.mechanics.scene.scene import OUTPUTS
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palp_core.errors import MechanicsError, MethodError
-from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, Tolerance, choose_rung
-from palp_core.palpation.mechanics import Path as StagePath
+from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, StagePath, Tolerance, choose_rung
 from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, SKY, Chart, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.cost import RungCost, RungVariant, measure, variants
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
 from palp_core.palpation.studies.toolkit.progress import followed
 
 if TYPE_CHECKING:
@@ -76,24 +76,12 @@ def run(out: Path, *, quick: bool = False) -> Path:
     )
 
 
-def pareto(cost: Sequence[float], error: Sequence[float]) -> list[int]:
-    """Return the indices that nothing beats in both cost and error, cheapest first; NaN is no entry."""
-    front: list[int] = []
-    best = np.inf
-    known = [i for i in range(len(cost)) if np.isfinite(cost[i]) and np.isfinite(error[i])]
-    for i in sorted(known, key=lambda i: (cost[i], error[i])):
-        if error[i] < best:
-            front.append(i)
-            best = error[i]
-    return front
-
-
 def _front(
     rows: Sequence[RungCost], cost: Callable[[RungCost], float], output: str, ring_m: float | None
 ) -> list[int]:
     """Return which rows are on the front; L5 is none of them, as it obeys another law than the reference."""
     errors = [np.nan if row.variant.rung == "l5" else row.error(output, ring_m) for row in rows]
-    return pareto([cost(row) for row in rows], errors)
+    return pareto_front([cost(row) for row in rows], errors)
 
 
 def _chosen(depth_m: float, output: str) -> str:

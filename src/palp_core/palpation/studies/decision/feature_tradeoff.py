@@ -19,6 +19,7 @@ from palp_core.palpation.studies.decision.feature_cases import (
     measure,
     ways,
 )
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
 from palp_core.palpation.studies.toolkit.progress import followed
 from palp_core.whole_file import write_json
 
@@ -94,15 +95,6 @@ def _record(row: FeatureError) -> dict[str, Any]:
     }
 
 
-def front(x: Sequence[float], y: Sequence[float]) -> list[int]:
-    """Return the indices that nothing beats in both, by rising x."""
-    found: list[int] = []
-    for i in sorted(range(len(x)), key=lambda i: (x[i], y[i])):
-        if not found or y[i] < y[found[-1]]:
-            found.append(i)
-    return found
-
-
 def _chart(rows: Sequence[FeatureError]) -> Chart:
     def draw(to: Figure) -> None:
         grid = to.subplots(len(FEATURES), 2, squeeze=False, sharey="row")
@@ -131,7 +123,7 @@ def _chart(rows: Sequence[FeatureError]) -> Chart:
 def _panel(axes: Axes, rows: Sequence[FeatureError], what: str, *, filled: bool) -> None:
     x = [max(r.way.lag_s, _LEAST_LAG_S) if what == "lag" else r.cost_s for r in rows]
     y = [r.relative for r in rows]
-    best = front(x, y)
+    best = pareto_front(x, y)
     axes.plot(
         [x[i] for i in best], [y[i] for i in best], color=INK, lw=0.9, ls="-" if filled else ":", zorder=1
     )

@@ -24,6 +24,7 @@ from palp_core.palpation.studies.simulation.policy_summary import joined, summar
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
 from palp_core.whole_file import write_json
 
 POLICIES = NAMES
@@ -58,18 +59,6 @@ def tradeoff_session(job: SessionJob) -> dict[tuple[str, str, str], Outcomes]:
     return found
 
 
-def pareto(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Tell which points (cost, accuracy) no other point beats in both.
-
-    >>> pareto([(1.0, 0.5), (2.0, 0.9), (3.0, 0.8)])
-    [True, True, False]
-    """
-    return [
-        not any(c <= cost and a >= share and (c, a) != (cost, share) for c, a in points)
-        for cost, share in points
-    ]
-
-
 def mark_front(rows: Sequence[dict[str, Any]], cost: str) -> None:
     """Mark every row that is on the front of accuracy against a cost; a guess without a probe is not.
 
@@ -78,10 +67,10 @@ def mark_front(rows: Sequence[dict[str, Any]], cost: str) -> None:
         cost: ``probes`` or ``seconds``.
     """
     felt = [row for row in rows if row["probes"] > 0.0]
+    best = pareto_front([row[cost] for row in felt], [-row["accuracy"] for row in felt])
+    front = {(felt[i][cost], felt[i]["accuracy"]) for i in best}
     for row in rows:
-        row[f"front_{cost}"] = False
-    for row, front in zip(felt, pareto([(r[cost], r["accuracy"]) for r in felt]), strict=True):
-        row[f"front_{cost}"] = front
+        row[f"front_{cost}"] = row["probes"] > 0.0 and (row[cost], row["accuracy"]) in front
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:

@@ -19,7 +19,7 @@ from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
-from palp_core.palpation.mechanics.scene.scene import Path, Scene
+from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
 from palp_core.palpation.methods import Quantities, choose, find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
@@ -219,7 +219,7 @@ def scene_quantities(gel: Gel, depth_m: float) -> Quantities:
     scene = Scene(
         phantom=_phantom(gel, depth_m),
         probe=_probe(gel),
-        path=Path(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
+        path=StagePath(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
         ring_m=gel.rings_m,
     )
     return scene.quantities()
