@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import ClassVar
 
 import msgspec
+import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
@@ -21,39 +22,44 @@ class EmgSourceState(msgspec.Struct):
     sample_count: int = 0
 
 
-class EmgReceiver:
-    """Receive two muscles in volts.
+class EmgDriver:
+    """Base of the drivers: receive two muscles in volts, in a thread that connects again by itself.
 
-    Args:
-        name: The device.
-        connect: Begins a session that pushes to the line it is given.
-        rate_hz: Nominal rate.
-        stale_s: Longest silence.
-        gap_s: Lateness that means loss, for a source without sequence numbers.
+    A driver calls :meth:`_receive` in its ``__post_init__`` and defines :meth:`_connect`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        connect: Callable[[SampleLine, HealthMonitor, HostTime], DeviceSession],
-        rate_hz: float,
-        stale_s: float,
-        gap_s: float = 0.05,
-    ) -> None:
+    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
+
+    def _receive(self, name: str, rate_hz: float, stale_s: float, gap_s: float = 0.05) -> None:
+        """Make the thread and what it reports to.
+
+        Args:
+            name: The device.
+            rate_hz: Nominal rate.
+            stale_s: Longest silence.
+            gap_s: Lateness that means loss, for a source without sequence numbers.
+        """
         check_range(name, "rate_hz", rate_hz, 1.0, 1e5)
         check_range(name, "stale_s", stale_s, 1e-3, 60.0)
-        self._name, self._rate_hz, self._gap_s = name, rate_hz, gap_s
+        self._name, self._gap_s = name, gap_s
         self._host, self._monitor = HostTime(), HealthMonitor(stale_s)
         self._line: SampleLine | None = None
-        self._first = 0
-        self._begin = connect
-        self._receiver = SessionThread(name, self._connect, self._monitor, self._host)
+        self._line_hz, self._first = rate_hz, 0
+        self._receiver = SessionThread(name, self._begin_session, self._monitor, self._host)
 
-    def open(self, now_ns: int, state: EmgSourceState) -> None:
-        """Connect; errors as for the receiver."""
+    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> DeviceSession:
+        """Begin a session that appends to ``line``."""
+        raise NotImplementedError
+
+    def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
+        """Connect and begin to receive.
+
+        Raises:
+            DeviceError: The source does not answer, is not as was asked for, or is open already.
+        """
         self._receiver.refuse_if_running()
         self._host.observe(now_ns)
-        self._line, self._first = SampleLine(self._rate_hz, 2, self._gap_s), state.sample_count
+        self._line, self._first = SampleLine(self._line_hz, 2, self._gap_s), state.sample_count
         self._receiver.start()
 
     def close(self) -> None:
@@ -65,7 +71,7 @@ class EmgReceiver:
         self._host.observe(now_ns)
         return self._monitor.read(self._host.now_ns())
 
-    def drain(self, now_ns: int, state: EmgSourceState) -> EmgSamples:
+    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample received since the last call.
 
         Raises:
@@ -81,7 +87,7 @@ class EmgReceiver:
         fds_v, edc_v = stretch.values.T.copy()
         return EmgSamples(stretch.times_ns, fds_v, edc_v, index, stretch.gap, stretch.clock)
 
-    def _connect(self) -> DeviceSession:
+    def _begin_session(self) -> DeviceSession:
         assert self._line is not None
         self._line.mark_gap()
-        return self._begin(self._line, self._monitor, self._host)
+        return self._connect(self._line, self._monitor, self._host)

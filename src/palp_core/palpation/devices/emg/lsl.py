@@ -10,19 +10,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
-from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
+from palp_core.palpation.devices.emg.emg_source import EmgDriver
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.protocols import EmgSamples
 
 _VOLT = {"microvolts": 1e-6, "uV": 1e-6, "millivolts": 1e-3, "mV": 1e-3, "volts": 1.0, "V": 1.0, "": 1e-6}
 _PULL_S = 0.1
 
 
 @dataclass
-class LslEmg:
+class LslEmg(EmgDriver):
     """Parameters and inlet. Needs pylsl: ``pip install 'palp[lsl]'``.
 
     Samples carry the sender's time: a step of more than ``gap_s`` beyond the nominal is a gap.
@@ -37,7 +36,6 @@ class LslEmg:
     """
 
     LINK: ClassVar[str] = "Lab Streaming Layer: an inlet of type EMG (pip install 'palp[lsl]')"
-    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
     stream: str
     rate_hz: float = 1500.0
@@ -49,26 +47,7 @@ class LslEmg:
     def __post_init__(self) -> None:
         check_range("lsl", "find_s", self.find_s, 0.1, 600.0)
         check_range("lsl", "gap_s", self.gap_s, 1e-4, 10.0)
-        self._emg = EmgReceiver("lsl", self._connect, self.rate_hz, self.stale_s)
-
-    def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
-        """Find the stream and subscribe.
-
-        Raises:
-            DeviceError: pylsl is not installed, or there is no such stream.
-        """
-        self._emg.open(now_ns, state)
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._emg.close()
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        return self._emg.health(now_ns)
-
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
-        """Return every sample received since the last call."""
-        return self._emg.drain(now_ns, state)
+        self._receive("lsl", self.rate_hz, self.stale_s)
 
     def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _LslSession:
         return _LslSession(self, line, monitor, host)

@@ -11,12 +11,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
-from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
+from palp_core.palpation.devices.emg.emg_source import EmgDriver, EmgSourceState
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.unverified import warn_unverified
 
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
@@ -24,7 +23,7 @@ _TRIES = 3
 
 
 @dataclass
-class NoraxonEmg:
+class NoraxonEmg(EmgDriver):
     """Parameters and link. MR3 must be measuring, with HTTP Streaming switched on.
 
     The stream has no sequence number: loss shows as too few samples for the time that passed.
@@ -47,7 +46,6 @@ class NoraxonEmg:
     }
 
     LINK: ClassVar[str] = "Noraxon MR3: HTTP 9220"
-    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
     host: str
     port: int = 9220
@@ -63,7 +61,7 @@ class NoraxonEmg:
         check_range("noraxon", "poll_hz", self.poll_hz, 1.0, 1000.0)
         if self.units not in _VOLT:
             raise DeviceError(f"noraxon: no unit '{self.units}'; known: {', '.join(_VOLT)}")
-        self._stream = EmgReceiver("noraxon", self._connect, self.rate_hz, self.stale_s)
+        self._receive("noraxon", self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
         """Choose the channels and begin to poll.
@@ -72,18 +70,7 @@ class NoraxonEmg:
             DeviceError: MR3 does not answer, or its channels and rate are not those asked for.
         """
         warn_unverified("noraxon", self.UNVERIFIED, self.verified)
-        self._stream.open(now_ns, state)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._stream.close()
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        return self._stream.health(now_ns)
-
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
-        """Return every sample received since the last call."""
-        return self._stream.drain(now_ns, state)
+        super().open(now_ns, state, rng)
 
     def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _NoraxonSession:
         return _NoraxonSession(self, line, monitor, host)

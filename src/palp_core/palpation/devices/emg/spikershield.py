@@ -8,13 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.palpation.devices.emg.emg_source import EmgReceiver, EmgSourceState
-from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
+from palp_core.palpation.devices.emg.emg_source import EmgDriver, EmgSourceState
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.link.serial_link import SerialLink
-from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import spikershield as wire
 
@@ -22,7 +21,7 @@ _BOOT_LINE = b"StartUp!\r\n"
 
 
 @dataclass
-class SpikerShieldEmg:
+class SpikerShieldEmg(EmgDriver):
     """Parameters and link. Two channels share 10 kHz; enough for EMG that is normalised to its own maximum.
 
     Attributes:
@@ -40,7 +39,6 @@ class SpikerShieldEmg:
     }
 
     LINK: ClassVar[str] = "Backyard Brains' Muscle SpikerShield: serial at 230400"
-    state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
     url: str
     rate_hz: float = 5000.0
@@ -52,7 +50,7 @@ class SpikerShieldEmg:
     def __post_init__(self) -> None:
         check_range("spikershield", "volt_per_count", self.volt_per_count, 1e-12, 1.0)
         check_range("spikershield", "rate_hz", self.rate_hz, 1.0, 5000.0)
-        self._stream = EmgReceiver("spikershield", self._connect, self.rate_hz, self.stale_s)
+        self._receive("spikershield", self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
         """Connect, set the rate and begin to receive.
@@ -61,18 +59,7 @@ class SpikerShieldEmg:
             DeviceError: No port, or open already.
         """
         warn_unverified("spikershield", self.UNVERIFIED, self.verified)
-        self._stream.open(now_ns, state)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._stream.close()
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        return self._stream.health(now_ns)
-
-    def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
-        """Return every sample received since the last call."""
-        return self._stream.drain(now_ns, state)
+        super().open(now_ns, state, rng)
 
     def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _SpikerShieldSession:
         return _SpikerShieldSession(self, line, monitor, host)
