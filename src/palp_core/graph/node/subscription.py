@@ -33,6 +33,7 @@ class Subscription:
     Attributes:
         account: What has been taken up.
         index: Number of the source in the node's journal.
+        is_plain: No time limit holds on the edge, and its messages are neither requests nor replies.
     """
 
     ordered = True
@@ -59,7 +60,7 @@ class Subscription:
         self._decode = decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
-        self._is_plain = type(self) is Subscription and not self._lifespan_ns and not self._deadline_ns
+        self.is_plain = type(self) is Subscription and not self._lifespan_ns and not self._deadline_ns
 
     def attach(self, events: Mapping[EventKind, EventEnd]) -> None:
         """Raise these events when what they are about is not kept."""
@@ -90,7 +91,7 @@ class Subscription:
             and epoch == account.epoch
             and kind == _DATA
             and type_hash == self._type_hash
-            and self._is_plain
+            and self.is_plain
             and not rest
         ):
             message = self._decode(payload)

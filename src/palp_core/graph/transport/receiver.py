@@ -117,9 +117,9 @@ class TopicReceiver:
         for frame in frames:
             self._deliver(frame)
         if self._offsets is not None:
-            for name, counter in hand_over.consumed.items():
+            for name, account in hand_over.consumed.items():
                 if name in self.buffers:
-                    self._offsets.note(name, counter.epoch, counter.sequence)
+                    self._offsets.note(name, account.epoch, account.sequence)
         return len(frames)
 
     def set_start(self, start_ns: int) -> None:
@@ -133,11 +133,11 @@ class TopicReceiver:
         self._quick = {
             name.encode(): (self.buffers[name], subscriptions[0])
             for name, subscriptions in inputs.items()
-            if len(subscriptions) == 1
-        }
+            if len(subscriptions) == 1 and subscriptions[0].is_plain
+        }  # where a deadline holds, what is due at its time comes before a message that is late
 
     def wake_on(self, endpoint: str) -> None:
-        """Let a doorbell end the waiting of :meth:`receive`."""
+        """Let a wakeup end the waiting of :meth:`receive`."""
         self._subscriber.wake_on(endpoint)
 
     @property
@@ -146,7 +146,7 @@ class TopicReceiver:
         return bool(self._requester.file_descriptors)
 
     def receive(self, slice_ns: int, wait_ms: int = 0) -> bool:
-        """Take in what has arrived, put it in order, ask for what is missing; tell if the doorbell rang.
+        """Take in what has arrived, put it in order, ask for what is missing; tell if the wakeup rang.
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
@@ -295,7 +295,7 @@ def _merged(
     count = len(inbox) - len(hand_over.inbox)
     frames = list(inbox)
     own, theirs = frames[:count], [frame for frame in frames[count:] if frame.topic in buffers]
-    last = {name: (counter.epoch, counter.sequence) for name, counter in hand_over.consumed.items()}
+    last = {name: (account.epoch, account.sequence) for name, account in hand_over.consumed.items()}
     for frame in theirs:
         last[frame.topic] = max(last.get(frame.topic, (-1, 0)), (frame.epoch, frame.sequence))
     for name, buffer in buffers.items():

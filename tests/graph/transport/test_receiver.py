@@ -1,0 +1,98 @@
+"""What comes into a node on the wall clock goes to its handler at once where it may, and else in its turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from palp_core import Message, Node, Qos, QosEvent, State, Sub, on, on_event
+from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.transport.receiver import TopicReceiver
+
+DEADLINE_MS = 10.0
+WHILE_BUSY_NS = 35_000_000
+
+
+class Word(Message):
+    n: int
+
+
+class HeardState(State):
+    heard: list[str] = []
+
+
+class Reader(Node):
+    state: HeardState
+    word = Sub(Word)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        self.state.heard.append(f"word {word.n}")
+
+    @on_event(word)
+    def mind(self, event: QosEvent) -> None:
+        self.state.heard.append(f"{event.kind} {event.count_change}")
+
+
+class Wired:
+    """A reader's receiver, which the test feeds by hand."""
+
+    def __init__(self, folder: Path, context: Any, qos: Qos) -> None:
+        self.clock = SimClock()
+        spec = NodeSpec(name="r", run="m:R", inputs={"word": "/p/word"}, qos={"word": qos})
+        self.executor = Executor(Reader, spec, self.clock, lambda _: None)
+        places = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
+        self.receiver = TopicReceiver(self.executor, places, context, None)
+        self.executor.transition(Transition.CONFIGURE)
+        self.executor.transition(Transition.ACTIVATE)
+        self.receiver.set_start(0)
+
+    def arrive(self, n: int, now_ns: int) -> None:
+        self.clock.set(now_ns)
+        frame = pack(b"/p/word", Kind.DATA, 0, n, now_ns, schema_of(Word).type_hash, encode(Word(n=n)))
+        self.receiver._arrive(frame, now_ns)
+
+    def work(self) -> list[str]:
+        """Do what the loop does after it has taken in what has arrived."""
+        self.executor.run_timers()
+        while self.executor.inbox:
+            self.receiver.deliver_next()
+        return list(self.executor.node.state.heard)  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def context() -> Iterator[Any]:
+    made: zmq.Context[Any] = zmq.Context()
+    yield made
+    made.destroy(linger=0)
+
+
+def test_a_message_that_is_next_is_handled_as_it_arrives(tmp_path: Path, context: Any) -> None:
+    wired = Wired(tmp_path, context, Qos())
+    for n in (1, 2, 3):
+        wired.arrive(n, n)
+        wired.work() if n == 1 else None
+    assert not wired.executor.inbox
+    assert wired.work() == ["word 1", "word 2", "word 3"]
+    wired.receiver.close()
+
+
+def test_a_message_that_is_late_does_not_hide_that_its_deadline_was_missed(
+    tmp_path: Path, context: Any
+) -> None:
+    wired = Wired(tmp_path, context, Qos(deadline_ms=DEADLINE_MS))
+    wired.arrive(1, 0)
+    wired.work()
+    wired.arrive(2, WHILE_BUSY_NS)
+    assert wired.work() == ["word 1", "deadline 3", "word 2"]
+    wired.receiver.close()
