@@ -26,7 +26,6 @@ from palp_core.graph.network.join_protocol import (
     HealthReport,
     Join,
     JoinRequest,
-    NodeView,
     decode_message,
     encode_message,
 )
@@ -68,7 +67,7 @@ def info(node: str, port: str, type_hash: str = "0" * 16, qos: Qos | None = None
 VIEW = GraphView(
     graph="rig",
     clock="wall",
-    nodes=[NodeView("torque", "x:Y")],
+    nodes=["torque"],
     topics={
         "/torque/block": info("torque", "block"),
         "/torque/truth": info("torque", "truth"),

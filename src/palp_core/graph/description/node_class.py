@@ -21,10 +21,8 @@ from typing import Any, Literal
 import msgspec
 
 from palp_core.errors import BagError, GraphError
-from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.schema import json_schema, schema_of
-from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
@@ -49,15 +47,6 @@ class NodeClassRequest(msgspec.Struct, frozen=True):
     params: dict[str, Any] = {}
     kind: Literal["node", "function"] = "node"
     name: str = ""
-
-
-class MessageType(msgspec.Struct, frozen=True):
-    """A message type: its name, hash (16 hexadecimal digits), ROS text and JSON Schema."""
-
-    name: str
-    type_hash: str
-    ros_text: str
-    json_schema: dict[str, Any]
 
 
 class NodePort(msgspec.Struct, frozen=True):
@@ -152,20 +141,18 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
 def _port(port: Port) -> NodePort:
     match port:
         case Sub():
-            return NodePort(port.name, "sub", [_type(port.message)], port.qos, port.optional)
+            return NodePort(port.name, "sub", [MessageType.of(port.message)], port.qos, port.optional)
         case Pub():
-            return NodePort(port.name, "pub", [_type(port.message)], port.qos)
+            return NodePort(port.name, "pub", [MessageType.of(port.message)], port.qos)
         case Srv():
-            return NodePort(port.name, "srv", [_type(port.request), _type(port.reply)], Qos())
+            return NodePort(
+                port.name, "srv", [MessageType.of(port.request), MessageType.of(port.reply)], Qos()
+            )
         case Client():
-            return NodePort(port.name, "client", [_type(port.request), _type(port.reply)], Qos())
+            return NodePort(
+                port.name, "client", [MessageType.of(port.request), MessageType.of(port.reply)], Qos()
+            )
     raise AssertionError(port)
-
-
-def _type(message: type[Message]) -> MessageType:
-    schema = schema_of(message)
-    described = json_schema(schema)
-    return MessageType(schema.name, schema.hash_text, ros_text(described), described)
 
 
 def _module(name: str, workspace: Path) -> ModuleType:

@@ -229,7 +229,7 @@ class Bridge:
     def _add_proxies(self) -> None:
         """Give every other node of the graph endpoints here."""
         assert self._view is not None
-        for name in sorted({node.name for node in self._view.nodes} | set(self._view.expected)):
+        for name in sorted(set(self._view.nodes) | set(self._view.expected)):
             known = name == self._own_name or self._router.has_proxy(name)
             if not known and NAME.fullmatch(name) is not None:
                 self._router.add_proxy(name, self._gateway)

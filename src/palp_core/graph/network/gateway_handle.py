@@ -29,7 +29,7 @@ from palp_core.graph.network.gateway_messages import (
     PeerRejected,
     launcher_decoder,
 )
-from palp_core.graph.network.join_protocol import GraphView, JoinRequest, NodeView
+from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import ListenPlan, plan_listening
 from palp_core.graph.node.loading import endpoints
@@ -61,7 +61,7 @@ def view_of(checked: CheckedGraph) -> GraphView:
     return GraphView(
         graph=checked.graph,
         clock=checked.clock,
-        nodes=[NodeView(spec.name, spec.run) for spec in checked.spawned],
+        nodes=[spec.name for spec in checked.spawned],
         topics=checked.topics,
         external={name: checked.topics[name].type_hash for name in external},
         expected={spec.name: spec for spec in checked.expected},

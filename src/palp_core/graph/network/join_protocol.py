@@ -19,24 +19,18 @@ LARGEST_MESSAGE_BYTES = 16 << 20
 WINDOW_BYTES = 32 << 20  # what may be on its way to one host; more is dropped, and the reader counts it
 
 
-class NodeView(msgspec.Struct, frozen=True):
-    """A node as others see it."""
-
-    name: str
-    run: str
-
-
 class GraphView(msgspec.Struct, frozen=True, kw_only=True):
     """A graph as others see it.
 
     Attributes:
+        nodes: Names of those that run.
         external: Type hash of every port that takes messages from outside, by ``/node/port``; "": unknown.
         expected: Nodes that the launch file leaves to other hosts, by name, as it wires them.
     """
 
     graph: str
     clock: str
-    nodes: list[NodeView]
+    nodes: list[str]
     topics: dict[str, TopicInfo]
     external: dict[str, str] = {}
     expected: dict[str, NodeSpec] = {}

@@ -29,7 +29,6 @@ from palp_core.graph.network.join_protocol import (
     JoinHello,
     JoinRefused,
     LeaveGraph,
-    NodeView,
     Reply,
     Request,
     Subscribe,
@@ -124,7 +123,7 @@ class RemoteNodes:
         return [peer for peer in self._peers.values() if peer.request is not None]
 
     def _names(self) -> set[str]:
-        present = {node.name for node in self._view.nodes} if self._view is not None else set()
+        present = set(self._view.nodes) if self._view is not None else set()
         return present | {peer.request.name for peer in self.joined if peer.request is not None}
 
     def _is_here(self, node: str) -> bool:
@@ -137,7 +136,7 @@ class RemoteNodes:
     def _whole(self, view: GraphView) -> GraphView:
         """Return the graph with those who have joined it."""
         requests = [peer.request for peer in self.joined if peer.request is not None]
-        nodes = [*view.nodes, *(NodeView(request.name, request.run) for request in requests)]
+        nodes = [*view.nodes, *(request.name for request in requests)]
         topics = dict(view.topics)
         for request in requests:
             topics.update(request.outputs)

@@ -14,9 +14,8 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.messages.message import Message, decode, encode, encode_any
-from palp_core.graph.messages.schema import json_schema, schema_of
-from palp_core.graph.messages.schema_reader import ros_text
+from palp_core.graph.messages.message import decode, encode, encode_any
+from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import serve_outside, set_parameters
 from palp_core.graph.node.lifecycle import Transition
@@ -128,12 +127,12 @@ class NodeServices:
         ports: dict[str, Any] = {}
         for kind, group in (("sub", declared.subs), ("pub", declared.pubs)):
             for name, port in group.items():
-                ports[name] = {"kind": kind, "types": [_type(port.message)]}
+                ports[name] = {"kind": kind, "types": [MessageType.of(port.message)]}
         for kind, pairs in (("srv", declared.services), ("client", declared.clients)):
             for name, pair in pairs.items():
-                types = [_type(pair.request), _type(pair.reply)]
+                types = [MessageType.of(pair.request), MessageType.of(pair.reply)]
                 ports[name] = {"kind": kind, "types": types}
-        return {"ports": ports}
+        return {"ports": msgspec.to_builtins(ports)}
 
     def describe_parameters(self, _request: dict[str, Any]) -> dict[str, Any]:
         """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""
@@ -190,14 +189,3 @@ class NodeServices:
     def _must_be_active(self) -> None:
         if not self._executor.publishing:
             raise GraphError(f"{self._executor.name} is {self._executor.lifecycle.value}; activate it first")
-
-
-def _type(message: type[Message]) -> dict[str, Any]:
-    schema = schema_of(message)
-    described = json_schema(schema)
-    return {
-        "name": schema.name,
-        "type_hash": schema.hash_text,
-        "ros_text": ros_text(described),
-        "json_schema": described,
-    }

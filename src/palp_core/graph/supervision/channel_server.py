@@ -1,4 +1,4 @@
-"""The supervisor's ends of all nodes' lines: who is connected, and what they say.
+"""The supervisor's ends of all nodes' channels: who is connected, and what they say.
 
 Nothing here waits for a node: one that is stopped in the middle of a message must not stop the supervisor.
 """
@@ -18,7 +18,7 @@ from palp_core.graph.process.control_messages import FromNode, Hello, ToNode, su
 
 
 class ChannelServer:
-    """Lines to named nodes, numbered by their place in the list.
+    """Channels to named nodes, numbered by their place in the list.
 
     Args:
         path: Unix socket on which nodes report.
@@ -28,7 +28,7 @@ class ChannelServer:
 
     def __init__(self, path: Path, names: Sequence[str], others: Iterable[int]) -> None:
         self._names = list(names)
-        self._links: dict[int, MessageChannel[FromNode]] = {}
+        self._channels: dict[int, MessageChannel[FromNode]] = {}
         self._unnamed: dict[int, MessageChannel[FromNode]] = {}
         self._index_of: dict[int, int] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -61,27 +61,27 @@ class ChannelServer:
     def exchange(self, one: int, other: int) -> None:
         """Let two processes change their numbers."""
         self._names[one], self._names[other] = self._names[other], self._names[one]
-        links = self._links.pop(one, None), self._links.pop(other, None)
-        for index, link in zip((other, one), links, strict=True):
-            if link is not None:
-                self._links[index] = link
-                self._index_of[link.socket.fileno()] = index
+        channels = self._channels.pop(one, None), self._channels.pop(other, None)
+        for index, channel in zip((other, one), channels, strict=True):
+            if channel is not None:
+                self._channels[index] = channel
+                self._index_of[channel.socket.fileno()] = index
 
     def connected(self, index: int) -> bool:
-        """Tell whether a node's line is open."""
-        return index in self._links
+        """Tell whether a node's channel is open."""
+        return index in self._channels
 
     def send(self, index: int, message: ToNode) -> None:
-        """Say something to a node; what its line cannot take at once leaves during :meth:`wait`.
+        """Say something to a node; what its channel cannot take at once leaves during :meth:`wait`.
 
         Raises:
-            ChannelClosed: Its line is not open.
+            ChannelClosed: Its channel is not open.
         """
-        if index not in self._links:
-            raise ChannelClosed("no line")
-        link = self._links[index]
-        if not link.post(message):
-            self._poll.modify(link.socket.fileno(), select.POLLIN | select.POLLOUT)
+        if index not in self._channels:
+            raise ChannelClosed("no channel")
+        channel = self._channels[index]
+        if not channel.post(message):
+            self._poll.modify(channel.socket.fileno(), select.POLLIN | select.POLLOUT)
 
     def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
         """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
@@ -105,63 +105,63 @@ class ChannelServer:
         return heard, others
 
     def _flush(self, index: int) -> None:
-        link = self._links[index]
+        channel = self._channels[index]
         try:
-            if not link.flush():
+            if not channel.flush():
                 return
         except ChannelClosed:
-            pass  # what it still has to say is read first, then its line ends
-        self._poll.modify(link.socket.fileno(), select.POLLIN)
+            pass  # what it still has to say is read first, then its channel ends
+        self._poll.modify(channel.socket.fileno(), select.POLLIN)
 
     def _receive(self, index: int) -> Iterator[FromNode]:
-        """Yield what a node has said; disconnect at the end of its line."""
-        link = self._links[index]
+        """Yield what a node has said; disconnect at the end of its channel."""
+        channel = self._channels[index]
         try:
-            link.fill(socket.MSG_DONTWAIT)
+            channel.fill(socket.MSG_DONTWAIT)
         except ChannelClosed:
             self.disconnect(index)  # the fork server will say how it ended
-        while link.buffered():
-            yield link.receive()
+        while channel.buffered():
+            yield channel.receive()
 
     def drain(self, index: int) -> Iterator[FromNode]:
-        """Yield what is still in the line of a node that has ended, even if a child of it holds the line."""
-        while index in self._links:
+        """Yield what a node that has ended has still said, even if a child of it holds the channel."""
+        while index in self._channels:
             yield from self._receive(index)
 
     def _identify(self, descriptor: int) -> list[tuple[int, FromNode]]:
-        """Take a line whose first words are a node's name into the list; disconnect anybody else."""
-        link = self._unnamed[descriptor]
+        """Take a channel whose first words are a node's name into the list; disconnect anybody else."""
+        channel = self._unnamed[descriptor]
         hello: FromNode | None = None
         with contextlib.suppress(ChannelClosed, msgspec.MsgspecError):
-            link.fill(socket.MSG_DONTWAIT)
-            if not link.buffered():
+            channel.fill(socket.MSG_DONTWAIT)
+            if not channel.buffered():
                 return []
-            hello = link.receive()
+            hello = channel.receive()
         del self._unnamed[descriptor]
         if not isinstance(hello, Hello) or hello.name not in self._names:
             self._poll.unregister(descriptor)
-            link.close()
+            channel.close()
             return []
         index = self._names.index(hello.name)
         self.disconnect(index)
-        self._links[index], self._index_of[descriptor] = link, index
+        self._channels[index], self._index_of[descriptor] = channel, index
         heard: list[tuple[int, FromNode]] = []
-        while link.buffered():
-            heard.append((index, link.receive()))
+        while channel.buffered():
+            heard.append((index, channel.receive()))
         return heard
 
     def disconnect(self, index: int) -> None:
-        """Close a node's line."""
-        link = self._links.pop(index, None)
-        if link is not None:
-            self._index_of.pop(link.socket.fileno(), None)
-            self._poll.unregister(link.socket.fileno())
-            link.close()
+        """Close a node's channel."""
+        channel = self._channels.pop(index, None)
+        if channel is not None:
+            self._index_of.pop(channel.socket.fileno(), None)
+            self._poll.unregister(channel.socket.fileno())
+            channel.close()
 
     def close(self) -> None:
-        """Close every line."""
-        for index in list(self._links):
+        """Close every channel."""
+        for index in list(self._channels):
             self.disconnect(index)
-        for link in self._unnamed.values():
-            link.close()
+        for channel in self._unnamed.values():
+            channel.close()
         self._listener.close()

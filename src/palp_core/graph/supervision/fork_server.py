@@ -6,7 +6,7 @@ what its children print. When the launcher's end closes, it brings all children 
 after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children. What a node has
 started goes with the node; what has left the node's process group, with the server.
 
-Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the line>``.
+Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the channel>``.
 """
 
 from __future__ import annotations
@@ -95,13 +95,13 @@ class ForkServer:
 
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
-        self._process, line = started or start_fork_server()
-        self._line = MessageChannel(line, msgspec.msgpack.Decoder(ChildEvent))
+        self._process, connection = started or start_fork_server()
+        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent))
 
     @property
     def descriptor(self) -> int:
         """Becomes readable when a child has started or ended."""
-        return self._line.socket.fileno()
+        return self._channel.socket.fileno()
 
     @property
     def pid(self) -> int:
@@ -115,7 +115,7 @@ class ForkServer:
             GraphError: The fork server is gone.
         """
         try:
-            self._line.send(request)
+            self._channel.send(request)
         except ChannelClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
 
@@ -134,14 +134,14 @@ class ForkServer:
             GraphError: The fork server is gone.
         """
         try:
-            self._line.fill()
+            self._channel.fill()
         except ChannelClosed as error:
             raise GraphError(
                 f"the fork server (process {self.pid}) has ended; its nodes ended with it"
             ) from error
         found = []
-        while self._line.buffered():
-            found.append(self._line.receive())
+        while self._channel.buffered():
+            found.append(self._channel.receive())
         return found
 
     def inspect_classes(
@@ -178,7 +178,7 @@ class ForkServer:
 
     def close(self) -> None:
         """End every child and the server; returns when they are gone."""
-        self._line.close()
+        self._channel.close()
         try:
             self._process.wait(CLOSE_TIMEOUT_S)
         except subprocess.TimeoutExpired:  # stopped, perhaps; its death is that of its children
@@ -187,10 +187,10 @@ class ForkServer:
 
 
 class _Server:
-    """Children, what they print, and the launcher's line."""
+    """Children, what they print, and the launcher's end."""
 
     def __init__(self, connection: socket.socket) -> None:
-        self._line = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
+        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
         self._wake, self._wake_write = _quiet_pipe()
         self._announced, self._announce = _quiet_pipe()
         self._children: dict[int, str] = {}
@@ -207,12 +207,12 @@ class _Server:
             self._poll.register(descriptor, select.POLLIN)
 
     def serve(self) -> None:
-        """Serve until the launcher's line closes, then end every child."""
-        line = self._line.socket.fileno()
+        """Serve until the launcher's end closes, then end every child."""
+        channel = self._channel.socket.fileno()
         with contextlib.suppress(ChannelClosed):
             while True:
                 ready = {descriptor for descriptor, _ in self._poll.poll()}
-                for descriptor in ready - {line, self._wake}:
+                for descriptor in ready - {channel, self._wake}:
                     if descriptor == self._announced:
                         import_announced(descriptor)
                     elif not self._logs.read(descriptor):
@@ -220,10 +220,10 @@ class _Server:
                 if self._wake in ready:
                     import_announced(self._announced)  # before a inspecting child's end is told
                     self._reap()
-                if line in ready:
-                    self._line.fill()
-                    while self._line.buffered():
-                        self._execute(self._line.receive())
+                if channel in ready:
+                    self._channel.fill()
+                    while self._channel.buffered():
+                        self._execute(self._channel.receive())
         self._end_all()
 
     def _execute(self, request: Request) -> None:
@@ -254,7 +254,7 @@ class _Server:
 
     def _release(self) -> None:
         """In a child: let go of what is the server's."""
-        self._line.close()
+        self._channel.close()
         for descriptor in (self._wake, self._wake_write, self._announced):
             os.close(descriptor)
         self._logs.release()
@@ -268,8 +268,8 @@ class _Server:
     def _send_event(self, event: ChildEvent) -> None:
         with contextlib.suppress(
             ChannelClosed
-        ):  # the launcher is gone: the loop sees the end of the line next
-            self._line.send(event)
+        ):  # the launcher is gone: the loop sees the end of the channel next
+            self._channel.send(event)
 
     def _reap(self) -> None:
         """Account for who has ended; the rest of its process group ends with it, and its log is complete."""
@@ -338,7 +338,7 @@ def _next_gone() -> tuple[int, int] | None:
 
 
 def main(connection: socket.socket) -> None:
-    """Serve until the launcher's line closes, then end every child."""
+    """Serve until the launcher's end closes, then end every child."""
     gc.disable()  # nothing here makes cycles; collecting while importing costs a tenth of the time
     preload()
     _Server(connection).serve()

@@ -12,10 +12,10 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 
 
 class ServerProcess(NamedTuple):
-    """A fork server that has been started, and the launcher's end of its line."""
+    """A fork server that has been started, and the launcher's end of its channel."""
 
     process: subprocess.Popen[bytes]
-    line: socket.socket
+    channel: socket.socket
 
 
 def start_fork_server() -> ServerProcess:

@@ -20,12 +20,12 @@ Received = TypeVar("Received")
 
 
 class Sidecar(Generic[Received]):
-    """One process and the line to it.
+    """One process and the channel to it.
 
-    It must end when the line closes; if this process is killed, the kernel kills it.
+    It must end when the channel closes; if this process is killed, the kernel kills it.
 
     Args:
-        module: Run with the descriptor of its end of the line as its only argument.
+        module: Run with the descriptor of its end of the channel as its only argument.
         decoder: Of what it says.
         log: File for its output.
     """
@@ -42,12 +42,12 @@ class Sidecar(Generic[Received]):
                 stderr=output,
                 start_new_session=True,
             )
-        self._line = MessageChannel(ours, decoder)
+        self._channel = MessageChannel(ours, decoder)
 
     @property
     def descriptor(self) -> int:
         """Becomes readable when it has said something."""
-        return self._line.socket.fileno()
+        return self._channel.socket.fileno()
 
     @property
     def pid(self) -> int:
@@ -60,7 +60,7 @@ class Sidecar(Generic[Received]):
         Raises:
             ChannelClosed: It is gone.
         """
-        self._line.send(message)
+        self._channel.send(message)
 
     def receive(self) -> list[Received]:
         """Return what it has said; wait if it has said nothing.
@@ -68,26 +68,26 @@ class Sidecar(Generic[Received]):
         Raises:
             ChannelClosed: It is gone, and everything it has said was returned before.
         """
-        if not self._line.buffered():
-            self._line.fill()
+        if not self._channel.buffered():
+            self._channel.fill()
         found = []
-        while self._line.buffered():
-            found.append(self._line.receive())
+        while self._channel.buffered():
+            found.append(self._channel.receive())
         return found
 
     def close_sending(self) -> None:
-        """Say nothing more: it sees the end of the line, and can still be heard."""
+        """Say nothing more: it sees the end of the channel, and can still be heard."""
         with contextlib.suppress(OSError):
-            self._line.socket.shutdown(socket.SHUT_WR)
+            self._channel.socket.shutdown(socket.SHUT_WR)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until it has said something or is gone; return False on time-out."""
-        ready = select.select((self._line.socket,), (), (), max(timeout_s, 0.0))[0]
-        return bool(ready) or self._line.buffered()
+        ready = select.select((self._channel.socket,), (), (), max(timeout_s, 0.0))[0]
+        return bool(ready) or self._channel.buffered()
 
     def close(self) -> int:
         """End it; return its exit status."""
-        self._line.close()
+        self._channel.close()
         try:
             return self._process.wait(CLOSE_TIMEOUT_S)
         except subprocess.TimeoutExpired:  # stopped, perhaps

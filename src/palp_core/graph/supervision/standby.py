@@ -27,7 +27,7 @@ class Standby:
     """One such process.
 
     Attributes:
-        number: Of its line.
+        number: Of its channel.
         process: The process.
         replies: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
