@@ -174,14 +174,7 @@ def run_node(
         Interrupted: The user asked for the end.
     """
     workspace = find_workspace(Path.cwd() / "launch.yaml")
-    module, _, class_name = run.rpartition(":")
-    if module.endswith(".py"):
-        run = f"{Path(module).resolve()}:{class_name}"
-    name = name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
-    if not module:
-        raise GraphError(f"cannot run '{run}'; write module:Class or path.py:Class")
-    if mistake := name_mistake(name):
-        raise GraphError(f"cannot run '{run}': {mistake} with --name")
+    run, name = _run_and_name(run, name)
     with contextlib.ExitStack() as stack:
         interrupt = stack.enter_context(Interrupt())
         folder = RunDirectory(name)
@@ -215,18 +208,7 @@ def run_node(
         supervisor.on_new_process = announce
         stack.callback(supervisor.close)
         stack.callback(supervisor.shutdown, 0, 0)
-        try:
-            code = _supervise(supervisor, remote)
-        except (NodeError, Interrupted) as error:
-            if remote is not None:
-                remote.goodbye = Goodbye(str(error), -1)
-            raise
-        if remote is not None:
-            remote.goodbye = Goodbye(
-                "its work is done" if code == 0 else f"it ended with status {code}", code
-            )
-            if remote.lost is not None:
-                say(f"{remote.lost.text}; /{name} goes to its safe state and ends")
+        code = _supervise(supervisor) if remote is None else _supervise_joined(supervisor, remote, say)
     if code == 0:
         folder.remove()
     return code
@@ -276,12 +258,44 @@ def _placed(
     return msgspec.structs.replace(spec, epoch=epoch, shutdown_on_exit=True)
 
 
-def _supervise(supervisor: Supervisor, remote: _BridgeHandle | None) -> int:
-    if remote is None:
-        supervisor.start()
-        supervisor.on_new_process()
-        return supervisor.run_wall()
+def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
+    """Return what to run, with the whole path of a file, and the running name.
 
+    Raises:
+        GraphError: Neither ``module:Class`` nor ``path.py:Class``, or not a node's name.
+    """
+    module, _, class_name = run.rpartition(":")
+    if module.endswith(".py"):
+        run = f"{Path(module).resolve()}:{class_name}"
+    name = name or re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", class_name).lower()
+    if not module:
+        raise GraphError(f"cannot run '{run}'; write module:Class or path.py:Class")
+    if mistake := name_mistake(name):
+        raise GraphError(f"cannot run '{run}': {mistake} with --name")
+    return run, name
+
+
+def _supervise(supervisor: Supervisor) -> int:
+    """Run a node that is alone; return its exit status."""
+    supervisor.start()
+    supervisor.on_new_process()
+    return supervisor.run_wall()
+
+
+def _supervise_joined(supervisor: Supervisor, remote: _BridgeHandle, say: Say) -> int:
+    """Run a node as part of the graph it has joined; return its exit status, and leave what to say there."""
+    try:
+        code = _run_joined(supervisor, remote)
+    except (NodeError, Interrupted) as error:
+        remote.goodbye = Goodbye(str(error), -1)
+        raise
+    remote.goodbye = Goodbye("its work is done" if code == 0 else f"it ended with status {code}", code)
+    if remote.lost is not None:
+        say(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
+    return code
+
+
+def _run_joined(supervisor: Supervisor, remote: _BridgeHandle) -> int:
     def receive() -> None:
         remote.receive()
         if remote.lost is not None:
