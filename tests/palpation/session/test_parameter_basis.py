@@ -17,7 +17,7 @@ PARAMS = {
         "nodes.policy_markov:MarkovParams",
         "nodes.policy_uniform:UniformParams",
         "nodes.policy_information:InformationParams",
-        "nodes.policy_emg:EmgParams",
+        "nodes.policy_emg:EmgPolicyParams",
     ),
     "actuator": ("nodes.actuator:ActuatorParams",),
     "stage": ("nodes.stage:StageParams",),

@@ -5,12 +5,13 @@ Charts are drawn without pyplot, so nothing is global and no display is needed. 
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from palp_core.palpation.reporting.table import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,10 +92,7 @@ def save(chart: Chart, folder: Path, *, svg: bool = False) -> bytes:
     (folder / f"{chart.name}.png").write_bytes(image.getvalue())
     if svg:
         (folder / f"{chart.name}.svg").write_bytes(vector.getvalue())
-    with (folder / f"{chart.name}.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(chart.columns)
-        writer.writerows(["" if cell is None else cell for cell in row] for row in chart.rows)
+    write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
     return image.getvalue()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import product
@@ -22,6 +21,7 @@ from palp_core.palpation.perception.statistics.resampling import (
     share_interval,
 )
 from palp_core.palpation.reporting.html_page import write_page
+from palp_core.palpation.reporting.table import write_csv
 from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.whole_file import write_json
@@ -166,8 +166,7 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "analysis.json", record)
     rows = rows_of(record)
-    with (out / "analysis.csv").open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
+    write_csv(out / "analysis.csv", rows[0], rows[1:])
     return write_page(
         out / "index.html",
         "analysis.html",

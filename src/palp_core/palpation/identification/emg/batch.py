@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eige
 from palp_core.palpation.perception.emg.sweep import sweep
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
+from palp_core.palpation.reporting.table import write_csv, write_records
 from palp_core.whole_file import write_whole
 
 COLUMNS = (
@@ -101,10 +101,7 @@ def sweep_trial(trial: EmgTrial, out: Path | None) -> list[dict[str, Any]]:
     for row in rows:
         row["lambda_2"] = None if np.isnan(row["lambda_2"]) else row["lambda_2"]
     if out is not None:
-        with (out / "sweep.csv").open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_records(out / "sweep.csv", rows)
     return rows
 
 
@@ -116,10 +113,8 @@ def _write(
     shown: Picture | None,
 ) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    with (out / "quality.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows([_cell(record.get(name)) for name in COLUMNS] for record in records)
+    cells = [[_cell(record.get(name)) for name in COLUMNS] for record in records]
+    write_csv(out / "quality.csv", COLUMNS, cells)
     text = json.dumps(result, indent=1, allow_nan=False)
     write_whole(out / "quality.json", text + "\n")
     counts = Counter(flag for record in records for flag in record["flags"])
@@ -137,7 +132,7 @@ def _write(
 
 
 def _cell(value: Any) -> Any:
-    return " ".join(map(str, value)) if isinstance(value, list) else "" if value is None else value
+    return " ".join(map(str, value)) if isinstance(value, list) else value
 
 
 def _by_phase(records: Sequence[dict[str, Any]]) -> dict[str, Any]:

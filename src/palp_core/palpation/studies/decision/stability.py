@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.reporting.html_page import write_page
+from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.decision import traps_belief, traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
 from palp_core.whole_file import write_json
@@ -40,8 +40,5 @@ def run(out: Path, *, quick: bool = False) -> Path:  # noqa: ARG001  it is quick
     rows = [row(trap) for trap in TRAPS]
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "decision_stability.json", rows)
-    with (out / "decision_stability.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_records(out / "decision_stability.csv", rows)
     return write_page(out / "index.html", "studies/decision_stability.html", traps=rows)

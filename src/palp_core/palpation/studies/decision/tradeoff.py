@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from palp_core.palpation.perception.belief.stopping import (
     StopRule,
 )
 from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.decision.charts import calibration_chart, rungs_chart, tradeoff_chart
 from palp_core.palpation.studies.decision.limits import limits
 from palp_core.palpation.studies.decision.rungs import rung_rows
@@ -100,10 +100,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     out.mkdir(parents=True, exist_ok=True)
     report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
     write_json(out / "decision_tradeoff.json", report)
-    with (out / "decision_tradeoff.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_records(out / "decision_tradeoff.csv", rows)
     charts = [
         tradeoff_chart(rows, "probes", bounds),
         tradeoff_chart(rows, "seconds", bounds),

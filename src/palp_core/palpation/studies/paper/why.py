@@ -6,7 +6,6 @@ how the level, the ring, the height, training and re-homing behave. None is made
 
 from __future__ import annotations
 
-import csv
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVer
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.reporting.charts import GREY, INK, PALE_BLUE, Chart, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
@@ -155,10 +155,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "grid": crossed,
     }
     write_json(out / "why.json", report)
-    with (out / "why_grid.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(crossed[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(crossed)
+    write_records(out / "why_grid.csv", crossed)
     return write_page(
         out / "index.html",
         "studies/why.html",

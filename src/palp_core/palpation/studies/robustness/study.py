@@ -7,7 +7,6 @@ the published spectrum.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from palp_core.palpation.perception.strategy.isospectral_family import figure5_family
 from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.reporting.table import write_csv
 from palp_core.palpation.studies.robustness.cells import RobustnessCell, cells
 from palp_core.palpation.studies.robustness.charts import differences_chart, factors_chart, family_chart
 from palp_core.palpation.studies.robustness.claim import (
@@ -41,6 +41,7 @@ from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
 Report = dict[str, Any]
+_NUMBERS = ("accuracy", "probes", "seconds", "ece")
 _SHOWN = (
     "fixed_0",
     "fixed_average",
@@ -290,18 +291,12 @@ def _band(values: Float64Array) -> dict[str, float]:
 
 
 def _csv(out: Path, found: Sequence[Mapping[str, Any]]) -> None:
-    columns = [
-        k for key in ("accuracy", "probes", "seconds", "ece") for k in (key, f"{key}_low", f"{key}_high")
+    columns = [k for key in _NUMBERS for k in (key, f"{key}_low", f"{key}_high")]
+    rows = [
+        [cell["factor"] or "centre", cell["value"], design, policy]
+        + [x for key in _NUMBERS for x in (line[key], *line[f"{key}_ci"])]
+        for cell in found
+        for design, by in cell["designs"].items()
+        for policy, line in by.items()
     ]
-    with (out / "robustness.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["factor", "value", "design", "policy", *columns])
-        for cell in found:
-            for design, by in cell["designs"].items():
-                for policy, line in by.items():
-                    numbers = [
-                        x
-                        for key in ("accuracy", "probes", "seconds", "ece")
-                        for x in (line[key], *line[f"{key}_ci"])
-                    ]
-                    writer.writerow([cell["factor"] or "centre", cell["value"], design, policy, *numbers])
+    write_csv(out / "robustness.csv", ["factor", "value", "design", "policy", *columns], rows)
