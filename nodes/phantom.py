@@ -32,8 +32,7 @@ class PhantomParams(Params):
     ``tolerance`` choose the contact rung. ``scene`` is a scene file: where given, gel, probe, indentation and
     tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
-    has its own. Friction, tip mass and
-    indentation are assumed, as the paper gives none.
+    has its own. Friction, tip mass and indentation are assumed, as the paper gives none.
     """
 
     phantoms: str = ""

@@ -66,9 +66,9 @@ class SafetyParams(Params):
     figures for SI-12-0.12); a stop above them could never trip and is refused.
 
     ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
-    ``device`` is the stage's driver, which knows how to stop by that port.
-    ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of a sweep.
-    ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
+    ``device`` is the stage's driver, which knows how to stop by that port. ``link_ms`` is the longest wait
+    for an answer there: 2 mm at the speed of a sweep. ``watch_processes`` trips when a process of the graph
+    is stopped by a signal, or ends in a sweep.
     """
 
     stop_url: ReadOnly[str] = ""

@@ -18,33 +18,13 @@ import pytest
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.ring.maestro import MaestroState
-from palp_core.palpation.devices.sim.emg import SimEmgState
-from palp_core.palpation.devices.sim.ring import SimRingState
-from palp_core.palpation.devices.sim.stage import SimStageState
-from palp_core.palpation.devices.sim.torque import SimTorqueState
-from palp_core.palpation.devices.stage.aerotech import AerotechState
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.registry import BACK_ENDS
 from tests.support.hardware import Hardware
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
-STATES: dict[tuple[str, str], type[Any]] = {
-    ("stage", "sim"): SimStageState,
-    ("ring", "sim"): SimRingState,
-    ("torque", "sim"): SimTorqueState,
-    ("emg", "sim"): SimEmgState,
-    ("stage", "aerotech"): AerotechState,
-    ("ring", "maestro"): MaestroState,
-    ("torque", "ati"): WrenchState,
-    ("torque", "netft"): WrenchState,
-    ("emg", "noraxon"): EmgSourceState,
-    ("emg", "lsl"): EmgSourceState,
-    ("emg", "spikershield"): EmgSourceState,
-}
-BY_KIND = {kind: [name for k, name in STATES if k == kind] for kind in ("stage", "ring", "torque", "emg")}
+BY_KIND = {kind: list(names) for kind, names in BACK_ENDS.items()}
 SIM_OPTIONS: dict[str, dict[str, Any]] = {"emg": {"matrix": [[0.2] * 5] * 5}, "stage": {"lift_m": 0.002}}
 EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cut short has seconds of time
     "stage": {"lift_m": 0.002, "sweep_speed_m_per_s": 0.001, "return_speed_m_per_s": 0.005},
@@ -66,8 +46,8 @@ class Subject:
     state: Any = None
 
     def __post_init__(self) -> None:
-        self.state = STATES[self.kind, self.name]()
         self.device = self.make()
+        self.state = self.device.state_type()
 
     def make(self) -> Any:
         return open_device(self.kind, self.name, **self.options)  # type: ignore[call-overload]
@@ -177,6 +157,27 @@ def test_a_stage_sweeps_an_interval_at_the_times_it_says(subject: Subject) -> No
     place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
     np.testing.assert_allclose(place.y_m, [-0.002, 0.002], atol=1e-3)  # 1 s of a busy machine, emulated
     np.testing.assert_allclose(place.z_m, 0.0, atol=1e-4)
+
+
+@every("stage")
+def test_a_stage_says_where_it_is_and_raises_the_probe(subject: Subject) -> None:
+    stage = subject.open()
+    subject.reach(stage.return_to(0.001, subject.now(), subject.state))
+    subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
+    low = stage.feedback(subject.now(), subject.state)
+    np.testing.assert_allclose((low.y_m, low.z_m), (0.001, 0.0), atol=1e-4)
+    subject.reach(stage.retreat(0.010, subject.now(), subject.state))
+    subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
+    high = stage.feedback(subject.now(), subject.state)
+    assert high.z_m == pytest.approx(stage.lift_m, abs=1e-4)
+    assert high.y_m == pytest.approx(0.001, abs=1e-4)
+
+
+@every("stage", "ring")
+def test_what_moves_takes_an_acknowledgement_and_is_well_after_it(subject: Subject) -> None:
+    device = subject.open()
+    device.acknowledge(subject.now(), subject.state)
+    assert device.health(subject.now()).ok
 
 
 @every("stage")

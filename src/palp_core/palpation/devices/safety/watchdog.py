@@ -170,8 +170,8 @@ class Watchdog:
         """Note that the watch runs; say whether it was kept from it, and None if it had better hear first.
 
         A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
-        Being late itself for longer than a heartbeat is a reason of its own to stop, as
-        nobody has watched meanwhile.
+        Being late itself for longer than a heartbeat is a reason of its own to stop, as nobody has watched
+        meanwhile.
 
         Args:
             now_ns: Time of this run.
