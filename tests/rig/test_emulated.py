@@ -59,6 +59,7 @@ def test_it_takes_the_arguments_of_the_simulated_rig() -> None:
 def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
     emulated, rig = tree(EMULATED), tree(RIG)
     del emulated["args"]["host"]
+    assert emulated["nodes"]["experiment"]["inputs"].pop("guard") == "phantom/guard"  # a real one has none
     for graph in (emulated, rig):
         del graph["nodes"]["phantom"]
         del graph["nodes"]["safety"]["params"]["stop_url"]
