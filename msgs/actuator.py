@@ -1,7 +1,5 @@
 """The anchor ring: where it is asked to be, where it says it is, where it is in truth."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import Count, Metres, Nanoseconds
 

@@ -1,7 +1,5 @@
 """Forearm EMG and the co-contraction made of it."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Nanoseconds, Ratio, RatioArray, VoltsArray
 

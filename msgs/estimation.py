@@ -1,7 +1,5 @@
 """What the estimator makes of a sweep."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import (
     Count,

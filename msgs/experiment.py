@@ -1,7 +1,5 @@
 """The experiment: which phantom is mounted, which trial runs, what came of it."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import Count, Metres, Nanoseconds, Probability
 

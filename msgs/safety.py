@@ -1,7 +1,5 @@
 """What the safety node hears, says and is asked."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import (
     Count,

@@ -1,7 +1,5 @@
 """The stage: where it is asked to sweep, where it is, how far a sweep has come."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Metres, MetresArray, Nanoseconds
 

@@ -1,7 +1,5 @@
 """Torque at the base of the probe: what acts, and what the sensor says."""
 
-from __future__ import annotations
-
 from palp_core import Message
 from palp_core.units import Count, HertzPositive, Metres, Nanoseconds, NewtonMetresArray
 

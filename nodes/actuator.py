@@ -1,7 +1,5 @@
 """Move the anchor ring, and with it the stiffness of the probe's joint."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """Turn raw EMG into normalised co-contraction and its level."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Deliver the raw EMG of a finger's flexor and extensor."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Stand in for the laboratory: emulated devices over one phantom, put on as the experiment asks."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Infer the depth of the nodule from the torque of each sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Annotated

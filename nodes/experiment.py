@@ -1,7 +1,5 @@
 """Run the palpation experiment: training, then estimation, and keep its record."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth

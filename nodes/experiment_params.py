@@ -1,7 +1,5 @@
 """What the experiment is set to do, and what a replacement of its node inherits."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from msgs.estimation import Belief, Palpation

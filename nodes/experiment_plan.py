@@ -1,7 +1,5 @@
 """Which plan the experiment follows, from its parameters, and which policies take over in it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

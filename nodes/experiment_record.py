@@ -1,7 +1,5 @@
 """What the experiment writes down of a palpation, and says of its progress."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from msgs.estimation import Belief, Palpation, PrimitivesLearnt

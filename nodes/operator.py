@@ -1,7 +1,5 @@
 """Ask a person to put on a phantom, and tell the experiment when it is there."""
 
-from __future__ import annotations
-
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
 from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms

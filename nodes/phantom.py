@@ -1,7 +1,5 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
-from __future__ import annotations
-
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose

@@ -1,7 +1,5 @@
 """What every stiffness policy shares: its ports, its memory, and when it speaks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Any, Self
 

@@ -1,7 +1,5 @@
 """Follow the co-contraction of a person who palpates at the same time."""
 
-from __future__ import annotations
-
 from nodes.policy import PolicyNode
 from palp_core import Params
 from palp_core.palpation.perception.strategy import policies

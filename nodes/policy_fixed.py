@@ -1,7 +1,5 @@
 """Keep one ring position for the whole trial: the paper's Algorithm 1."""
 
-from __future__ import annotations
-
 from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.perception.strategy import policies

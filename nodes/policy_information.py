@@ -1,7 +1,5 @@
 """Probe where the next reading is expected to tell most about the depth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from nodes.policy import PolicyNode, RingMillimetres

@@ -1,7 +1,5 @@
 """Vary the stiffness as humans do: the paper's Algorithm 2."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from nodes.policy import PolicyNode

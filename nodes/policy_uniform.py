@@ -1,7 +1,5 @@
 """Draw every ring position with equal probability, whatever was felt: the control for the human strategy."""
 
-from __future__ import annotations
-
 from nodes.policy import PolicyNode, RingMillimetres
 from palp_core import Params
 from palp_core.palpation.perception.strategy import figure5, policies

@@ -1,7 +1,5 @@
 """Move a real anchor ring: what it says it is decides, and the safety node may stop it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from msgs.actuator import RingCommand, RingState

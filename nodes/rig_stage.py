@@ -1,7 +1,5 @@
 """Sweep with a real stage on the machine's clock, by permission of the safety node."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, ClassVar
 

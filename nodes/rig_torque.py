@@ -1,7 +1,5 @@
 """Stream the torque of a real sensor, and report its loads to the safety node at once."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

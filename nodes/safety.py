@@ -1,7 +1,5 @@
 """Watch torque, stage and actuator; stop motion on a link of its own; stay stopped until acknowledged."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

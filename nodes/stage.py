@@ -1,7 +1,5 @@
 """Sweep the probe over the phantom at constant speed, and return by another path."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar
 

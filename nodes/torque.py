@@ -1,7 +1,5 @@
 """Measure the torque at the base of the probe."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

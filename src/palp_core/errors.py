@@ -20,8 +20,6 @@
 A message says what is wrong, where, and what to do. Data rides as attributes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """Where code is now that launch files, commands and bags made with earlier versions name."""
 
-from __future__ import annotations
-
 _MOVED = {
     "palp_core.bag.player": "palp_core.graph.replay.player",
     "palp_core.bag.record": "palp_core.graph.recording.recorder_node",

@@ -7,8 +7,6 @@ A parameter takes the narrowest alias that is true of it (a spread is not negati
 check of a launch file then refuses what could only fail later, and says where it stands.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

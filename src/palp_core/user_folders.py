@@ -3,8 +3,6 @@
 https://specifications.freedesktop.org/basedir-spec/, with a variable of palp's own before each of it.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

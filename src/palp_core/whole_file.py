@@ -1,7 +1,5 @@
 """Files that appear under their name only when they are complete: whole, or not at all."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator

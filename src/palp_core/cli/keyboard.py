@@ -1,7 +1,5 @@
 """Keys as they are pressed, where a person is at the keyboard; the terminal is as it was afterwards."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

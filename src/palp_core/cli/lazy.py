@@ -3,8 +3,6 @@
 A group lists its verbs as text: where each lives, and the line that the help shows for it.
 """
 
-from __future__ import annotations
-
 import errno
 import importlib
 import os

@@ -1,7 +1,5 @@
 """``palp``: launch a graph, look at a running one. Every import waits until a verb needs it."""
 
-from __future__ import annotations
-
 import os
 import sys
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Options and arguments that many verbs share."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from typing import Annotated

@@ -1,7 +1,5 @@
 """How verbs speak: lines on standard output, notes on standard error, JSON for machines."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path

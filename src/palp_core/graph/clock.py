@@ -1,7 +1,5 @@
 """The graph's clock: the machine's monotonic one, or one that the conductor sets."""
 
-from __future__ import annotations
-
 import time
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """A histogram of latencies that costs a list index per message and holds any number of them."""
 
-from __future__ import annotations
-
 import bisect
 import itertools
 import math

@@ -1,7 +1,5 @@
 """What is wrong in a launch file, and where: every mistake is collected, located and printed on one line."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -16,8 +16,6 @@ A contact rung, a root finder, a feature, a likelihood, a stop rule or a policy 
 :func:`choose` then answers "what is the cheapest method that is good enough here?" and says why.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Mapping, Sequence

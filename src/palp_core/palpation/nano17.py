@@ -1,7 +1,5 @@
 """What the maker states of the torque sensor, an ATI Nano17 with calibration SI-12-0.12."""
 
-from __future__ import annotations
-
 RESOLUTION_N_M = 1e-3 / 64
 """Step of a torque (the paper's figure: 0.015 N mm)."""
 FORCE_RESOLUTION_N = 1.0 / 320

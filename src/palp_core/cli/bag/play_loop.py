@@ -1,7 +1,5 @@
 """Play a bag as time goes by, follow the keys, show how far it is."""
 
-from __future__ import annotations
-
 import select
 import sys
 from collections.abc import Mapping

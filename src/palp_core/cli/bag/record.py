@@ -1,7 +1,5 @@
 """``palp bag record`` and ``palp bag snapshot``."""
 
-from __future__ import annotations
-
 import signal
 from enum import StrEnum
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names of topics that a user gives beside bags: one that none of them has is a slip of the pen."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What ``palp doctor`` finds."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """What is wrong in a running graph, by the accounts that its own nodes keep."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator

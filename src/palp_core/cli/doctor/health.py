@@ -1,7 +1,5 @@
 """How the nodes of a running graph do: from the launcher's health topic, else from the nodes and the host."""
 
-from __future__ import annotations
-
 import contextlib
 from typing import Any
 

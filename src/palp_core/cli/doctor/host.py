@@ -1,7 +1,5 @@
 """What the machine itself may do to a run: clock, cores, limits, memory, disk."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

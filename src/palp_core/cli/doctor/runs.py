@@ -1,7 +1,5 @@
 """What earlier runs have left: processes without a supervisor, run directories of runs that are over."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

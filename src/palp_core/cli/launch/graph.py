@@ -1,7 +1,5 @@
 """``palp graph``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``palp keys``: this host's key pair, and who is let in."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import socket

@@ -1,7 +1,5 @@
 """``palp logs``: what the nodes of a graph have printed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

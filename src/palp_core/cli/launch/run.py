@@ -1,7 +1,5 @@
 """``palp run``: one node alone, or added to a graph that runs elsewhere."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

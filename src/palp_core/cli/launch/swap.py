@@ -1,7 +1,5 @@
 """``palp swap``: let another class take a running node's place."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated, Any

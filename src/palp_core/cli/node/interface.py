@@ -1,7 +1,5 @@
 """``palp interface``: types of messages and services, of the running graph or of a workspace."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """Where types come from: the running graph's own record, else a workspace's ``msgs`` and palp itself."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``palp lifecycle``: the states of running nodes, as ROS 2's managed nodes have them."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import typer

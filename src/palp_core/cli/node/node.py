@@ -1,7 +1,5 @@
 """``palp node``: the nodes of the running graph."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

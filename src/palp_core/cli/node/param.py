@@ -1,7 +1,5 @@
 """``palp param``: the parameters of running nodes, in ROS 2's words and file form."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any

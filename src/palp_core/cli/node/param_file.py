@@ -1,7 +1,5 @@
 """ROS 2's parameter files: ``/node: {ros__parameters: {name: value}}``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping as AnyMapping
 from pathlib import Path
 from typing import Any

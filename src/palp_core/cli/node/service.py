@@ -1,19 +1,10 @@
 """``palp service``: the services of the running graph."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import (
-    GraphOption,
-    HiddenOption,
-    JsonOption,
-    ServiceArgument,
-    TimeoutOption,
-    until_ctrl_c,
-)
+from palp_core.cli import options
 from palp_core.cli.output import note, print_json, print_names, print_text, yaml_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
@@ -26,10 +17,10 @@ def list_services(
     *,
     show_types: Annotated[bool, typer.Option("-t", "--show-types", help="With request and reply.")] = False,
     count: Annotated[bool, typer.Option("-c", "--count-services", help="Their number only.")] = False,
-    include_hidden: HiddenOption = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
+    include_hidden: options.HiddenOption = False,
+    timeout: options.TimeoutOption = 5.0,
+    graph: options.GraphOption = None,
+    as_json: options.JsonOption = False,
 ) -> None:
     """List the services, from the word of each node."""
     running = find_graph(graph)
@@ -49,11 +40,11 @@ def list_services(
 
 @app.command("type")
 def type_(
-    service: ServiceArgument,
+    service: options.ServiceArgument,
     *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
+    timeout: options.TimeoutOption = 5.0,
+    graph: options.GraphOption = None,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Tell the types of a service's request and reply."""
     found = find_graph(graph).service(service, timeout)
@@ -69,9 +60,9 @@ def find(
         str, typer.Argument(metavar="TYPE", help="Of request or reply.", show_default=False)
     ],
     *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
+    timeout: options.TimeoutOption = 5.0,
+    graph: options.GraphOption = None,
+    as_json: options.JsonOption = False,
 ) -> None:
     """List the services with a request or reply of a type."""
     from palp_core.graph.problems import hint
@@ -87,18 +78,18 @@ def find(
 
 @app.command("call")
 def call(
-    service: ServiceArgument,
+    service: options.ServiceArgument,
     words: Annotated[
         list[str] | None,
         typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and request.", show_default=False),
     ] = None,
     *,
-    timeout: TimeoutOption = 5.0,
+    timeout: options.TimeoutOption = 5.0,
     retries: Annotated[
         int, typer.Option(min=0, max=100, help="Ask again so often; the node does it only once.")
     ] = 0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
+    graph: options.GraphOption = None,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Call a service and print its reply; it never waits longer than timeout x (1 + retries)."""
     from palp_core.cli.text.message_text import readable
@@ -106,7 +97,7 @@ def call(
     from palp_core.cli.text.words import type_and_message
 
     kind, text = type_and_message(words or [], "palp service call /node/port TYPE '{name: value}'")
-    with until_ctrl_c():
+    with options.until_ctrl_c():
         running = find_graph(graph)
         found = running.service(service, timeout)
         if kind is not None and kind not in (found.request, found.request.removesuffix("Request")):

@@ -1,7 +1,5 @@
 """``palp analyse``: stored sessions pooled and decided again, without the rig."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``palp cache``: the expensive set-ups of contact models that are kept on disk."""
 
-from __future__ import annotations
-
 import typer
 
 from palp_core.cli.options import JsonOption

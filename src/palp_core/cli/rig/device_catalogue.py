@@ -1,7 +1,5 @@
 """The devices that have a driver, in words."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING, dataclass, fields
 
 from palp_core.errors import DeviceError

@@ -1,7 +1,5 @@
 """Try a device from the command line: is it there, and what does it deliver?"""
 
-from __future__ import annotations
-
 import inspect
 import time
 import warnings

@@ -1,7 +1,5 @@
 """``palp devices``: which devices there are, whether one answers, emulated ones, and what one measures."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``palp emg``: recorded EMG to co-contraction, bursts and levels, with what is wrong with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``palp markov``: the strategy of stiffness levels, learnt from recordings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """``palp phantom``: what a real phantom is, from sweeps over it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """``palp safety`` and ``palp stop``: what the safety node says, stopping, and leaving a trip behind."""
 
-from __future__ import annotations
-
 import sys
 
 import typer

@@ -1,7 +1,5 @@
 """``palp study``: the paper re-run, speed against accuracy, and where methods fail."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

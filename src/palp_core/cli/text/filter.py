@@ -4,8 +4,6 @@ It is Python's syntax, but nothing is ever handed to Python to run: the tree of 
 once, against a list of what is allowed and against the message's fields; simpleeval walks it per message.
 """
 
-from __future__ import annotations
-
 import ast
 import operator
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Messages as people read them, by the JSON Schema that the running graph has of each topic."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -1,7 +1,5 @@
 """From what a person types to the map that travels: YAML, checked and packed by a message's JSON Schema."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Words that verbs take, as ROS 2 users type them: a type and a message, if any, and ``name:=value``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palp_core.errors import GraphError

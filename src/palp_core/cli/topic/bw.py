@@ -1,7 +1,5 @@
 """``palp topic bw``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

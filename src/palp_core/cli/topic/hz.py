@@ -1,7 +1,5 @@
 """``palp topic hz``."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

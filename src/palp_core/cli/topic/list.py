@@ -1,7 +1,5 @@
 """``palp topic list``, ``info``, ``type`` and ``find``."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

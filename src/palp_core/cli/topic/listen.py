@@ -1,7 +1,5 @@
 """Messages of a running graph as they are published; what is missing is asked for, or counted and said."""
 
-from __future__ import annotations
-
 import contextlib
 from collections import deque
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """What ``hz``, ``bw`` and ``delay`` share: a window over a publisher's numbers, and the readers' accounts."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

@@ -5,8 +5,6 @@ arrays of one length) becomes one map per sample, each at its own time. It draws
 list and keeps every point, so what comes faster than wanted is thinned, and long lists are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

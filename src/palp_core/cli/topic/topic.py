@@ -1,7 +1,5 @@
 """``palp topic``: the topics of the running graph."""
 
-from __future__ import annotations
-
 from palp_core.cli.lazy import Verb, lazy_app
 
 _CLI = "palp_core.cli"

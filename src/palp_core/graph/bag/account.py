@@ -1,7 +1,5 @@
 """Which sequences of a topic were seen and which are missing, epoch by epoch."""
 
-from __future__ import annotations
-
 import msgspec
 
 

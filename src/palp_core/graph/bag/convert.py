@@ -3,8 +3,6 @@
 Another form is a name here and the module of that name in ``forms``, which has a function ``write``.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Compare two bags topic by topic: equal, equal within a tolerance, or the first difference."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection
 from itertools import zip_longest

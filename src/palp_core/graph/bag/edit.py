@@ -1,7 +1,5 @@
 """Make a bag of other bags: filter, merge, split."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is in a bag, what is missing, and whether it is healthy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TypeVar
 

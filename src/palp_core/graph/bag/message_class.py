@@ -5,8 +5,6 @@ recorded type. Bounds are not in a schema; the readers' own types check them. Pr
 which the launch view knows.
 """
 
-from __future__ import annotations
-
 import types
 from typing import Annotated, Any, get_args, get_origin
 

@@ -1,7 +1,5 @@
 """``metadata.yaml`` of a bag folder, in the form that rosbag2 gave it (version 9)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -8,8 +8,6 @@
     torque_n_m = to_numpy("bags/session", "/torque/block", "torque_n_m")
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path

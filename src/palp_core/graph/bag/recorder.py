@@ -1,7 +1,5 @@
 """Record raw wire frames into a bag, with an account of what is missing."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager

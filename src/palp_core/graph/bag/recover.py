@@ -1,7 +1,5 @@
 """Save what is intact of a damaged bag into a new one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

@@ -1,7 +1,5 @@
 """Choose topics: by name, by regular expression, all but some."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection
 

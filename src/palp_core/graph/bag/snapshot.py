@@ -1,7 +1,5 @@
 """Keep the last seconds in memory and write them only when somebody asks."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Collection
 

@@ -1,7 +1,5 @@
 """Messages as objects from the schema in the bag: no message class is needed."""
 
-from __future__ import annotations
-
 import base64
 import keyword
 from collections.abc import Callable
@@ -12,30 +10,23 @@ import numpy as np
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
-from palp_core.graph.messages.schema_reader import (
-    FLOAT64_DTYPE,
-    FieldKind,
-    JsonSchema,
-    fields_of,
-    items_of,
-    kind_of,
-)
+from palp_core.graph.messages import schema_reader
 from palp_core.units import Float64Array
 
-FLOAT64 = np.dtype(FLOAT64_DTYPE)
-_TYPES: dict[FieldKind, Any] = {
-    FieldKind.BOOL: bool,
-    FieldKind.INT: int,
-    FieldKind.FLOAT: float,
-    FieldKind.STRING: str,
-    FieldKind.BYTES: bytes,
-    FieldKind.ARRAY: Float64Array,
-    FieldKind.MAP: dict[str, Any],
-    FieldKind.ANY: Any,
+FLOAT64 = np.dtype(schema_reader.FLOAT64_DTYPE)
+_TYPES: dict[schema_reader.FieldKind, Any] = {
+    schema_reader.FieldKind.BOOL: bool,
+    schema_reader.FieldKind.INT: int,
+    schema_reader.FieldKind.FLOAT: float,
+    schema_reader.FieldKind.STRING: str,
+    schema_reader.FieldKind.BYTES: bytes,
+    schema_reader.FieldKind.ARRAY: Float64Array,
+    schema_reader.FieldKind.MAP: dict[str, Any],
+    schema_reader.FieldKind.ANY: Any,
 }
 
 
-def _struct(_: JsonSchema, name: str, fields: dict[str, Any]) -> Any:
+def _struct(_: schema_reader.JsonSchema, name: str, fields: dict[str, Any]) -> Any:
     if not fields or not all(n.isidentifier() and not keyword.iskeyword(n) for n in fields):
         return dict[str, Any]
     return msgspec.defstruct(
@@ -44,7 +35,9 @@ def _struct(_: JsonSchema, name: str, fields: dict[str, Any]) -> Any:
 
 
 def type_from_schema(
-    schema: JsonSchema, name: str = "Value", make: Callable[[JsonSchema, str, dict[str, Any]], Any] = _struct
+    schema: schema_reader.JsonSchema,
+    name: str = "Value",
+    make: Callable[[schema_reader.JsonSchema, str, dict[str, Any]], Any] = _struct,
 ) -> Any:
     """Return the Python type that a JSON Schema stands for.
 
@@ -57,13 +50,15 @@ def type_from_schema(
         BagError: The schema says what no message can.
     """
     try:
-        kind = kind_of(schema)
+        kind = schema_reader.kind_of(schema)
     except SchemaMismatch as error:
         raise BagError(str(error)) from error
-    if kind is FieldKind.LIST:
-        return list[type_from_schema(items_of(schema), f"{name}Item", make)]  # type: ignore[misc]
-    if kind is FieldKind.MESSAGE:
-        fields = {n: type_from_schema(s, f"{name}_{n}", make) for n, s in fields_of(schema).items()}
+    if kind is schema_reader.FieldKind.LIST:
+        return list[type_from_schema(schema_reader.items_of(schema), f"{name}Item", make)]  # type: ignore[misc]
+    if kind is schema_reader.FieldKind.MESSAGE:
+        fields = {
+            n: type_from_schema(s, f"{name}_{n}", make) for n, s in schema_reader.fields_of(schema).items()
+        }
         return make(schema, str(schema.get("title", name)), fields)
     return _TYPES[kind]
 

@@ -1,7 +1,5 @@
 """Write a bag: a folder ``NAME`` with ``NAME_0.mcap``, ``NAME_1.mcap`` ... and ``metadata.yaml``."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from contextlib import AbstractContextManager

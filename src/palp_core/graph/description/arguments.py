@@ -1,7 +1,5 @@
 """Arguments of a launch file: declared under ``args``, given as ``name:=value`` or by an including file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any

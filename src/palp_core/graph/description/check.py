@@ -1,7 +1,5 @@
 """Check a whole launch file, every branch of a selection too, before any process starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

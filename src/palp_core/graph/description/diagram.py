@@ -1,7 +1,5 @@
 """Draw a checked graph: as Mermaid text for documents, as DOT text for Graphviz."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

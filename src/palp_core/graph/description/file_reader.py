@@ -1,7 +1,5 @@
 """Read a launch file, and those it includes, into a description."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping as Lookup

@@ -1,7 +1,5 @@
 """Read one wire of a launch file: whence, what it asks for, and what happens if it does not get it."""
 
-from __future__ import annotations
-
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from palp_core.graph.description.arguments import unknown_keys

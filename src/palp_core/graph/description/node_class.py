@@ -4,8 +4,6 @@ The launcher never imports a workspace's modules: a child runs :func:`inspect_cl
 answer. What is wrong with a module is part of that, with the line of its source, and never an exception.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util

@@ -3,8 +3,6 @@
 An argument may select a part of it: ``{select: $(var policy), fixed: ..., markov: ...}``.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Substitutions of launch files: ``$(var x)``, ``$(env NAME default)``, ``$(dirname)``, ``$(filename)``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping as Lookup
 from dataclasses import dataclass, field

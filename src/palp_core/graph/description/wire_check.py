@@ -4,8 +4,6 @@ A launch file, a class that is to take a running node's place and a node that jo
 judged here, in the same words.
 """
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 from palp_core.graph.description.checked import TopicInfo

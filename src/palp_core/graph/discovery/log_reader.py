@@ -1,7 +1,5 @@
 """Read a run's logs: the last lines, and what is added while one looks."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

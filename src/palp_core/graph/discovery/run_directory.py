@@ -1,7 +1,5 @@
 """The folder of a run: sockets, logs, and ``graph.json``, by which the command line finds a running graph."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """How a run went, and what its launch file's report function makes of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

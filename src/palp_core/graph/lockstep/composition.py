@@ -1,7 +1,5 @@
 """All nodes of a lockstep graph in this process; messages are encoded and decoded all the same."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Iterator, Mapping, Sequence

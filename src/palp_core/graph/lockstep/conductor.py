@@ -7,8 +7,6 @@ timer. So a run is a function of the graph and its seed, wherever its nodes live
 machine is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 

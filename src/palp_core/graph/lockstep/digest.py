@@ -1,7 +1,5 @@
 """A digest per topic: two runs that published the same bytes in the same order have the same digests."""
 
-from __future__ import annotations
-
 import hashlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Messages that the runtime itself knows."""
 
-from __future__ import annotations
-
 from palp_core.graph.messages.message import Message
 from palp_core.units import Count, Nanoseconds, Probability, Seconds
 

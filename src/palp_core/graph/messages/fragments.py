@@ -5,8 +5,6 @@ of its largest array; the receiver recognises the cut and makes the array a view
 Any other cut is joined again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeVar
 

@@ -10,8 +10,6 @@ message. The
 epoch counts the restarts of the publishing node (a swap keeps it), so that a restart never reads as repeats.
 """
 
-from __future__ import annotations
-
 import struct
 from enum import IntEnum
 from typing import NamedTuple

@@ -5,8 +5,6 @@ aligned, read-only numpy array. Decoding validates every bound of :mod:`palp_cor
 not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, dataclass_transform
 

@@ -5,8 +5,6 @@ both. What keeps it is where messages are published (``node/publisher``), taken 
 watched (``transport/edge_monitor``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 

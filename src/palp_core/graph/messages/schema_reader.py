@@ -3,8 +3,6 @@
 A schema may be another tool's: it may have maps, fields of any kind, and what is refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Any

@@ -1,7 +1,5 @@
 """Who may join a running graph: the launch file's rules, applied to a node that comes later."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from palp_core.graph.description.checked import TopicInfo

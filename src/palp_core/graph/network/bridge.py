@@ -6,8 +6,6 @@ endpoints of every node of the graph. It knows nothing of tcp either.
 Run as ``python -m palp_core.graph.network.bridge <descriptor of the channel>``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import signal
@@ -16,43 +14,10 @@ import sys
 
 from palp_core.errors import PalpError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network.bridge_messages import (
-    Admitted,
-    AskToJoin,
-    CallGateway,
-    ConnectionLost,
-    Goodbye,
-    GraphReached,
-    GraphStarted,
-    HealthChanged,
-    ToBridge,
-    bridge_decoder,
-)
+from palp_core.graph.network import bridge_messages, join_protocol
 from palp_core.graph.network.clock_offset import Offset, OffsetEstimate
 from palp_core.graph.network.curve_caller import CurveCaller
 from palp_core.graph.network.event_loop import EventLoop
-from palp_core.graph.network.join_protocol import (
-    BEAT_NS,
-    PROTOCOL,
-    Active,
-    Beat,
-    ClockSample,
-    GraphUpdate,
-    GraphView,
-    HealthReport,
-    Join,
-    Joined,
-    JoinHello,
-    JoinRefused,
-    JoinRequest,
-    LeaveGraph,
-    Reply,
-    Request,
-    Subscribe,
-    Unsubscribe,
-    decode_message,
-    is_frame,
-)
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
@@ -81,11 +46,16 @@ class Bridge:
         PalpError: The address cannot be called, or there is no own pair.
     """
 
-    def __init__(self, channel: MessageChannel[ToBridge], call: CallGateway, keys: KeyFolder) -> None:
+    def __init__(
+        self,
+        channel: MessageChannel[bridge_messages.ToBridge],
+        call: bridge_messages.CallGateway,
+        keys: KeyFolder,
+    ) -> None:
         self._channel, self._call = channel, call
-        self._view: GraphView | None = None
+        self._view: join_protocol.GraphView | None = None
         self._own_name = ""
-        self._request: JoinRequest | None = None
+        self._request: join_protocol.JoinRequest | None = None
         self._offsets = OffsetEstimate()
         self._used: Offset | None = None
         self._start_ns: int | None = None
@@ -115,7 +85,7 @@ class Bridge:
         while not self._ended:
             self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
             if monotonic_ns() >= self._next_beat_ns:
-                self._next_beat_ns = monotonic_ns() + BEAT_NS
+                self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
                 self._on_beat_due()
             if self._start_ns is not None:
                 self._begin_when_heard(self._start_ns)
@@ -144,7 +114,7 @@ class Bridge:
         """Let the node begin, once nothing it publishes can miss those who listen."""
         if self._request is not None and self._router.all_heard(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
-            self._send(GraphStarted(start_ns - self._used.offset_ns))
+            self._send(bridge_messages.GraphStarted(start_ns - self._used.offset_ns))
 
     # palp run
 
@@ -162,31 +132,31 @@ class Bridge:
             return
         while self._channel.buffered():
             message = self._channel.receive()
-            if isinstance(message, AskToJoin):
+            if isinstance(message, bridge_messages.AskToJoin):
                 self._request, self._own_name = message.request, message.request.name
                 self._add_proxies()
-                self._gateway.send(Join(request=message.request))
-            elif isinstance(message, HealthChanged):
-                self._gateway.send(HealthReport(health=message.health))
-            elif isinstance(message, Goodbye):
-                self._gateway.send(LeaveGraph(text=message.text, exit_code=message.exit_code))
+                self._gateway.send(join_protocol.Join(request=message.request))
+            elif isinstance(message, bridge_messages.HealthChanged):
+                self._gateway.send(join_protocol.HealthReport(health=message.health))
+            elif isinstance(message, bridge_messages.Goodbye):
+                self._gateway.send(join_protocol.LeaveGraph(text=message.text, exit_code=message.exit_code))
                 self._ended = True
 
     def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
             self._ended = True
-            self._send(ConnectionLost(text, finished))
+            self._send(bridge_messages.ConnectionLost(text, finished))
 
     # The gateway
 
     def _on_connected(self) -> None:
         self._connected = True
-        self._gateway.send(JoinHello(protocol=PROTOCOL))
+        self._gateway.send(join_protocol.JoinHello(protocol=join_protocol.PROTOCOL))
 
     def _on_received(self, parts: list[bytes]) -> None:
         self._gateway.note_alive()
         try:
-            if is_frame(parts):
+            if join_protocol.is_frame(parts):
                 self._router.on_frame(self._gateway, parts)
             else:
                 self._on_message(parts)
@@ -194,31 +164,31 @@ class Bridge:
             self._gateway.reject(str(error))
 
     def _on_message(self, parts: list[bytes]) -> None:
-        match decode_message(parts):
-            case Beat() as beat:
+        match join_protocol.decode_message(parts):
+            case join_protocol.Beat() as beat:
                 self._gateway.on_beat(beat)
-            case Request() as request:
+            case join_protocol.Request() as request:
                 self._router.on_request(self._gateway, request)
-            case Reply() as reply:
+            case join_protocol.Reply() as reply:
                 self._router.on_reply(self._gateway, reply)
-            case Subscribe(topic=topic):
+            case join_protocol.Subscribe(topic=topic):
                 self._router.subscribe(self._gateway, topic)
-            case Unsubscribe(topic=topic):
+            case join_protocol.Unsubscribe(topic=topic):
                 self._router.unsubscribe(self._gateway, topic)
-            case ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
+            case join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
                 self._on_time(sent_ns, gateway_ns)
-            case GraphUpdate(view=view):
+            case join_protocol.GraphUpdate(view=view):
                 self._on_graph(view)
-            case Joined(epoch=epoch):
-                self._send(Admitted(epoch))
-            case Active(start_ns=start_ns):
+            case join_protocol.Joined(epoch=epoch):
+                self._send(bridge_messages.Admitted(epoch))
+            case join_protocol.Active(start_ns=start_ns):
                 self._start_ns = start_ns
-            case JoinRefused(text=text, finished=finished):
+            case join_protocol.JoinRefused(text=text, finished=finished):
                 self._report_lost(text, finished=finished)
             case other:
                 self._gateway.reject(f"a message that only a joining host sends: {type(other).__name__}")
 
-    def _on_graph(self, view: GraphView) -> None:
+    def _on_graph(self, view: join_protocol.GraphView) -> None:
         first = self._view is None
         self._view = view
         if first:
@@ -235,14 +205,14 @@ class Bridge:
                 self._router.add_proxy(name, self._gateway)
 
     def _ask_time(self) -> None:
-        self._gateway.send(ClockSample(sent_ns=monotonic_ns()))
+        self._gateway.send(join_protocol.ClockSample(sent_ns=monotonic_ns()))
 
     def _on_time(self, sent_ns: int, gateway_ns: int) -> None:
         self._offsets.add(sent_ns, gateway_ns, monotonic_ns())
         if self._view is not None and len(self._offsets) < EXCHANGES:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
-            self._send(GraphReached(self._view, self._offsets.best().uncertainty_ns))
+            self._send(bridge_messages.GraphReached(self._view, self._offsets.best().uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 
@@ -264,16 +234,16 @@ def main(connection: socket.socket) -> int:
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
-    channel = MessageChannel(connection, bridge_decoder())
+    channel = MessageChannel(connection, bridge_messages.bridge_decoder())
     try:
         call = channel.receive()
-        assert isinstance(call, CallGateway)
+        assert isinstance(call, bridge_messages.CallGateway)
         bridge = Bridge(channel, call, KeyFolder())
     except ChannelClosed:
         return 1
     except PalpError as error:
         with contextlib.suppress(ChannelClosed):
-            channel.send(ConnectionLost(str(error), finished=False))
+            channel.send(bridge_messages.ConnectionLost(str(error), finished=False))
         return 2
     bridge.run()
     return 0

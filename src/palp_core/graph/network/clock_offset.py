@@ -4,8 +4,6 @@ A round trip that begins at t0 and ends at t3 on this clock and passes t1 on the
 with t1 = t2) gives the offset t1 - (t0 + t3) / 2, wrong by at most half its length whatever each way took.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from typing import NamedTuple
 

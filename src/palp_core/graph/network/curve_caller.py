@@ -1,26 +1,17 @@
 """The calling end of a connection behind CURVE, which knows why it is not let in."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable
 
 import zmq
 
 from palp_core.errors import GraphError
-from palp_core.graph.network.curve_listener import (
-    FAILED,
-    HANDSHAKE_MS,
-    OTHER_MECHANISM,
-    Sent,
-    configure,
-    is_large,
-)
+from palp_core.graph.network import curve_listener
 from palp_core.graph.network.event_loop import EventLoop, drain
 from palp_core.graph.network.keys import OwnKeys
 
 _LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
-_CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
+_CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | curve_listener.FAILED
 
 
 class CurveCaller:
@@ -57,7 +48,7 @@ class CurveCaller:
         self.attempt_count = 0
         self._stands = False
         self._dealer = event_loop.socket(zmq.DEALER)
-        configure(self._dealer)
+        curve_listener.configure(self._dealer)
         self._dealer.setsockopt(zmq.IMMEDIATE, 1)
         self._dealer.setsockopt(zmq.RECONNECT_IVL, 200)
         self._dealer.setsockopt(zmq.IPV6, 1)
@@ -72,13 +63,13 @@ class CurveCaller:
             raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
         event_loop.receive(self._dealer, receive)
 
-    def send(self, parts: list[bytes]) -> Sent:
+    def send(self, parts: list[bytes]) -> curve_listener.Sent:
         """Send without waiting."""
         try:
-            self._dealer.send_multipart(parts, zmq.NOBLOCK, copy=not is_large(parts))
+            self._dealer.send_multipart(parts, zmq.NOBLOCK, copy=not curve_listener.is_large(parts))
         except zmq.Again:
-            return Sent.FULL if self._stands else Sent.GONE
-        return Sent.QUEUED
+            return curve_listener.Sent.FULL if self._stands else curve_listener.Sent.GONE
+        return curve_listener.Sent.QUEUED
 
     def _on_event(self, event: int, value: int) -> None:
         self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
@@ -91,7 +82,7 @@ class CurveCaller:
             drain(self._dealer, self._receive)  # its last messages came before the end
             self._stands = False
             self._failed(f"the connection to {self._endpoint} has ended")
-        elif event & FAILED:
+        elif event & curve_listener.FAILED:
             self._failed(f"{self._endpoint} {self._why(event, value)}")
 
     def _why(self, event: int, value: int) -> str:
@@ -102,13 +93,14 @@ class CurveCaller:
                 f"'{self._own.public}' --name {self._own.name}"
             )
         if value == errno.EAGAIN:
-            return f"accepts the call but says nothing for {HANDSHAKE_MS / 1e3:g} s: it is no palp gateway"
+            seconds = curve_listener.HANDSHAKE_MS / 1e3
+            return f"accepts the call but says nothing for {seconds:g} s: it is no palp gateway"
         if self._own is None:
             return (
                 "hung up on a caller without a key: make one (palp keys generate), let that host allow it, "
                 "and give its public key with --server-key"
             )
-        if value == OTHER_MECHANISM:
+        if value == curve_listener.OTHER_MECHANISM:
             return "has no keys and speaks in the clear; leave out --server-key, or make keys on that host"
         return (
             "hung up during the handshake: --server-key is not its public key (shown there by: palp keys "

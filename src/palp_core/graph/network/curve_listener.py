@@ -4,8 +4,6 @@ Authentication is asked of this process itself (ZAP, https://rfc.zeromq.org/spec
 a stranger without a key or with the wrong one, shows only in the sockets' monitors.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

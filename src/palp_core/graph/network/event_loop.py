@@ -1,7 +1,5 @@
 """Wait for many sockets in one place and call who is in charge of each that has something."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -7,8 +7,6 @@ nothing to do with tcp; if the gateway dies, they do not notice.
 Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's channel>``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os
@@ -21,18 +19,8 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.network import gateway_messages
 from palp_core.graph.network.event_loop import EventLoop
-from palp_core.graph.network.gateway_messages import (
-    Activated,
-    EndGraph,
-    GatewayFailed,
-    GatewayReady,
-    GraphChanged,
-    ListenOn,
-    PeerRejected,
-    ToGateway,
-    gateway_decoder,
-)
 from palp_core.graph.network.join_protocol import BEAT_NS
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
@@ -59,7 +47,12 @@ class Gateway:
         PalpError: It cannot listen there.
     """
 
-    def __init__(self, channel: MessageChannel[ToGateway], listen_on: ListenOn, keys: KeyFolder) -> None:
+    def __init__(
+        self,
+        channel: MessageChannel[gateway_messages.ToGateway],
+        listen_on: gateway_messages.ListenOn,
+        keys: KeyFolder,
+    ) -> None:
         self._channel, self._keys, self._secured = channel, keys, listen_on.secured
         self._ended = False
         self._rejected = RejectedPeers()
@@ -70,7 +63,7 @@ class Gateway:
             self._event_loop, endpoints(listen_on.run_dir, "gateway"), lambda *_: None, self._on_tool
         )
         self._event_loop.watch(channel.socket.fileno(), self._on_channel)
-        self._send(GatewayReady(self._remote_nodes.endpoint))
+        self._send(gateway_messages.GatewayReady(self._remote_nodes.endpoint))
         _LOG.info("listening on %s%s", self._remote_nodes.endpoint, "" if self._secured else " without keys")
 
     def run(self) -> None:
@@ -100,12 +93,12 @@ class Gateway:
         while self._channel.buffered():
             self._on_command(self._channel.receive())
 
-    def _on_command(self, message: ToGateway) -> None:
-        if isinstance(message, GraphChanged):
+    def _on_command(self, message: gateway_messages.ToGateway) -> None:
+        if isinstance(message, gateway_messages.GraphChanged):
             self._remote_nodes.show(message.view)
-        elif isinstance(message, Activated):
+        elif isinstance(message, gateway_messages.Activated):
             self._remote_nodes.activate(message.start_ns)
-        elif isinstance(message, EndGraph):
+        elif isinstance(message, gateway_messages.EndGraph):
             self._end(message.text, finished=message.finished)
 
     def _end(self, text: str, *, finished: bool) -> None:
@@ -118,7 +111,7 @@ class Gateway:
         entry = self._rejected.note(address, key, reason, unix_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
-            self._send(PeerRejected(str(entry), address, key, entry.count))
+            self._send(gateway_messages.PeerRejected(str(entry), address, key, entry.count))
 
     # Tools of this host
 
@@ -162,16 +155,16 @@ def main(connection: socket.socket) -> int:
     logging.basicConfig(
         level=logging.INFO, format="[%(levelname)s] [gateway]: %(message)s", stream=sys.stderr
     )
-    channel = MessageChannel(connection, gateway_decoder())
+    channel = MessageChannel(connection, gateway_messages.gateway_decoder())
     try:
         listen_on = channel.receive()
-        assert isinstance(listen_on, ListenOn)
+        assert isinstance(listen_on, gateway_messages.ListenOn)
         gateway = Gateway(channel, listen_on, KeyFolder())
     except ChannelClosed:
         return 1
     except PalpError as error:
         with contextlib.suppress(ChannelClosed):
-            channel.send(GatewayFailed(str(error)))
+            channel.send(gateway_messages.GatewayFailed(str(error)))
         return 2
     gateway.run()
     return 0

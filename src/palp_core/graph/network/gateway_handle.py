@@ -15,20 +15,7 @@ from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
-from palp_core.graph.network.gateway_messages import (
-    Activated,
-    EndGraph,
-    FromGateway,
-    GatewayFailed,
-    GatewayReady,
-    GraphChanged,
-    ListenOn,
-    NodeJoined,
-    NodeLeft,
-    NodeReported,
-    PeerRejected,
-    launcher_decoder,
-)
+from palp_core.graph.network import gateway_messages
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import ListenPlan, plan_listening
@@ -134,11 +121,13 @@ class GatewayHandle:
         self._closed = False
         self._sidecar, self.endpoint = self._start_process(planned)
 
-    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[FromGateway], str]:
+    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[gateway_messages.FromGateway], str]:
         log = self._folder / "log" / "gateway.log"
-        sidecar = Sidecar("palp_core.graph.network.gateway", launcher_decoder(), log)
+        sidecar = Sidecar("palp_core.graph.network.gateway", gateway_messages.launcher_decoder(), log)
         try:
-            sidecar.send(ListenOn(str(self._folder), planned.endpoint, planned.secured, self._epochs))
+            sidecar.send(
+                gateway_messages.ListenOn(str(self._folder), planned.endpoint, planned.secured, self._epochs)
+            )
             if not select.select((sidecar.descriptor,), (), (), START_TIMEOUT_S)[0]:
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
             (said,) = sidecar.receive()
@@ -147,10 +136,10 @@ class GatewayHandle:
             if isinstance(error, GraphError):
                 raise
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
-        if isinstance(said, GatewayFailed):
+        if isinstance(said, gateway_messages.GatewayFailed):
             sidecar.close()
             raise GraphError(said.text)
-        assert isinstance(said, GatewayReady)
+        assert isinstance(said, gateway_messages.GatewayReady)
         return sidecar, said.endpoint
 
     def follow(self, supervisor: Supervisor) -> None:
@@ -183,7 +172,7 @@ class GatewayHandle:
     def show(self, view: GraphView) -> None:
         """Show the graph to those who call; again when it has changed."""
         self._view = view
-        self._send(GraphChanged(view))
+        self._send(gateway_messages.GraphChanged(view))
 
     def described(self, record: RunRecord) -> RunRecord:
         """Return the record of the run with where it is called and who has joined it.
@@ -205,9 +194,11 @@ class GatewayHandle:
     def activate(self, start_ns: int) -> None:
         """Let joined nodes begin: the graph runs since then on the host's monotonic clock."""
         self._start_ns = start_ns
-        self._send(Activated(start_ns))
+        self._send(gateway_messages.Activated(start_ns))
 
-    def _send(self, message: GraphChanged | Activated | EndGraph) -> None:
+    def _send(
+        self, message: gateway_messages.GraphChanged | gateway_messages.Activated | gateway_messages.EndGraph
+    ) -> None:
         try:
             self._sidecar.send(message)
         except ChannelClosed:
@@ -224,8 +215,8 @@ class GatewayHandle:
             if self._restart_count < MOST_RESTARTS and not self._closed:
                 self._restart()
 
-    def _on_message(self, said: FromGateway) -> None:
-        if isinstance(said, NodeJoined):
+    def _on_message(self, said: gateway_messages.FromGateway) -> None:
+        if isinstance(said, gateway_messages.NodeJoined):
             request = said.request
             self.joined[request.name] = request
             self._epochs[request.name] = said.epoch
@@ -233,7 +224,7 @@ class GatewayHandle:
             where = {"run": request.run, "host": request.host, "address": said.address}
             self._report("joined", request.name, text, **where, epoch=said.epoch)
             self.changed()
-        elif isinstance(said, NodeLeft):
+        elif isinstance(said, gateway_messages.NodeLeft):
             self.joined.pop(said.name, None)
             self.health.pop(said.name, None)
             self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
@@ -242,9 +233,9 @@ class GatewayHandle:
             ends = expected is not None and expected.shutdown_on_exit and said.exit_code >= 0
             if ends and self._supervisor is not None:
                 self._supervisor.exit_code = said.exit_code
-        elif isinstance(said, NodeReported):
+        elif isinstance(said, gateway_messages.NodeReported):
             self.health[said.name] = decode(NodeHealth, said.health)
-        elif isinstance(said, PeerRejected):
+        elif isinstance(said, gateway_messages.PeerRejected):
             self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
 
     def _report_death(self, status: int) -> None:
@@ -267,9 +258,9 @@ class GatewayHandle:
         if self._supervisor is not None:
             self._supervisor.watch(self._sidecar.descriptor, self._receive)
         if self._view is not None:
-            self._send(GraphChanged(self._view))
+            self._send(gateway_messages.GraphChanged(self._view))
         if self._start_ns is not None:
-            self._send(Activated(self._start_ns))
+            self._send(gateway_messages.Activated(self._start_ns))
         self._report("restarted", "gateway", f"the gateway listens again on {self.endpoint}")
 
     def close(self, text: str, *, finished: bool) -> None:
@@ -278,5 +269,5 @@ class GatewayHandle:
             return
         self._closed = True
         self._forget()
-        self._send(EndGraph(text, finished))
+        self._send(gateway_messages.EndGraph(text, finished))
         self._sidecar.close()

@@ -1,7 +1,5 @@
 """What a launcher and its gateway say to each other on their private channel."""
 
-from __future__ import annotations
-
 import msgspec
 
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest

@@ -4,8 +4,6 @@ A message that begins with ``/`` is a frame of a topic, as it is on the wire, in
 else is one map. The joined host speaks first: ``hello``, some ``clock`` exchanges, then ``join``.
 """
 
-from __future__ import annotations
-
 import msgspec
 
 from palp_core.errors import SchemaMismatch

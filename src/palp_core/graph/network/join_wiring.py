@@ -1,7 +1,5 @@
 """What a node that joins a running graph says of itself, and how it is wired there."""
 
-from __future__ import annotations
-
 import os
 import socket
 from collections.abc import Collection, Mapping

@@ -11,8 +11,6 @@ Files are certificates as other ZeroMQ software writes and reads them (``zmq.aut
 is Z85 text of 40 characters.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Where a graph may be called from other hosts: beyond this one only with keys."""
 
-from __future__ import annotations
-
 import ipaddress
 import re
 import socket

@@ -1,20 +1,11 @@
 """The other end of a connection between hosts: what it may be sent, what it has sent, whether it lives."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.network import join_protocol
 from palp_core.graph.network.curve_listener import Sent
-from palp_core.graph.network.join_protocol import (
-    SILENCE_NS,
-    WINDOW_BYTES,
-    Beat,
-    JoinMessage,
-    JoinRequest,
-    encode_message,
-)
 from palp_core.graph.process.health import PULSE_NS
 
 _LOG = logging.getLogger("palp.gateway")
@@ -39,7 +30,7 @@ class Peer:
     def __init__(self, transmit: Callable[[list[bytes]], Sent], key: str = "", address: str = "") -> None:
         self._transmit = transmit
         self.key, self.address = key, address
-        self.request: JoinRequest | None = None
+        self.request: join_protocol.JoinRequest | None = None
         self.topics: set[bytes] = set()
         self.gone = False
         self.dropped_count = 0
@@ -51,14 +42,14 @@ class Peer:
         self._heard_ns = monotonic_ns()
         self._pulse_ns = 0
 
-    def send(self, message: JoinMessage) -> None:
+    def send(self, message: join_protocol.JoinMessage) -> None:
         """Send a message; a peer that takes no more of them is as good as gone."""
-        if self._transmit(encode_message(message)) is not Sent.QUEUED:
+        if self._transmit(join_protocol.encode_message(message)) is not Sent.QUEUED:
             self.gone = True
 
     def forward(self, parts: list[bytes]) -> None:
         """Send a frame unless too much is under way; its reader sees the gap and asks for what is missing."""
-        if self._sent_bytes - self._taken_bytes > WINDOW_BYTES:
+        if self._sent_bytes - self._taken_bytes > join_protocol.WINDOW_BYTES:
             self._drop()
             return
         outcome = self._transmit(parts)
@@ -87,15 +78,15 @@ class Peer:
     def received(self, parts: list[bytes]) -> None:
         """Account for a frame of its."""
         self._received_bytes += sum(map(len, parts))
-        if self._received_bytes - self._told_bytes > WINDOW_BYTES // 4:
+        if self._received_bytes - self._told_bytes > join_protocol.WINDOW_BYTES // 4:
             self.beat()
 
     def beat(self) -> None:
         """Say that this end lives and what it has received."""
         self._told_bytes = self._received_bytes
-        self.send(Beat(received_bytes=self._received_bytes))
+        self.send(join_protocol.Beat(received_bytes=self._received_bytes))
 
-    def on_beat(self, beat: Beat) -> None:
+    def on_beat(self, beat: join_protocol.Beat) -> None:
         """Note how much it has received, as it says."""
         self._taken_bytes = max(self._taken_bytes, min(beat.received_bytes, self._sent_bytes))
 
@@ -108,7 +99,7 @@ class Peer:
     @property
     def silent(self) -> bool:
         """True when it has not been heard for so long that it counts as dead."""
-        return monotonic_ns() - self._heard_ns > SILENCE_NS
+        return monotonic_ns() - self._heard_ns > join_protocol.SILENCE_NS
 
     def __str__(self) -> str:
         name = f"/{self.request.name} on {self.request.host}" if self.request else "a host"

@@ -5,8 +5,6 @@ nothing new. A :class:`Tap` hears local nodes while somebody elsewhere listens. 
 local nodes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import struct

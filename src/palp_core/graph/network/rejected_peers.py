@@ -1,7 +1,5 @@
 """Who was turned away, why and how often; said at a bounded rate, remembered in bounded memory."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 
 import msgspec

@@ -1,7 +1,5 @@
 """The other hosts of a graph: who is connected, who has joined, what each may say."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Callable
@@ -12,30 +10,11 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.network import join_protocol
 from palp_core.graph.network.admission import objections
 from palp_core.graph.network.curve_listener import CurveListener, Received
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeLeft, NodeReported
-from palp_core.graph.network.join_protocol import (
-    PROTOCOL,
-    Active,
-    Beat,
-    ClockSample,
-    GraphUpdate,
-    GraphView,
-    HealthReport,
-    Join,
-    Joined,
-    JoinHello,
-    JoinRefused,
-    LeaveGraph,
-    Reply,
-    Request,
-    Subscribe,
-    Unsubscribe,
-    decode_message,
-    is_frame,
-)
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
@@ -73,7 +52,7 @@ class RemoteNodes:
         self._keys, self._secured = keys, listen_on.secured
         self._tell, self._refuse = tell, refuse
         self._epochs = dict(listen_on.epochs)
-        self._view: GraphView | None = None
+        self._view: join_protocol.GraphView | None = None
         self._start_ns: int | None = None
         self._peers: dict[bytes, Peer] = {}
         self._router = Router(
@@ -98,7 +77,7 @@ class RemoteNodes:
         """Where they call."""
         return self._listener.endpoint
 
-    def show(self, view: GraphView) -> None:
+    def show(self, view: join_protocol.GraphView) -> None:
         """Show them the graph; again when it has changed."""
         self._view = view
         for name in view.expected:
@@ -110,12 +89,12 @@ class RemoteNodes:
         """Let those who have joined listen_on."""
         self._start_ns = start_ns
         for peer in self.joined:
-            peer.send(Active(start_ns=start_ns))
+            peer.send(join_protocol.Active(start_ns=start_ns))
 
     def end(self, text: str, *, finished: bool) -> None:
         """Tell all of them that the graph ends."""
         for peer in self._peers.values():
-            peer.send(JoinRefused(text=text, finished=finished))
+            peer.send(join_protocol.JoinRefused(text=text, finished=finished))
 
     @property
     def joined(self) -> list[Peer]:
@@ -133,7 +112,7 @@ class RemoteNodes:
         known = self._view.topics.get(topic) if self._view is not None else None
         return int(known.type_hash, 16) if known is not None else None
 
-    def _whole(self, view: GraphView) -> GraphView:
+    def _whole(self, view: join_protocol.GraphView) -> join_protocol.GraphView:
         """Return the graph with those who have joined it."""
         requests = [peer.request for peer in self.joined if peer.request is not None]
         nodes = [*view.nodes, *(request.name for request in requests)]
@@ -144,7 +123,7 @@ class RemoteNodes:
 
     def _announce(self) -> None:
         if self._view is not None:
-            update = GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view))
+            update = join_protocol.GraphUpdate(protocol=join_protocol.PROTOCOL, view=self._whole(self._view))
             for peer in self._peers.values():
                 peer.send(update)
 
@@ -162,7 +141,7 @@ class RemoteNodes:
             self._peers[message.connection] = peer
         peer.note_alive()
         try:
-            if is_frame(message.parts):
+            if join_protocol.is_frame(message.parts):
                 self._router.on_frame(peer, message.parts)
             else:
                 self._on_message(peer, message.parts)
@@ -170,38 +149,42 @@ class RemoteNodes:
             peer.reject(str(error))
 
     def _on_message(self, peer: Peer, parts: list[bytes]) -> None:
-        match decode_message(parts):
-            case Beat() as beat:
+        match join_protocol.decode_message(parts):
+            case join_protocol.Beat() as beat:
                 peer.on_beat(beat)
-            case Request() as request:
+            case join_protocol.Request() as request:
                 self._router.on_request(peer, request)
-            case Reply() as reply:
+            case join_protocol.Reply() as reply:
                 self._router.on_reply(peer, reply)
-            case Subscribe(topic=topic):
+            case join_protocol.Subscribe(topic=topic):
                 self._router.subscribe(peer, topic)
-            case Unsubscribe(topic=topic):
+            case join_protocol.Unsubscribe(topic=topic):
                 self._router.unsubscribe(peer, topic)
-            case ClockSample(sent_ns=sent_ns):
-                peer.send(ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
-            case JoinHello(protocol=protocol):
+            case join_protocol.ClockSample(sent_ns=sent_ns):
+                peer.send(join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
+            case join_protocol.JoinHello(protocol=protocol):
                 self._on_hello(peer, protocol)
-            case Join() as join:
+            case join_protocol.Join() as join:
                 self._on_join(peer, join)
-            case HealthReport(health=health):
+            case join_protocol.HealthReport(health=health):
                 self._on_health(peer, health)
-            case LeaveGraph(text=text, exit_code=exit_code):
+            case join_protocol.LeaveGraph(text=text, exit_code=exit_code):
                 self._drop_peer(peer, text, exit_code)
             case other:
                 peer.reject(f"a message that only a gateway sends: {type(other).__name__}")
 
     def _on_hello(self, peer: Peer, protocol: int) -> None:
-        if protocol != PROTOCOL:
-            text = f"this graph speaks version {PROTOCOL} of joining, not {protocol}: update palp"
-            peer.send(JoinRefused(text=text))
+        if protocol != join_protocol.PROTOCOL:
+            text = (
+                f"this graph speaks version {join_protocol.PROTOCOL} of joining, not {protocol}: update palp"
+            )
+            peer.send(join_protocol.JoinRefused(text=text))
         elif self._view is not None:
-            peer.send(GraphUpdate(protocol=PROTOCOL, view=self._whole(self._view)))
+            peer.send(
+                join_protocol.GraphUpdate(protocol=join_protocol.PROTOCOL, view=self._whole(self._view))
+            )
 
-    def _on_join(self, peer: Peer, join: Join) -> None:
+    def _on_join(self, peer: Peer, join: join_protocol.Join) -> None:
         request = join.request
         if self._view is None or peer.request is not None:
             peer.reject("it asked to join twice, or before it could see the graph")
@@ -211,14 +194,14 @@ class RemoteNodes:
             found.append("too many names have joined this graph; take one of those that have left")
         if found:
             _LOG.warning("/%s on %s may not join: %s", request.name, request.host, "; ".join(found))
-            peer.send(JoinRefused(text="\n".join(found)))
+            peer.send(join_protocol.JoinRefused(text="\n".join(found)))
             return
         peer.request = request
         epoch = self._epochs[request.name] = self._epochs.get(request.name, 0) + 1
-        peer.send(Joined(epoch=epoch))
+        peer.send(join_protocol.Joined(epoch=epoch))
         self._router.add_proxy(request.name, peer)
         if self._start_ns is not None:
-            peer.send(Active(start_ns=self._start_ns))
+            peer.send(join_protocol.Active(start_ns=self._start_ns))
         _LOG.info("/%s has joined from %s (%s)", request.name, request.host, peer.address)
         self._tell(NodeJoined(request, peer.address, epoch))
         self._announce()
@@ -237,7 +220,7 @@ class RemoteNodes:
         allowed = set(self._keys.allowed().values()) if self._secured else set()
         for peer in self._peers.values():
             if self._secured and peer.key not in allowed:
-                peer.send(JoinRefused(text="this host's key is no longer allowed"))
+                peer.send(join_protocol.JoinRefused(text="this host's key is no longer allowed"))
                 self._refuse(peer.address, peer.key, "its key was denied while it was connected")
                 peer.gone = True
             else:
@@ -264,7 +247,7 @@ class RemoteNodes:
         self._announce()
 
 
-def _objection(request: Request) -> str | None:
+def _objection(request: join_protocol.Request) -> str | None:
     """What concerns the launcher is asked on its own host, but for looking."""
     if request.node != "graph":
         return None

@@ -1,7 +1,5 @@
 """Pass frames and requests between the endpoints of a run directory and the hosts that are connected."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import itertools

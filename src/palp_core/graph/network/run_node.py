@@ -16,18 +16,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
-from palp_core.graph.network.bridge_messages import (
-    Admitted,
-    AskToJoin,
-    CallGateway,
-    ConnectionLost,
-    FromBridge,
-    Goodbye,
-    GraphReached,
-    GraphStarted,
-    HealthChanged,
-    joiner_decoder,
-)
+from palp_core.graph.network import bridge_messages
 from palp_core.graph.network.join_wiring import join_request, outputs_of, standalone_spec, wired_spec
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, resolve
@@ -84,14 +73,14 @@ class _BridgeHandle:
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
         self._interrupt = interrupt
-        self._bridge: Sidecar[FromBridge] = Sidecar(
-            "palp_core.graph.network.bridge", joiner_decoder(), folder / "log" / "bridge.log"
+        self._bridge: Sidecar[bridge_messages.FromBridge] = Sidecar(
+            "palp_core.graph.network.bridge", bridge_messages.joiner_decoder(), folder / "log" / "bridge.log"
         )
-        self._said: list[FromBridge] = []
+        self._said: list[bridge_messages.FromBridge] = []
         self.start_ns: int | None = None
-        self.lost: ConnectionLost | None = None
-        self.goodbye = Goodbye("it could not start", -1)
-        self._send(CallGateway(address.endpoint, address.server_key, str(folder)))
+        self.lost: bridge_messages.ConnectionLost | None = None
+        self.goodbye = bridge_messages.Goodbye("it could not start", -1)
+        self._send(bridge_messages.CallGateway(address.endpoint, address.server_key, str(folder)))
 
     def _send(self, message: ChannelMessage) -> None:
         with contextlib.suppress(ChannelClosed):
@@ -100,7 +89,7 @@ class _BridgeHandle:
     def report_health(self, health: bytes) -> None:
         """Tell how the node does; a bridge that does not take it keeps nobody waiting."""
         if select.select((), (self.descriptor,), (), 0.0)[1]:
-            self._send(HealthChanged(health))
+            self._send(bridge_messages.HealthChanged(health))
 
     @property
     def descriptor(self) -> int:
@@ -111,14 +100,16 @@ class _BridgeHandle:
         try:
             self._said += self._bridge.receive()
         except ChannelClosed:
-            self._said.append(ConnectionLost("the bridge to the graph has died", finished=False))
+            self._said.append(
+                bridge_messages.ConnectionLost("the bridge to the graph has died", finished=False)
+            )
         for said in self._said:
-            if isinstance(said, GraphStarted):
+            if isinstance(said, bridge_messages.GraphStarted):
                 self.start_ns = said.start_ns
-            elif isinstance(said, ConnectionLost) and self.lost is None:
+            elif isinstance(said, bridge_messages.ConnectionLost) and self.lost is None:
                 self.lost = said
 
-    def wait_for(self, kind: type[GraphReached] | type[Admitted]) -> Any:
+    def wait_for(self, kind: type[bridge_messages.GraphReached] | type[bridge_messages.Admitted]) -> Any:
         """Wait for a message of a kind.
 
         Raises:
@@ -140,8 +131,8 @@ class _BridgeHandle:
 
     def ask_to_join(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
         """Ask to be let in; return the epoch from which the node counts."""
-        self._send(AskToJoin(join_request(spec, feeds, described)))
-        admitted: Admitted = self.wait_for(Admitted)
+        self._send(bridge_messages.AskToJoin(join_request(spec, feeds, described)))
+        admitted: bridge_messages.Admitted = self.wait_for(bridge_messages.Admitted)
         return admitted.epoch
 
     def close(self) -> None:
@@ -243,7 +234,7 @@ def _placed(
             raise GraphError("-r wires a node into a running graph; add --join tcp://HOST:PORT")
         say(f"/{name} runs alone; its inputs take messages from: palp topic pub")
         return standalone_spec(name, run, params, described)
-    reached: GraphReached = remote.wait_for(GraphReached)
+    reached: bridge_messages.GraphReached = remote.wait_for(bridge_messages.GraphReached)
     view = reached.view
     if view.clock != "wall":
         raise GraphError(
@@ -287,9 +278,11 @@ def _supervise_joined(supervisor: Supervisor, remote: _BridgeHandle, say: Say) -
     try:
         code = _run_joined(supervisor, remote)
     except (NodeError, Interrupted) as error:
-        remote.goodbye = Goodbye(str(error), -1)
+        remote.goodbye = bridge_messages.Goodbye(str(error), -1)
         raise
-    remote.goodbye = Goodbye("its work is done" if code == 0 else f"it ended with status {code}", code)
+    remote.goodbye = bridge_messages.Goodbye(
+        "its work is done" if code == 0 else f"it ended with status {code}", code
+    )
     if remote.lost is not None:
         say(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
     return code

@@ -8,8 +8,6 @@
     assert bench.sent(StiffnessEstimator.stiffness)[-1].stiffness_n_per_m > 0.0
 """
 
-from __future__ import annotations
-
 from typing import Any, Generic, TypeVar
 
 from palp_core.errors import NodeError

@@ -1,7 +1,5 @@
 """What happens to a node, said in its log, on its hidden topic and to whoever runs it."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ The executor knows nothing of sockets. Whoever drives it hands in frames and tim
 the same code runs a node in its own process, in composition and on a test bench.
 """
 
-from __future__ import annotations
-
 import logging
 import operator
 from collections import deque

@@ -1,7 +1,5 @@
 """What is asked of a node from outside, and again in a replay: changed parameters and calls of a service."""
 
-from __future__ import annotations
-
 import base64
 from typing import Any
 

@@ -4,8 +4,6 @@ The same bytes serve a hot swap (one node, now), a checkpoint (all nodes at one 
 starts in the middle.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -1,7 +1,5 @@
 """Write down what a node consumes, in order, so that it can be driven again to the same outputs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Managed-node states, as in ROS 2."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from palp_core.errors import LifecycleError

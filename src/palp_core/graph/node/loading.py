@@ -1,7 +1,5 @@
 """How a node's process begins: what it is told, where it will be found, which class it runs."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import importlib.util

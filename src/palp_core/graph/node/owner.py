@@ -1,7 +1,5 @@
 """What the live ends of a node ask of whoever drives them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """A node's parameters: what its class declares, and plain values made into them, validated as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The live end of an output: counts, stamps, frames, remembers."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar

@@ -1,7 +1,5 @@
 """Quality-of-service events of an input or a client: what a node can handle with ``@on_event(port)``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import msgspec

@@ -1,7 +1,5 @@
 """A node's random numbers: a function of the graph's seed and the node's name, and handed over with it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 

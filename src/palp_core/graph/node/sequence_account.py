@@ -1,7 +1,5 @@
 """What a reader knows of an edge: nothing arrives twice, nothing goes missing without being counted."""
 
-from __future__ import annotations
-
 import msgspec
 
 

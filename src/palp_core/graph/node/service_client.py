@@ -1,7 +1,5 @@
 """The asking end of a service: what is unanswered, when to ask again, when to give up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

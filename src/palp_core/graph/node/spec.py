@@ -1,7 +1,5 @@
 """What one node of a checked graph needs to know to run."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One wired input of a node: how to decode what arrives, who handles it, what has been taken up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

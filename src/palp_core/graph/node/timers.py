@@ -1,7 +1,5 @@
 """The live ends of periodic timers and alarms."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

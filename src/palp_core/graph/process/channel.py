@@ -1,7 +1,5 @@
 """A private channel between two of palp's own processes: typed messages on a Unix stream socket."""
 
-from __future__ import annotations
-
 import socket
 import struct
 from typing import Generic, TypeVar

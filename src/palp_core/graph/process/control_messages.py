@@ -3,8 +3,6 @@
 Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
 """
 
-from __future__ import annotations
-
 import socket
 
 import msgspec

@@ -1,7 +1,5 @@
 """How a node's process does: measured where the node's loop turns, at next to no cost."""
 
-from __future__ import annotations
-
 import gc
 import os
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A node's process in lockstep: it works when the conductor says so."""
 
-from __future__ import annotations
-
 import select
 
 import msgspec
@@ -11,17 +9,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import NodeProcess, endpoints, load_class
+from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
-from palp_core.graph.process.control_messages import (
-    Activate,
-    Configured,
-    Done,
-    Knock,
-    Matched,
-    Round,
-    Shutdown,
-    ToNode,
-)
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
 from palp_core.graph.process.swap_participant import SwapParticipant
@@ -31,7 +20,7 @@ from palp_core.graph.transport.node_sockets import NodeSockets
 class LockstepLoop:
     """The loop of a lockstep node."""
 
-    def __init__(self, process: NodeProcess, channel: MessageChannel[ToNode]) -> None:
+    def __init__(self, process: NodeProcess, channel: MessageChannel[control_messages.ToNode]) -> None:
         self.channel = channel
         self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
         self.clock = SimClock()
@@ -68,39 +57,41 @@ class LockstepLoop:
         while supervisor not in ready and not self.channel.buffered():
             if self.sockets.requests.waiting and not self._knocked:
                 self._knocked = True
-                self.channel.send(Knock())
+                self.channel.send(control_messages.Knock())
             ready = {descriptor for descriptor, _ in self._poll.poll()}
             if ready - {supervisor}:
                 self.sockets.poll()
 
     def run(self) -> None:
         """Follow the conductor until it shuts the node down."""
-        self.channel.send(Configured())
-        self.channel.send(Matched())
+        self.channel.send(control_messages.Configured())
+        self.channel.send(control_messages.Matched())
         while True:
             self._await_conductor()
             message = self.channel.receive()
             self.frames = []
-            if isinstance(message, Round):
+            if isinstance(message, control_messages.Round):
                 self.clock.set(message.now_ns)
                 self._knocked = False
                 self.sockets.requests.perform()
                 follow_round(self.executor, self.clock, message)
-            elif isinstance(message, Activate):
+            elif isinstance(message, control_messages.Activate):
                 self.executor.transition(Transition.ACTIVATE)
-            elif isinstance(message, Shutdown):
+            elif isinstance(message, control_messages.Shutdown):
                 self.clock.set(message.now_ns)
                 self.executor.transition(Transition.SHUTDOWN)
             else:
                 self._change_over(message)
                 if self.participant.left:
-                    self.channel.send(Done([], -1, None))
+                    self.channel.send(control_messages.Done([], -1, None))
                     self.close()
                     return
                 continue
             due_ns = self.executor.next_due_ns()
-            self.channel.send(Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code))
-            if isinstance(message, Shutdown):
+            self.channel.send(
+                control_messages.Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code)
+            )
+            if isinstance(message, control_messages.Shutdown):
                 self.close()
                 return
 
@@ -132,7 +123,7 @@ class LockstepLoop:
         self.sockets.close()
 
 
-def follow_round(executor: Executor, clock: SimClock, message: Round) -> None:
+def follow_round(executor: Executor, clock: SimClock, message: control_messages.Round) -> None:
     """Do one node's part of a lockstep round: due timers first, then the messages in the given order."""
     clock.set(message.now_ns)
     executor.run_timers()

@@ -1,7 +1,5 @@
 """The main function of a node's process: connect, configure, then follow the conductor or the wall clock."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import logging

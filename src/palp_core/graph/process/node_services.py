@@ -5,8 +5,6 @@ node's ROUTER. Each operation gets the request's map and returns the reply's; wh
 ``{"error": text}``. In lockstep, those that change something wait for the node's next round.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Whose death a process shares, and whose orphans it takes: prctl(2), which the standard library lacks."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

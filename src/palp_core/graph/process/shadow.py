@@ -1,7 +1,5 @@
 """Compare what two nodes publish that do the same work, message by message."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 

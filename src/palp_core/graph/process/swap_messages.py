@@ -5,8 +5,6 @@ is told :class:`Go`. That word is the one instant at which the node changes hand
 taken back, after it the predecessor only leaves.
 """
 
-from __future__ import annotations
-
 from palp_core.graph.process.channel import ChannelMessage
 
 

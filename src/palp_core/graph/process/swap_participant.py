@@ -3,8 +3,6 @@
 Whoever drives the node asks it to :meth:`SwapParticipant.handle` what the supervisor says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -18,29 +16,9 @@ from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.shadow import ShadowComparison
-from palp_core.graph.process.swap_messages import (
-    Announced,
-    EndShadow,
-    Go,
-    HandedIn,
-    HandIn,
-    Leave,
-    Meet,
-    Met,
-    Place,
-    Rehearse,
-    Rehearsed,
-    Resume,
-    Shadow,
-    Shadowed,
-    Stay,
-    TakeOver,
-    TookOver,
-    ToSwapped,
-    Working,
-)
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import ReceivedOffsets
@@ -82,9 +60,9 @@ class SwapParticipant:
     ) -> None:
         self._executor, self._sockets, self._say, self._supervisor = executor, sockets, say, supervisor
         self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
-        self._place: Place | None = None
-        self._hand_in: HandIn | None = None
-        self._meet: tuple[Meet, int] | None = None
+        self._place: swap_messages.Place | None = None
+        self._hand_in: swap_messages.HandIn | None = None
+        self._meet: tuple[swap_messages.Meet, int] | None = None
         self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
         self.silent = successor
@@ -98,39 +76,39 @@ class SwapParticipant:
         """True while :meth:`turn` has to look."""
         return self._hand_in is not None or self._meet is not None or self._eavesdropper is not None
 
-    def handle(self, message: ToSwapped) -> None:
+    def handle(self, message: swap_messages.ToSwapped) -> None:
         """Do what the supervisor says."""
         match message:
-            case Place():
+            case swap_messages.Place():
                 self._place = message
                 self._sockets.publisher.greeting = lambda publisher: [
                     publisher.heartbeat(),
                     self._moved(publisher, "prepare"),
                 ]
                 self._sockets.publisher.send_past_hold(self._moved_all("prepare"))
-                self._say(Announced(self._sockets.publisher.readers))
-            case HandIn():
+                self._say(swap_messages.Announced(self._sockets.publisher.readers))
+            case swap_messages.HandIn():
                 self._hand_in = message
-            case Resume():
+            case swap_messages.Resume():
                 self._hand_in = None
                 self._executor.succession.resume()
-            case Stay():
+            case swap_messages.Stay():
                 self._sockets.publisher.send_past_hold(self._moved_all("stay"))
                 self._sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
                 self._place = None
-            case Leave(patience_ns=patience_ns):
+            case swap_messages.Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
-            case Meet():
+            case swap_messages.Meet():
                 self._meet = message, monotonic_ns() + READERS_NS
-            case Rehearse():
-                self._say(Rehearsed(self._objection(message), self._heard()))
-            case TakeOver():
+            case swap_messages.Rehearse():
+                self._say(swap_messages.Rehearsed(self._objection(message), self._heard()))
+            case swap_messages.TakeOver():
                 self._say(self._take_over(message))
-            case Go():
+            case swap_messages.Go():
                 self._go(message)
-            case Shadow():
+            case swap_messages.Shadow():
                 self._say(self._begin_shadow(message))
-            case EndShadow():
+            case swap_messages.EndShadow():
                 self._say(self._end_shadow())
         self.turn()
 
@@ -142,14 +120,14 @@ class SwapParticipant:
                 self._executor.succession.pause()
             at_ns = monotonic_ns()
             hand_over = self._executor.succession.hand_over() if pause else self._executor.succession.copy()
-            self._say(HandedIn(encode_any(hand_over), at_ns, self._sockets.requests.remembered))
+            self._say(swap_messages.HandedIn(encode_any(hand_over), at_ns, self._sockets.requests.remembered))
         if self._meet is not None:
             self._sockets.poll()
             meet, until_ns = self._meet
             missing = _missing(meet.readers, self._sockets.publisher.readers)
             if not missing or monotonic_ns() >= until_ns:
                 self._meet = None
-                self._say(Met(missing))
+                self._say(swap_messages.Met(missing))
 
         if self._eavesdropper is not None and self._comparison is not None:
             for raw in self._eavesdropper.receive():
@@ -180,7 +158,7 @@ class SwapParticipant:
 
     # Successor
 
-    def _objection(self, message: Rehearse) -> str:
+    def _objection(self, message: swap_messages.Rehearse) -> str:
         try:
             hand_over = decode_any(HandOver, message.hand_over)
             self._executor.succession.fitting(hand_over, message.params)
@@ -188,22 +166,22 @@ class SwapParticipant:
             return in_words(error)
         return ""
 
-    def _take_over(self, message: TakeOver) -> TookOver:
+    def _take_over(self, message: swap_messages.TakeOver) -> swap_messages.TookOver:
         try:
             self._begin(message.start_ns)
             hand_over = decode_any(HandOver, message.hand_over)
             self._executor.succession.take_over(hand_over, message.params)
             self._sockets.requests.remember(message.remembered)
-            return TookOver("", self._succeed(hand_over))
+            return swap_messages.TookOver("", self._succeed(hand_over))
         except PalpError as error:
-            return TookOver(in_words(error))
+            return swap_messages.TookOver(in_words(error))
 
     @property
     def shadowing(self) -> bool:
         """True while this node works unheard."""
         return self._comparison is not None
 
-    def _begin_shadow(self, message: Shadow) -> TookOver:
+    def _begin_shadow(self, message: swap_messages.Shadow) -> swap_messages.TookOver:
         """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
         published = decode_any(HandOver, message.hand_over).published
         publishers = self._executor.ends.publishers.items()
@@ -215,9 +193,11 @@ class SwapParticipant:
             self._eavesdropper = SubscriberSocket(places, self._sockets.context, queue=100_000)
             for out in self._executor.ends.publishers.values():
                 out.listened = True
-        return self._take_over(TakeOver(message.hand_over, message.params, message.start_ns, {}))
+        return self._take_over(
+            swap_messages.TakeOver(message.hand_over, message.params, message.start_ns, {})
+        )
 
-    def _end_shadow(self) -> Shadowed:
+    def _end_shadow(self) -> swap_messages.Shadowed:
         assert self._comparison is not None
         self._executor.succession.pause()
         self._executor.succession.paused = False  # it is no more than ready to take over
@@ -230,9 +210,9 @@ class SwapParticipant:
             self._sockets.publisher.offer(self._executor.ends.publishers.values(), direct=True)
         self._comparison = None
         self._sockets.publisher.hold()
-        return Shadowed(report, self._heard())
+        return swap_messages.Shadowed(report, self._heard())
 
-    def _go(self, message: Go) -> None:
+    def _go(self, message: swap_messages.Go) -> None:
         self.silent = False
         sockets = self._sockets
         sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
@@ -245,7 +225,7 @@ class SwapParticipant:
         gap_s = (monotonic_ns() - message.paused_ns) / 1e9 if message.paused_ns else 0.0
         record = {**message.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
         self._executor.swaps.append(record)
-        self._say(Working(record))
+        self._say(swap_messages.Working(record))
 
 
 def _covers(heard: ReceivedOffsets, after: ReceivedOffsets) -> bool:

@@ -1,7 +1,5 @@
 """A node's process on the machine's clock: take in, work, answer, in short slices."""
 
-from __future__ import annotations
-
 import select
 from pathlib import Path
 
@@ -11,19 +9,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import NodeProcess, endpoints, load_class
 from palp_core.graph.node.qos_events import QosEvent
+from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import MessageChannel
-from palp_core.graph.process.control_messages import (
-    Activate,
-    Configured,
-    Done,
-    Matched,
-    Pulse,
-    Raised,
-    Relay,
-    Round,
-    Shutdown,
-    ToNode,
-)
 from palp_core.graph.process.health import HealthProbe
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import Listening
@@ -40,7 +27,7 @@ SLICE_NS = 500_000
 class WallLoop:
     """The loop of a node on the wall clock."""
 
-    def __init__(self, process: NodeProcess, channel: MessageChannel[ToNode]) -> None:
+    def __init__(self, process: NodeProcess, channel: MessageChannel[control_messages.ToNode]) -> None:
         self.channel = channel
         self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
         self.clock = WallClock(monotonic_ns())
@@ -101,12 +88,14 @@ class WallLoop:
         """Show a message to the launch view too."""
         self.sockets.publisher.send(frame)
         if self._heard():
-            self.channel.send(Relay(frame, None))
+            self.channel.send(control_messages.Relay(frame, None))
 
     def _report(self, event: QosEvent) -> None:
         action = self.executor.spec.actions.get(event.port, "warn")
         if self._heard():
-            self.channel.send(Raised(event.kind, event.port, event.topic, event.text, action))
+            self.channel.send(
+                control_messages.Raised(event.kind, event.port, event.topic, event.text, action)
+            )
 
     def _heard(self) -> bool:
         """Tell whether the supervisor keeps up: a node that moves something waits for no terminal."""
@@ -114,13 +103,13 @@ class WallLoop:
 
     def run(self) -> None:
         """Follow the clock until the supervisor shuts the node down."""
-        self.channel.send(Configured())
+        self.channel.send(control_messages.Configured())
         announced = finished = False
         while True:
             spoken = self._wait()
             if not announced and self.receiver.matched and self._matched_readers.all_present():
                 announced = True
-                self.channel.send(Matched(self._matched_readers.missing))
+                self.channel.send(control_messages.Matched(self._matched_readers.missing))
             if spoken and self._command():
                 return
             if self.participant.waiting:
@@ -134,7 +123,7 @@ class WallLoop:
                     self.sockets.requests.perform()
             if self.executor.exit_code is not None and not finished:
                 finished = True
-                self.channel.send(Relay(b"", self.executor.exit_code))
+                self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
 
     def _wait(self) -> bool:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
@@ -191,7 +180,7 @@ class WallLoop:
             unread=len(executor.inbox),
             **executor.ends.counts(),
         )
-        self.channel.send(Pulse(health))
+        self.channel.send(control_messages.Pulse(health))
 
     def _backlog(self) -> bool:
         return bool(self.executor.inbox) and self.executor.lifecycle is Lifecycle.ACTIVE
@@ -199,19 +188,19 @@ class WallLoop:
     def _command(self) -> bool:
         """Obey the supervisor; return True when the node has ended."""
         message = self.channel.receive()
-        if isinstance(message, Activate):
+        if isinstance(message, control_messages.Activate):
             self._begin(message.start_ns)
             self.executor.transition(Transition.ACTIVATE)
-        elif isinstance(message, Shutdown):
+        elif isinstance(message, control_messages.Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
             self.sockets.publisher.send_heartbeats()  # its last words: whoever has missed a message knows it
-            self.channel.send(Done([], -1, self.executor.exit_code))
+            self.channel.send(control_messages.Done([], -1, self.executor.exit_code))
             self.close()
             return True
-        elif not isinstance(message, Round):
+        elif not isinstance(message, control_messages.Round):
             self.participant.handle(message)
             if self.participant.left:
-                self.channel.send(Done([], -1, None))
+                self.channel.send(control_messages.Done([], -1, None))
                 self.close()
                 return True
         return False

@@ -4,8 +4,6 @@ A frame goes to the recorder as it arrives, so that a crash costs no more than a
 asked for comes after what was published later; sequences tell the order.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections import defaultdict, deque

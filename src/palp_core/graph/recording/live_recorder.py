@@ -1,7 +1,5 @@
 """Record a running graph on the wall clock: into a bag as it goes, or into memory until somebody asks."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections.abc import Callable

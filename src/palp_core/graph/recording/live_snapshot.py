@@ -1,7 +1,5 @@
 """A recorder's stand-in: it keeps the last seconds in memory, and the account that a recorder would keep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from palp_core.errors import SchemaMismatch

@@ -1,7 +1,5 @@
 """What a running graph publishes: every topic with its type, its place, and how much of it is kept."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import msgspec

@@ -1,7 +1,5 @@
 """Record a lockstep run into a bag that stands alone: topics, graph, parameters, versions, git state."""
 
-from __future__ import annotations
-
 from palp_core.errors import BagError
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.selection import topic_selection

@@ -3,8 +3,6 @@
 Every launcher can be asked for it, and few are: what it takes is imported then.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 The channel's end asks for the bag's end.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

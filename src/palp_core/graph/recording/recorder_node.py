@@ -4,8 +4,6 @@ The launcher gives it a process of its own kind: it takes no part in the graph's
 first node is active, so that every topic's first message is in the bag.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from msgspec import Meta

@@ -6,8 +6,6 @@ still on its way and finishes the bag.
 Run as ``python -m palp_core.graph.recording.recorder_process <descriptor of the channel>``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import select
 import signal
@@ -17,22 +15,15 @@ import sys
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
-from palp_core.graph.recording.recorder_messages import (
-    RecorderNote,
-    RecorderRefused,
-    RecordingFinished,
-    RecordingStarted,
-    StartRecording,
-    to_recorder,
-)
+from palp_core.graph.recording import recorder_messages
 from palp_core.graph.recording.recorder_run import RecorderRun
 
 
 class LaunchedRecorder(RecorderRun):
     """A recording that a launcher ends."""
 
-    def __init__(self, channel: MessageChannel[StartRecording]) -> None:
-        super().__init__(lambda text: self.tell(RecorderNote(text)))
+    def __init__(self, channel: MessageChannel[recorder_messages.StartRecording]) -> None:
+        super().__init__(lambda text: self.tell(recorder_messages.RecorderNote(text)))
         self._channel = channel
 
     def tell(self, message: ChannelMessage) -> None:
@@ -46,21 +37,25 @@ class LaunchedRecorder(RecorderRun):
 
 def main(connection: socket.socket) -> int:
     """Record until the channel ends."""
-    channel: MessageChannel[StartRecording] = MessageChannel(connection, to_recorder())
+    channel: MessageChannel[recorder_messages.StartRecording] = MessageChannel(
+        connection, recorder_messages.to_recorder()
+    )
     run = LaunchedRecorder(channel)
     with run.signals():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the launcher, which ends us
         try:
             told = channel.receive()
             complete, text = run.record(
-                RunningGraph(told.record), told.options, lambda: run.tell(RecordingStarted())
+                RunningGraph(told.record),
+                told.options,
+                lambda: run.tell(recorder_messages.RecordingStarted()),
             )
         except ChannelClosed:
             return 1
         except PalpError as error:
-            run.tell(RecorderRefused(str(error)))
+            run.tell(recorder_messages.RecorderRefused(str(error)))
             return 2
-    run.tell(RecordingFinished(complete, text))
+    run.tell(recorder_messages.RecordingFinished(complete, text))
     return 0 if complete else 1
 
 

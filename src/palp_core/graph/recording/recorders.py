@@ -14,15 +14,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.recording.recorder_messages import (
-    FromRecorder,
-    RecorderNote,
-    RecordingFinished,
-    RecordingStarted,
-    RecordOptions,
-    StartRecording,
-    from_recorder,
-)
+from palp_core.graph.recording import recorder_messages
 from palp_core.graph.recording.recorder_node import RecorderParams
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.sidecar import Sidecar
@@ -54,9 +46,9 @@ class Recorders:
         self._results: list[tuple[bool, str]] = []
         self._writers: list[LockstepRecorder] = []
         self._processes: list[RecorderProcess] = []
-        self._wanted: list[tuple[str, RecordOptions, bool]] = []
+        self._wanted: list[tuple[str, recorder_messages.RecordOptions, bool]] = []
         if out is not None:
-            options = RecordOptions(out=str(out.absolute()), from_start=True)
+            options = recorder_messages.RecordOptions(out=str(out.absolute()), from_start=True)
             self._wanted.append((DEFAULT_NAME, options, False))
         for spec in graph.recorders if graph is not None else ():
             params = msgspec.convert(spec.params, RecorderParams)
@@ -127,7 +119,7 @@ class RecorderProcess:
         self,
         name: str,
         record: RunRecord,
-        options: RecordOptions,
+        options: recorder_messages.RecordOptions,
         folder: Path,
         launcher_node: LauncherNode,
         supervisor: Supervisor,
@@ -140,13 +132,15 @@ class RecorderProcess:
         self._options, self._required = options, required
         self._launcher_node, self._supervisor = launcher_node, supervisor
         self._result: tuple[bool, str] | None = None
-        self._sidecar: Sidecar[FromRecorder] = Sidecar(
-            "palp_core.graph.recording.recorder_process", from_recorder(), folder / "log" / f"{name}.log"
+        self._sidecar: Sidecar[recorder_messages.FromRecorder] = Sidecar(
+            "palp_core.graph.recording.recorder_process",
+            recorder_messages.from_recorder(),
+            folder / "log" / f"{name}.log",
         )
         self._began = self._gone = False
         supervisor.watch(self._sidecar.descriptor, self._receive)
         with contextlib.suppress(ChannelClosed):
-            self._sidecar.send(StartRecording(record, options))
+            self._sidecar.send(recorder_messages.StartRecording(record, options))
 
     def _receive(self) -> None:
         """Take what it says.
@@ -160,12 +154,12 @@ class RecorderProcess:
         except ChannelClosed:
             self._on_gone()
 
-    def _on_message(self, message: FromRecorder) -> None:
-        if isinstance(message, RecordingStarted):
+    def _on_message(self, message: recorder_messages.FromRecorder) -> None:
+        if isinstance(message, recorder_messages.RecordingStarted):
             self.ready = self._began = True
-        elif isinstance(message, RecorderNote):
+        elif isinstance(message, recorder_messages.RecorderNote):
             _LOG.log(logging.INFO if self.ready else logging.WARNING, "%s: %s", self.name, message.text)
-        elif isinstance(message, RecordingFinished):
+        elif isinstance(message, recorder_messages.RecordingFinished):
             self._result = (message.complete, message.text)
         elif self._began:
             self._fail(message.text)
@@ -208,8 +202,8 @@ class RecorderProcess:
         return self._result or (False, f"{self._options.out}: the recorder did not finish its bag")
 
 
-def _options(params: RecorderParams) -> RecordOptions:
-    return RecordOptions(
+def _options(params: RecorderParams) -> recorder_messages.RecordOptions:
+    return recorder_messages.RecordOptions(
         out=str(Path(params.out).absolute()),
         topics=[name if name.startswith("/") else f"/{name}" for name in params.topics],
         regex=params.regex or None,

@@ -1,7 +1,5 @@
 """Where played messages go: into a run of their own, or into ports of a running graph."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 Nothing here looks at a clock: whoever plays says what time it is on the machine's monotonic one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator
 

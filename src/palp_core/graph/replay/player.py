@@ -6,8 +6,6 @@ node did; in lockstep in the same round. Time counts from the start of the recor
 message of a bag that was begun later. Its sequences begin at 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 

@@ -4,8 +4,6 @@ Each node wrote down what it consumed, in order: activation, timers, messages, c
 node is driven through exactly that on a clock that shows what it showed then, as fast as the machine allows.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections import deque

@@ -1,7 +1,5 @@
 """Recorded messages by their sequences, whenever they were recorded."""
 
-from __future__ import annotations
-
 import heapq
 from collections import OrderedDict
 from collections.abc import Iterator

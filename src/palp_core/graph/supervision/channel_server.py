@@ -3,8 +3,6 @@
 Nothing here waits for a node: one that is stopped in the middle of a message must not stop the supervisor.
 """
 
-from __future__ import annotations
-
 import contextlib
 import select
 import socket

@@ -1,7 +1,5 @@
 """What a process does between the fork and being a node: release the server, take its place on the host."""
 
-from __future__ import annotations
-
 import faulthandler
 import gc
 import logging

@@ -1,7 +1,5 @@
 """Start the fork server's process, before anything else is imported: it warms up meanwhile."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

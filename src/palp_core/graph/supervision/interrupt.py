@@ -4,8 +4,6 @@ Never in the middle of one, unless that one does not end: asked a second time, h
 breaks into whatever has not looked at the first.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """What the launcher itself says: ``/graph/events`` and ``/graph/health``, and answers about the graph."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

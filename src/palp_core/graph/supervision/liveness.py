@@ -1,7 +1,5 @@
 """Who is alive: nodes on the wall clock say twice a second that their loop turns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from palp_core.graph.messages.builtin import NodeHealth

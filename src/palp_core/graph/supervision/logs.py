@@ -4,8 +4,6 @@ Nodes print into pipes that the fork server reads: it lives as long as they do a
 a line is in its file before anybody hears of the crash that it explains.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

@@ -5,8 +5,6 @@ it. So a graph that needs none of them waits for none, and one that does waits o
 child may use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Keep nodes at work on the wall clock: activate, restart by rule, notice who has gone silent."""
 
-from __future__ import annotations
-
 import logging
 import signal
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Where everything of a running graph is, for those who look into its run directory and those who ask."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A process that works for this one, starts with it and never outlives it: a gateway, a bridge."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

@@ -1,7 +1,5 @@
 """Processes beside those that have the nodes' parts: successors before a swap, predecessors after it."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 from collections.abc import Callable, Sequence

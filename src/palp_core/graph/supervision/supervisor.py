@@ -1,7 +1,5 @@
 """Start every node as its own process, watch it, restart it by rule, and end all of them for certain."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import signal
@@ -12,21 +10,8 @@ from pathlib import Path
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.process.control_messages import (
-    Activate,
-    Configured,
-    Done,
-    Failed,
-    FromNode,
-    Knock,
-    Matched,
-    Pulse,
-    Raised,
-    Relay,
-    Shutdown,
-    ToNode,
-)
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import ChannelServer
@@ -91,7 +76,7 @@ class Supervisor:
         self.shadow: tuple[int, Standby, ShadowComparison] | None = None
         self._server, self._interrupt, self._observe = server, interrupt, observe
         self._grace = GracePeriod(interrupt)
-        self._replies: dict[int, Done] = {}
+        self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
         self._launcher = ProcessLauncher(server, clock, folder, workspace)
         self._restarts = Restarts(
@@ -127,7 +112,7 @@ class Supervisor:
             self._pump(1.0)
 
     def _activate_on_wall(self, index: int) -> None:
-        self._send(index, Activate(self.start_ns))
+        self._send(index, control_messages.Activate(self.start_ns))
 
     # Wall clock
 
@@ -171,16 +156,16 @@ class Supervisor:
 
     # Lockstep
 
-    def activate(self, index: int) -> Done:
+    def activate(self, index: int) -> control_messages.Done:
         """Activate one node."""
-        return self.work({index: Activate(self.start_ns)})[index]
+        return self.work({index: control_messages.Activate(self.start_ns)})[index]
 
     def pending_commands(self) -> set[int]:
         """Return the numbers of the nodes for which commands have come since this was last asked."""
         commanded, self._commanded = self._commanded, set()
         return commanded
 
-    def work(self, rounds: Mapping[int, ToNode]) -> Mapping[int, Done]:
+    def work(self, rounds: Mapping[int, control_messages.ToNode]) -> Mapping[int, control_messages.Done]:
         """Let several nodes do their part of a round, in parallel; return what each has done."""
         for index, message in rounds.items():
             self._send(index, message)
@@ -199,7 +184,7 @@ class Supervisor:
                 self.shadow[2].old(frame)
         return replies
 
-    def _work_shadow(self, message: ToNode) -> None:
+    def _work_shadow(self, message: control_messages.ToNode) -> None:
         """Let the standby of a node do the same as the node, and compare."""
         assert self.shadow is not None
         _, standby, comparison = self.shadow
@@ -207,13 +192,13 @@ class Supervisor:
         self.standbys.send(standby, message)
         self.wait_until(lambda: bool(standby.replies) or bool(standby.failure))
         for done in standby.replies:
-            if isinstance(done, Done):
+            if isinstance(done, control_messages.Done):
                 for frame in done.frames:
                     comparison.new(frame)
 
     # What processes say, and how they end
 
-    def _send(self, index: int, message: ToNode) -> None:
+    def _send(self, index: int, message: control_messages.ToNode) -> None:
         try:
             self._channels.send(index, message)
         except ChannelClosed:
@@ -244,17 +229,17 @@ class Supervisor:
                 self._interrupt.check()
             self._interrupt.drain()
 
-    def _on_message(self, index: int, message: FromNode) -> None:
+    def _on_message(self, index: int, message: control_messages.FromNode) -> None:
         if self.standbys.receive(index, message):
             return
         process = self.processes[index]
-        if isinstance(message, Done):
+        if isinstance(message, control_messages.Done):
             self._replies[index] = message
             process.done = self._grace.ending
-        elif isinstance(message, Pulse):
+        elif isinstance(message, control_messages.Pulse):
             self._restarts.on_health(index, message.health)
             self.on_health(message.health)
-        elif isinstance(message, Relay):
+        elif isinstance(message, control_messages.Relay):
             if message.frame:
                 self._observe(monotonic_ns() - self.start_ns, message.frame)
             if message.exit_code is not None and process.spec.shutdown_on_exit:
@@ -263,15 +248,15 @@ class Supervisor:
             self.listening.add((index, message.topic, message.publish))
         elif isinstance(message, FromSwapped):
             self.swap_replies[index] = message
-        elif isinstance(message, Configured):
+        elif isinstance(message, control_messages.Configured):
             process.configured = True
-        elif isinstance(message, Matched):
+        elif isinstance(message, control_messages.Matched):
             process.matched, process.missing = True, message.missing
-        elif isinstance(message, Knock):
+        elif isinstance(message, control_messages.Knock):
             self._commanded.add(index)
-        elif isinstance(message, Raised) and not self._grace.ending:
+        elif isinstance(message, control_messages.Raised) and not self._grace.ending:
             self._restarts.on_qos_event(index, message)
-        elif isinstance(message, Failed) and not self._grace.ending:
+        elif isinstance(message, control_messages.Failed) and not self._grace.ending:
             text = message.text.removeprefix(f"{process.spec.name}: ")
             if not self._restarts.restart(index, text):
                 raise NodeError(process.spec.name, f"{text} (log: {process.log})")
@@ -298,7 +283,7 @@ class Supervisor:
 
     # Swap
 
-    def send_if_connected(self, index: int, message: ToNode) -> None:
+    def send_if_connected(self, index: int, message: control_messages.ToNode) -> None:
         """Send a node a message; of one that is gone the fork server tells."""
         with contextlib.suppress(ChannelClosed):
             self._channels.send(index, message)
@@ -320,18 +305,18 @@ class Supervisor:
 
     # End
 
-    def shutdown(self, index: int, now_ns: int) -> Done:
+    def shutdown(self, index: int, now_ns: int) -> control_messages.Done:
         """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
         process = self.processes[index]
         self._grace.start()
         if not self._channels.connected(index) or process.ended:
-            return Done([], -1, None)
+            return control_messages.Done([], -1, None)
         self._replies.clear()
         with contextlib.suppress(NodeError, GraphError, ChannelClosed):
-            self._channels.send(index, Shutdown(now_ns))
+            self._channels.send(index, control_messages.Shutdown(now_ns))
             while not (process.done or process.ended) and not self._grace.expired:
                 self._pump(0.2)
-        return self._replies.pop(index, Done([], -1, None))
+        return self._replies.pop(index, control_messages.Done([], -1, None))
 
     def close(self) -> None:
         """End every process that is left; return when all are gone.

@@ -1,7 +1,5 @@
 """Whether a node class can take a running node's place, and what the graph is afterwards."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

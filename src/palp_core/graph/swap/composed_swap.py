@@ -1,7 +1,5 @@
 """A swap within one process: the same words on the same bytes as between two."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 Until the new process is told :class:`Go` it publishes nothing, so that there is one owner at every instant.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
@@ -18,35 +16,14 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
+from palp_core.graph.process import swap_messages
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.swap_messages import (
-    Announced,
-    EndShadow,
-    FromSwapped,
-    Go,
-    HandedIn,
-    HandIn,
-    Leave,
-    Meet,
-    Met,
-    Place,
-    Rehearse,
-    Rehearsed,
-    Resume,
-    Shadow,
-    Shadowed,
-    Stay,
-    TakeOver,
-    TookOver,
-    ToSwapped,
-    Working,
-)
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
-Answer = TypeVar("Answer", bound=FromSwapped)
+Answer = TypeVar("Answer", bound=swap_messages.FromSwapped)
 
 
 FAREWELL_NS = 1_000_000_000
@@ -153,16 +130,18 @@ class _ProcessSwap:
         self._announced = True
         publish, serve = endpoints(str(self._folder), new.place)
         supervisor.listening.clear()
-        self._send_old(Place(publish, serve))
-        readers = self._reply_of_old(Announced).readers
+        self._send_old(swap_messages.Place(publish, serve))
+        readers = self._reply_of_old(swap_messages.Announced).readers
         if supervisor.start_ns:
             self._wait_for_readers(publish)
-        self._send_new(Meet(readers))
-        self._reply_of_new(Met)  # who did not come is no node of this graph, and can ask for what it missed
+        self._send_new(swap_messages.Meet(readers))
+        self._reply_of_new(
+            swap_messages.Met
+        )  # who did not come is no node of this graph, and can ask for what it missed
         self._step = "state"
         handed = self._request_hand_over({}, pause=False)
-        self._send_new(Rehearse(handed.hand_over, self._swap.request.params))
-        rehearsed = self._reply_of_new(Rehearsed)
+        self._send_new(swap_messages.Rehearse(handed.hand_over, self._swap.request.params))
+        rehearsed = self._reply_of_new(swap_messages.Rehearsed)
         if rehearsed.error:
             self._fail(rehearsed.error)
         return rehearsed.after
@@ -191,8 +170,8 @@ class _ProcessSwap:
         handed = self._request_hand_over(after, pause=False)
         start_ns = supervisor.start_ns
         publish = endpoints(str(self._folder), self._old.place)[0] if start_ns else ""
-        self._send_new(Shadow(handed.hand_over, request.params, start_ns, publish))
-        taken = self._reply_of_new(TookOver)
+        self._send_new(swap_messages.Shadow(handed.hand_over, request.params, start_ns, publish))
+        taken = self._reply_of_new(swap_messages.TookOver)
         if taken.error:
             self._fail(taken.error)
         duration_ns = round(request.shadow_s * 1e9)
@@ -211,8 +190,8 @@ class _ProcessSwap:
             self._deadline_ns += monotonic_ns() - begun_ns
             self._now_ns += duration_ns
             self._comparison = comparison.report()
-        self._send_new(EndShadow())
-        shadowed = self._reply_of_new(Shadowed)
+        self._send_new(swap_messages.EndShadow())
+        shadowed = self._reply_of_new(swap_messages.Shadowed)
         if shadowed.report:
             self._comparison = msgspec.json.decode(shadowed.report)
         return shadowed.after
@@ -225,8 +204,8 @@ class _ProcessSwap:
         self._old.handed_over = True
         self._step = "take over"
         start_ns = self._supervisor.start_ns
-        self._send_new(TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
-        taken = self._reply_of_new(TookOver)
+        self._send_new(swap_messages.TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
+        taken = self._reply_of_new(swap_messages.TookOver)
         if taken.error:
             self._fail(taken.error)
         assert self._new is not None
@@ -235,7 +214,7 @@ class _ProcessSwap:
         runs = {"before": self._swap.old.run, "after": self._swap.new.run}
         record = {"at_s": self._now_ns / 1e9, **runs}
         new, self._new = self._new, None  # from here on there is no way back
-        self._supervisor.standbys.send(new, Go(record, handed.at_ns if start_ns else 0))
+        self._supervisor.standbys.send(new, swap_messages.Go(record, handed.at_ns if start_ns else 0))
         self._supervisor.promote(self._index, new)
         working = self._working()
         self._end_former(new)
@@ -243,7 +222,7 @@ class _ProcessSwap:
         held = taken.held if working is None else int(str(working.record["held"]))
         return self._report(working, held), done
 
-    def _report(self, working: Working | None, held: int) -> SwapReport:
+    def _report(self, working: swap_messages.Working | None, held: int) -> SwapReport:
         lockstep = not self._supervisor.start_ns
         gap_s = 0.0 if working is None else float(str(working.record["gap_s"]))
         return self._swap.report(
@@ -254,14 +233,17 @@ class _ProcessSwap:
             shadow=self._comparison,
         )
 
-    def _working(self) -> Working | None:
+    def _working(self) -> swap_messages.Working | None:
         """Wait until the new node is at work; if it fails now, that is a failure of the node as any other."""
         supervisor, index = self._supervisor, self._index
         process = supervisor.processes[index]
-        answered = lambda: isinstance(supervisor.swap_replies.get(index), Working) or process.ended  # noqa: E731
+
+        def answered() -> bool:
+            return isinstance(supervisor.swap_replies.get(index), swap_messages.Working) or process.ended
+
         supervisor.wait_until(answered, monotonic_ns() + FAREWELL_NS)
         answer = supervisor.swap_replies.pop(index, None)
-        return answer if isinstance(answer, Working) else None
+        return answer if isinstance(answer, swap_messages.Working) else None
 
     def _end_former(self, former: Standby) -> None:
         """Let the old process end; whoever looks for the node by its name is led to the new one.
@@ -269,7 +251,7 @@ class _ProcessSwap:
         It stays as long as a reader has not had all that it published, but nobody waits for that.
         """
         supervisor = self._supervisor
-        supervisor.standbys.send(former, Leave(LINGER_NS))
+        supervisor.standbys.send(former, swap_messages.Leave(LINGER_NS))
         former.on_end = self._redirecting(former.process.place, supervisor.processes[self._index].place)
         supervisor.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS)
         former.on_end()
@@ -298,9 +280,9 @@ class _ProcessSwap:
         if self._new is not None:
             supervisor.standbys.kill(self._new)
         if self._paused:
-            self._send_old(Resume())
+            self._send_old(swap_messages.Resume())
         if self._announced:
-            self._send_old(Stay())
+            self._send_old(swap_messages.Stay())
         new = self._new
         if new is not None:
             with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
@@ -317,15 +299,15 @@ class _ProcessSwap:
     def _fail(self, text: str) -> NoReturn:
         raise SwapFailed(self._swap.request.node, self._step, text)
 
-    def _request_hand_over(self, after: dict[str, tuple[int, int]], *, pause: bool) -> HandedIn:
-        self._send_old(HandIn(after, pause))
-        return self._reply_of_old(HandedIn)
+    def _request_hand_over(self, after: dict[str, tuple[int, int]], *, pause: bool) -> swap_messages.HandedIn:
+        self._send_old(swap_messages.HandIn(after, pause))
+        return self._reply_of_old(swap_messages.HandedIn)
 
-    def _send_old(self, message: ToSwapped) -> None:
+    def _send_old(self, message: swap_messages.ToSwapped) -> None:
         self._supervisor.swap_replies.pop(self._index, None)
         self._supervisor.send_if_connected(self._index, message)
 
-    def _send_new(self, message: ToSwapped) -> None:
+    def _send_new(self, message: swap_messages.ToSwapped) -> None:
         assert self._new is not None
         self._new.replies.clear()
         self._supervisor.standbys.send(self._new, message)

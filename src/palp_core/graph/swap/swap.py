@@ -4,8 +4,6 @@ What is asked for, what came of it, and who may ask: a tool, Python, or an exper
 The steps themselves are in :mod:`.process_swap` and :mod:`.composed_swap`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 

@@ -1,7 +1,5 @@
 """How the edges into a node do on the wall clock: rates, latencies, publishers that have fallen silent."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -5,8 +5,6 @@ the names down in a file of the run directory. Restarted, it waits for those tha
 its first messages reach readers that have yet to connect again, however many messages it keeps.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Collection
 from pathlib import Path

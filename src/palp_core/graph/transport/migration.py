@@ -1,7 +1,5 @@
 """Follow a publisher that goes on at another place: two endpoints for a while, one order all the time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 

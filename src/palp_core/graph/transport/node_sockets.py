@@ -1,7 +1,5 @@
 """The sending side of one process: where its nodes publish, and where they answer requests."""
 
-from __future__ import annotations
-
 import select
 
 import zmq

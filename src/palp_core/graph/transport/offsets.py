@@ -4,8 +4,6 @@ A file of the run directory, mapped into memory: one slot of 16 bytes per input 
 message has been handled. A kill -9 loses nothing of it, and the message it interrupts is handed over again.
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 from collections.abc import Sequence

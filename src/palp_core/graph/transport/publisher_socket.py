@@ -3,8 +3,6 @@
 Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Any

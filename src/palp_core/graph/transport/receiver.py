@@ -1,7 +1,5 @@
 """What comes into a node on the wall clock: sockets, order, gaps, queues, silence, and the account."""
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 from collections.abc import Callable, Mapping

@@ -9,8 +9,6 @@ reader what it missed.
 Used on the wall clock only: in lockstep nothing can be missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from palp_core.errors import SchemaMismatch

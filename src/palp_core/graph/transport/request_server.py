@@ -1,7 +1,5 @@
 """Answer requests from outside, maps in and maps out, so that nothing a stranger sends does harm."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Ask nodes on ZeroMQ: many without waiting for their replies, or one and wait."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """The receiving side of one process: a SUB socket that reads topics, each at its publisher's endpoint."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping
 

@@ -5,8 +5,6 @@ descriptor and then receives. But a supervisor's word or a tool's question comes
 thread watches those, and rings by sending a message of one byte to the subscription.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import threading

@@ -1,7 +1,5 @@
 """What state a device is in, by name, and since when."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from enum import StrEnum

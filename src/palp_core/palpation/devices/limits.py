@@ -1,7 +1,5 @@
 """Limits that a driver checks before a command leaves, and that the watchdog checks on what is measured."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A straight move with finite acceleration: speed up, cruise, slow down."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -11,8 +11,6 @@ A state type belongs to its back end, which names it as ``state_type``; a protoc
 variable. Whoever holds a state that was serialised gets it back by :func:`restored`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple, Protocol, TypeVar

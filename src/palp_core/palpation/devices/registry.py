@@ -1,7 +1,5 @@
 """Names of device back ends: kind and name stand for a class that is imported on use."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Mapping
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Say aloud which of a driver's parameters nobody has checked on the device yet."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Collection, Mapping
 

@@ -1,7 +1,5 @@
 """Bounds of what goes in: numbers refused by name and with advice, and steps that are fine enough."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is touched: a slab of soft gel on a rigid floor, with or without a rigid bead in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from palp_core.errors import OutOfRange

@@ -1,7 +1,5 @@
 """The probe: three links, a joint whose stiffness is set by the anchor ring, a ball tip."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import overload
 

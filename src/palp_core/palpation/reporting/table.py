@@ -1,7 +1,5 @@
 """Tables as CSV files: what a page shows, for other programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence

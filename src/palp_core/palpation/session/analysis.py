@@ -1,7 +1,5 @@
 """Stored sessions pooled and decided again by several combinations of methods: the table and the page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import product

@@ -8,17 +8,7 @@ import numpy as np
 
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.statistics import wilson
-from palp_core.palpation.reporting.charts import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    VERMILION,
-    Chart,
-    depth_style,
-    ring_colours,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY
 from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.units import Float64Array
@@ -27,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def belief_chart(session: RecordedSession) -> Chart | None:
+def belief_chart(session: RecordedSession) -> charts.Chart | None:
     """Return the expected depth against iteration, Figures 10 and 11; None without a trial."""
     if not session.trials:
         return None
@@ -44,7 +34,7 @@ def belief_chart(session: RecordedSession) -> Chart | None:
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         for depth_m in curves:
-            style = depth_style(session.class_of(depth_m))
+            style = charts.depth_style(session.class_of(depth_m))
             upper.axhline(depth_m * 1e3, color=style["color"], lw=0.8, alpha=0.6)
             upper.errorbar(
                 iterations,
@@ -59,15 +49,15 @@ def belief_chart(session: RecordedSession) -> Chart | None:
         upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         lower.set_ylim(bottom=0.0)
         lower.xaxis.get_major_locator().set_params(integer=True)
-        tidy(upper, "Expected depth; thin lines: true depth", "", "expected depth, mm")
-        tidy(lower, "Trials still running", "iteration (palpation of the trial)", "trials")
+        charts.tidy(upper, "Expected depth; thin lines: true depth", "", "expected depth, mm")
+        charts.tidy(lower, "Trials still running", "iteration (palpation of the trial)", "trials")
 
     rows = [
         (mm(depth_m), int(i), float(means[depth_m][i]), float(errors[depth_m][i]), running[depth_m][i])
         for depth_m in curves
         for i in iterations
     ]
-    return Chart(
+    return charts.Chart(
         "belief",
         "Estimate over iterations",
         "Posterior expected depth, mean and standard error over this session's trials (as Figures 10 and 11 "
@@ -95,7 +85,7 @@ def _standard_error(curves: Float64Array) -> Float64Array:
     return error
 
 
-def accuracy_chart(session: RecordedSession) -> Chart | None:
+def accuracy_chart(session: RecordedSession) -> charts.Chart | None:
     """Return accuracy per depth with intervals, Figure 12; None without a trial."""
     if not session.trials:
         return None
@@ -109,8 +99,10 @@ def accuracy_chart(session: RecordedSession) -> Chart | None:
         for x, (_, share) in enumerate(shares):
             value = 100.0 * share.value
             reach = [[value - 100.0 * share.low], [100.0 * share.high - value]]
-            axes.bar(x, value, width=0.5, color=BLUE, alpha=0.85, label="this session" if x == 0 else None)
-            axes.errorbar(x, value, yerr=reach, color=INK, capsize=5, lw=1.4)
+            axes.bar(
+                x, value, width=0.5, color=charts.BLUE, alpha=0.85, label="this session" if x == 0 else None
+            )
+            axes.errorbar(x, value, yerr=reach, color=charts.INK, capsize=5, lw=1.4)
             axes.annotate(f"{value:.0f} %", (x, 3), ha="center", color="white", fontweight="bold")
         published = [(x + beside, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
         if published:
@@ -119,22 +111,30 @@ def accuracy_chart(session: RecordedSession) -> Chart | None:
                 "D",
                 ms=7,
                 mfc="white",
-                mec=VERMILION,
+                mec=charts.VERMILION,
                 mew=1.6,
                 label="paper: fixed\n(average of five $r_a$)",
             )
         axes.plot(
-            len(shares) - 1 + beside, 100.0 * HUMAN_STRATEGY, "*", ms=12, mfc="white", mec=GREEN, mew=1.4
+            len(shares) - 1 + beside,
+            100.0 * HUMAN_STRATEGY,
+            "*",
+            ms=12,
+            mfc="white",
+            mec=charts.GREEN,
+            mew=1.4,
         )
         axes.lines[-1].set_label("paper: human strategy\n(slightly above 90 %)")
-        axes.axhline(chance, color=GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
+        axes.axhline(chance, color=charts.GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
         axes.set_xticks(range(len(shares)), [f"{n} mm" if n != "overall" else n for n, _ in shares])
         axes.set_ylim(0.0, 105.0)
         axes.grid(axis="x", visible=False)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        tidy(axes, "Right estimates with 95 % intervals (this session only)", "true depth", "accuracy, %")
+        charts.tidy(
+            axes, "Right estimates with 95 % intervals (this session only)", "true depth", "accuracy, %"
+        )
 
-    return Chart(
+    return charts.Chart(
         "accuracy",
         "Accuracy",
         "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's "
@@ -146,7 +146,7 @@ def accuracy_chart(session: RecordedSession) -> Chart | None:
     )
 
 
-def calibration_chart(session: RecordedSession) -> Chart | None:
+def calibration_chart(session: RecordedSession) -> charts.Chart | None:
     """Return stated confidence against actual accuracy; None without a trial."""
     if not session.trials:
         return None
@@ -156,11 +156,11 @@ def calibration_chart(session: RecordedSession) -> Chart | None:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.plot([0, 100], [0, 100], color=GREY, ls="--", lw=1.2, label="deserved confidence")
+        axes.plot([0, 100], [0, 100], color=charts.GREY, ls="--", lw=1.2, label="deserved confidence")
         for b in found.bins:
             x, y = 100.0 * b.mean_confidence, 100.0 * b.accuracy.value
             reach = [[y - 100.0 * b.accuracy.low], [100.0 * b.accuracy.high - y]]
-            axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color=BLUE)
+            axes.errorbar(x, y, yerr=reach, fmt="o", ms=6, capsize=4, color=charts.BLUE)
             axes.annotate(
                 f"n = {b.accuracy.trial_count}",
                 (x, 100.0 * b.accuracy.high),
@@ -172,9 +172,9 @@ def calibration_chart(session: RecordedSession) -> Chart | None:
         axes.set_xlim(0.0, 105.0)
         axes.set_ylim(-4.0, 110.0)
         axes.legend(loc="lower right")
-        tidy(axes, "Reliability", "stated probability of the estimate, %", "accuracy, %")
+        charts.tidy(axes, "Reliability", "stated probability of the estimate, %", "accuracy, %")
 
-    return Chart(
+    return charts.Chart(
         "calibration",
         "Calibration",
         "How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
@@ -192,7 +192,7 @@ def calibration_chart(session: RecordedSession) -> Chart | None:
     )
 
 
-def rings_chart(session: RecordedSession) -> Chart | None:
+def rings_chart(session: RecordedSession) -> charts.Chart | None:
     """Return how often each ring position was used in estimation; None without a trial."""
     probes = [probe for trial in session.trials for probe in trial.probes]
     if not probes:
@@ -207,11 +207,11 @@ def rings_chart(session: RecordedSession) -> Chart | None:
 
     def draw(figure: Figure) -> None:
         overall, by_iteration = figure.subplots(1, 2, width_ratios=(2, 3))
-        colours = ring_colours(len(rings_m))
+        colours = charts.ring_colours(len(rings_m))
         overall.bar(range(len(rings_m)), 100.0 * total / total.sum(), color=colours, width=0.7)
         overall.set_xticks(range(len(rings_m)), [mm(ring_m) for ring_m in rings_m])
         overall.grid(axis="x", visible=False)
-        tidy(overall, "All palpations", "ring position $r_a$, mm", "share, %")
+        charts.tidy(overall, "All palpations", "ring position $r_a$, mm", "share, %")
         share = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
         base = np.zeros(longest)
         for k, colour in enumerate(colours):
@@ -229,9 +229,9 @@ def rings_chart(session: RecordedSession) -> Chart | None:
         by_iteration.set_xlim(0.4, longest + 0.6)
         by_iteration.set_ylim(0.0, 100.0)
         by_iteration.legend(title="$r_a$, mm", loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
-        tidy(by_iteration, "By iteration, of the trials still running", "iteration", "share, %")
+        charts.tidy(by_iteration, "By iteration, of the trials still running", "iteration", "share, %")
 
-    return Chart(
+    return charts.Chart(
         "rings",
         "Ring positions used",
         "Which ring positions r_a the policy chose in estimation: over all palpations, and at each iteration "

@@ -1,7 +1,5 @@
 """How a reading answers to the phantom's height, by the mechanics; and the filters that need to know it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is wrong with the files that parameters name, said before anything starts."""
 
-from __future__ import annotations
-
 from palp_core.errors import PerceptionError
 from palp_core.palpation.mechanics.scene import phantom_file
 from palp_core.palpation.perception.belief.rig_noise import read_noise

@@ -4,8 +4,6 @@ Keys are ``role.parameter``, the role as of :mod:`palp_core.palpation.session.ro
 choice of the run, such as its seed, or of the software, such as the length of a block.
 """
 
-from __future__ import annotations
-
 BASIS = {
     "experiment.wait_s": "choice: the wait of the plan 'repeatability'",
     "experiment.plan": "choice: the paper's experiment, or how well the rig repeats itself",

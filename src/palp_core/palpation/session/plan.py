@@ -8,8 +8,6 @@ plan::
     step = resume(plan, recorded)   # the first step without a reply, or None at the end
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal

@@ -5,8 +5,6 @@ remounted and the ring left alone (``remount``), and before and after a wait (``
 what differs between groups of a condition, and not within, is what the condition did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

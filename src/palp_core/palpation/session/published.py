@@ -4,8 +4,6 @@ N. Sornkarn and T. Nanayakkara, "Can a soft robotic probe use stiffness control 
 efficacy of haptic perception?", IEEE Transactions on Haptics.
 """
 
-from __future__ import annotations
-
 FIXED = {"2": 0.80, "4": 0.60, "8": 0.60, "overall": 0.667}
 """Accuracy at a fixed ring position by depth in mm, average over the five positions."""
 

@@ -1,7 +1,5 @@
 """Decide stored sessions again with other methods, without the rig: the sweeps are what was felt."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby

@@ -1,7 +1,5 @@
 """One session as it was recorded: its palpations, grouped into trials, and what was learnt in training."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterator, Sequence

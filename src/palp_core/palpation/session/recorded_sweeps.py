@@ -1,7 +1,5 @@
 """Recorded sweeps of a session, from its folder or from a bag of its run, ready to be decided again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator, Sequence

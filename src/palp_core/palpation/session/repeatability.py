@@ -1,7 +1,5 @@
 """What the plan ``repeatability`` has shown: variance components, the noise file, and a page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby

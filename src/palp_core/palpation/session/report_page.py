@@ -1,7 +1,5 @@
 """The report of a session as one page that needs no other file, for reading and for printing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -10,16 +10,7 @@ import numpy as np
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.features import peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.reporting.charts import (
-    BLUE,
-    GREY,
-    INK,
-    VERMILION,
-    Chart,
-    depth_style,
-    ring_colours,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.palpation.session.trials_csv import read_sweep
 from palp_core.units import Float64Array
@@ -32,7 +23,7 @@ MOST_SWEEPS = 25
 _ZOOM_M = 0.006
 
 
-def primitives_chart(session: RecordedSession) -> Chart | None:
+def primitives_chart(session: RecordedSession) -> charts.Chart | None:
     """Return the normals of Figure 9, a panel per ring position; None where nothing was learnt."""
     learnt = session.primitives
     if learnt is None:
@@ -47,12 +38,14 @@ def primitives_chart(session: RecordedSession) -> Chart | None:
             if k < panel_count:
                 for i in range(learnt.depths_m.size):
                     torque, density = _normal(learnt, i, k)
-                    style = depth_style(i) | {"marker": ""}
+                    style = charts.depth_style(i) | {"marker": ""}
                     axes.plot(torque, density, label=f"d = {mm(learnt.depths_m[i])} mm", lw=1.8, **style)
                     axes.fill_between(torque, density, color=style["color"], alpha=0.12, lw=0)
                 axes.set_ylim(bottom=0.0)
                 axes.locator_params(axis="x", nbins=5)
-                tidy(axes, f"$r_a$ = {mm(learnt.rings_m[k])} mm", "peak torque, N mm", "density, 1/(N mm)")
+                charts.tidy(
+                    axes, f"$r_a$ = {mm(learnt.rings_m[k])} mm", "peak torque, N mm", "density, 1/(N mm)"
+                )
             else:
                 axes.set_axis_off()
         handles, labels = grid.flat[0].get_legend_handles_labels()
@@ -66,7 +59,7 @@ def primitives_chart(session: RecordedSession) -> Chart | None:
         for i, depth_m in enumerate(learnt.depths_m)
         for k, ring_m in enumerate(learnt.rings_m)
     ]
-    return Chart(
+    return charts.Chart(
         "primitives",
         "Memory primitives",
         "The normal fitted to the peak torques of training, per depth d and ring position r_a "
@@ -93,7 +86,7 @@ def _normal(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64Ar
 
 def sweeps_chart(
     session: RecordedSession, *, estimator: Mapping[str, Any], from_m: float | None, speed_m_s: float
-) -> Chart | None:
+) -> charts.Chart | None:
     """Return the sweeps of Figure 8 over the deepest bead: one as measured, and the mean per ring position.
 
     Args:
@@ -142,17 +135,21 @@ def sweeps_chart(
         half = round(_ZOOM_M * 1e3 / per_sample)
         window = slice(max(one.index - half, 0), min(one.index + half, length))
         measured = raw[shown_m][0][:length] * 1e3
-        near.plot(along[window], measured[window], ".", ms=2.2, color=GREY, label="as measured")
-        near.plot(along[window], clean[shown_m][0][window] * 1e3, color=BLUE, lw=1.8, label="de-noised")
-        near.plot(along[one.index], one.value_n_m * 1e3, "v", ms=8, color=VERMILION, label="peak")
+        near.plot(along[window], measured[window], ".", ms=2.2, color=charts.GREY, label="as measured")
+        near.plot(
+            along[window], clean[shown_m][0][window] * 1e3, color=charts.BLUE, lw=1.8, label="de-noised"
+        )
+        near.plot(along[one.index], one.value_n_m * 1e3, "v", ms=8, color=charts.VERMILION, label="peak")
         near.legend(loc="best")
-        tidy(near, f"One palpation near its peak, $r_a$ = {mm(shown_m)} mm", along_label, "torque, N mm")
-        for colour, ring_m in zip(ring_colours(len(means)), means, strict=True):
+        charts.tidy(
+            near, f"One palpation near its peak, $r_a$ = {mm(shown_m)} mm", along_label, "torque, N mm"
+        )
+        for colour, ring_m in zip(charts.ring_colours(len(means)), means, strict=True):
             mean, sd = means[ring_m], deviations[ring_m]
             whole.fill_between(along, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
             whole.plot(along, mean, color=colour, lw=1.6)
             found = peaks[ring_m]
-            whole.plot(along[found.index], found.value_n_m, "v", ms=7, color=colour, mec=INK, mew=0.6)
+            whole.plot(along[found.index], found.value_n_m, "v", ms=7, color=colour, mec=charts.INK, mew=0.6)
             whole.annotate(
                 f"$r_a$ = {mm(ring_m)}",
                 (along[-1], mean[-1]),
@@ -161,7 +158,7 @@ def sweeps_chart(
                 va="center",
                 fontsize=8,
             )
-        tidy(whole, f"Mean ± sd per ring position, d = {mm(depth_m)} mm", along_label, "torque, N mm")
+        charts.tidy(whole, f"Mean ± sd per ring position, d = {mm(depth_m)} mm", along_label, "torque, N mm")
 
     step = max(length // 800, 1)
     shown = [
@@ -169,7 +166,7 @@ def sweeps_chart(
         for ring_m in means
         for i in range(0, length, step)
     ]
-    return Chart(
+    return charts.Chart(
         "sweeps",
         "Torque while sweeping",
         f"Training over the bead at d = {mm(depth_m)} mm (as Figure 8 of the paper). Left: a palpation as "

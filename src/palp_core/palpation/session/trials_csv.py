@@ -9,8 +9,6 @@
 Rows are appended whole; other files appear under their name only when they are complete.
 """
 
-from __future__ import annotations
-
 import csv
 import fcntl
 import io

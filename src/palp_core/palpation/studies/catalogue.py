@@ -1,7 +1,5 @@
 """The studies by name: what each asks, and the function that runs it."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass

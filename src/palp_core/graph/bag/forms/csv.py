@@ -1,7 +1,5 @@
 """A bag as CSV files."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A bag of JSON messages, as Foxglove and Lichtblick open it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

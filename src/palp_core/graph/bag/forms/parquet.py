@@ -1,7 +1,5 @@
 """A bag as Parquet files."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``; ``.msg`` text derives from the schema."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable
@@ -15,39 +13,31 @@ from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
 from palp_core.graph.bag.values import decoder_for
-from palp_core.graph.messages.schema_reader import (
-    FieldKind,
-    JsonSchema,
-    fields_of,
-    items_of,
-    kind_of,
-    nested,
-    ros_text,
-)
+from palp_core.graph.messages import schema_reader
 
 PACKAGE = "palp_msgs"
 _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
-_NUMBERS: dict[FieldKind, Any] = {
-    FieldKind.BOOL: np.bool_,
-    FieldKind.INT: np.int64,
-    FieldKind.FLOAT: np.float64,
+_NUMBERS: dict[schema_reader.FieldKind, Any] = {
+    schema_reader.FieldKind.BOOL: np.bool_,
+    schema_reader.FieldKind.INT: np.int64,
+    schema_reader.FieldKind.FLOAT: np.float64,
 }
 
 
-def message_texts(schema: JsonSchema) -> dict[str, str]:
+def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
     """Return the ``.msg`` text of a message and of all within it, by type name; units are comments.
 
     Raises:
         BagError: The schema says what a ``.msg`` cannot.
     """
     texts: dict[str, str] = {}
-    for one in (*nested(schema), schema):
+    for one in (*schema_reader.nested(schema), schema):
         name = _type_name(one)
-        for field in fields_of(one):
+        for field in schema_reader.fields_of(one):
             if not _FIELD_NAME.fullmatch(field):
                 raise BagError(f"{name}.{field}: ROS field names are lower case, without doubled underscores")
         try:
-            text = ros_text(one, lambda inner: _full(_type_name(inner)))
+            text = schema_reader.ros_text(one, lambda inner: _full(_type_name(inner)))
         except SchemaMismatch as error:
             raise BagError(f"{name}.{error}") from error
         if texts.setdefault(name, text) != text:
@@ -96,7 +86,7 @@ def _copy(bag: Bag, writer: Any, store: Any, types_from_text: Callable[[str, str
         way = ways.get(id(stream))
         if way is None:
             topic, schema = stream.topic, stream.topic.json_schema
-            if stream.encoding != MESSAGE_ENCODING or not fields_of(schema):
+            if stream.encoding != MESSAGE_ENCODING or not schema_reader.fields_of(schema):
                 raise BagError(
                     f"{topic.name}: without a schema it cannot become a ROS message; "
                     "leave it out with `palp bag filter -x`"
@@ -122,28 +112,28 @@ def _full(name: str) -> str:
     return f"{PACKAGE}/msg/{name}"
 
 
-def _type_name(schema: JsonSchema) -> str:
+def _type_name(schema: schema_reader.JsonSchema) -> str:
     name = re.sub(r"[^A-Za-z0-9]", "", str(schema.get("title", "")))
     if not name:
         raise BagError("a schema without a title cannot become a ROS message")
     return name[0].upper() + name[1:]
 
 
-def _ros_value(type_name: str, value: Any, schema: JsonSchema, store: Any) -> Any:
+def _ros_value(type_name: str, value: Any, schema: schema_reader.JsonSchema, store: Any) -> Any:
     fields = {}
-    for name, inner in fields_of(schema).items():
+    for name, inner in schema_reader.fields_of(schema).items():
         fields[name] = _ros_field(getattr(value, name), inner, store)
     return store.types[type_name](**fields)
 
 
-def _ros_field(value: Any, schema: JsonSchema, store: Any) -> Any:
+def _ros_field(value: Any, schema: schema_reader.JsonSchema, store: Any) -> Any:
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
     if isinstance(value, msgspec.Struct):
         return _ros_value(_full(_type_name(schema)), value, schema, store)
     if isinstance(value, list):
-        items = items_of(schema)
-        if (kind := kind_of(items)) in _NUMBERS:
+        items = schema_reader.items_of(schema)
+        if (kind := schema_reader.kind_of(items)) in _NUMBERS:
             return np.array(value, _NUMBERS[kind])
         return [_ros_field(item, items, store) for item in value]
     return value

@@ -1,7 +1,5 @@
 """A bag as flat tables, one per topic: the rows, and where they go."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

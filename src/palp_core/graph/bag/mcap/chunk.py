@@ -1,7 +1,5 @@
 """Take a chunk apart, after its CRC."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable

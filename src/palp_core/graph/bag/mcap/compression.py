@@ -1,7 +1,5 @@
 """Compress and decompress a chunk: zstd, lz4 or none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Literal
 

@@ -4,8 +4,6 @@ Nothing is believed unchecked: a summary and every chunk must match their CRC, a
 summary. A file without summary (its writer was killed) is read as far as it goes.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable, Container, Iterator
@@ -14,22 +12,13 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from palp_core.errors import BagDamaged, BagError
+from palp_core.graph.bag.mcap import records
 from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, split_chunk
 from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
-from palp_core.graph.bag.mcap.records import (
-    MAGIC,
-    RECORD,
-    RECORD_BYTES,
-    Attachment,
-    ChannelRecord,
-    Metadata,
-    Op,
-    SchemaRecord,
-)
 
-T = TypeVar("T", Attachment, Metadata)
-_FOOTER_BYTES = RECORD_BYTES + 20
-_PEEK_BYTES = RECORD_BYTES + 6
+T = TypeVar("T", records.Attachment, records.Metadata)
+_FOOTER_BYTES = records.RECORD_BYTES + 20
+_PEEK_BYTES = records.RECORD_BYTES + 6
 
 
 class ChunkPlace(NamedTuple):
@@ -61,8 +50,8 @@ class FileReader(AbstractContextManager["FileReader"]):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.closed = False
-        self.schemas: dict[int, SchemaRecord] = {}
-        self.channels: dict[int, ChannelRecord] = {}
+        self.schemas: dict[int, records.SchemaRecord] = {}
+        self.channels: dict[int, records.ChannelRecord] = {}
         self.statistics: Statistics | None = None
         self.chunks: list[ChunkPlace] = []
         self.problems: list[str] = []
@@ -75,7 +64,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise BagError(f"{path}: {error.strerror}") from error
         try:
             self.size = path.stat().st_size
-            if self._read_at(0, len(MAGIC)) != MAGIC:
+            if self._read_at(0, len(records.MAGIC)) != records.MAGIC:
                 raise BagDamaged(path, 0, "not an MCAP file")
             try:
                 self.closed = self._read_summary()
@@ -147,7 +136,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         Raises:
             BagDamaged: One of them does not match its CRC.
         """
-        found = [self._parsed(Attachment.parse, *place) for place in self._attachments]
+        found = [self._parsed(records.Attachment.parse, *place) for place in self._attachments]
         return {attachment.name: attachment.data for attachment in found}
 
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -156,7 +145,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         Raises:
             BagDamaged: One of them does not match its CRC.
         """
-        found = [self._parsed(Metadata.parse, *place) for place in self._metadata]
+        found = [self._parsed(records.Metadata.parse, *place) for place in self._metadata]
         return {metadata.name: metadata.values for metadata in found}
 
     def _read_at(self, offset: int, size: int) -> bytes:
@@ -164,18 +153,18 @@ class FileReader(AbstractContextManager["FileReader"]):
         return self._file.read(min(size, self.size))
 
     def _define(self, op: int, content: memoryview) -> None:
-        if op == Op.SCHEMA:
-            schema = SchemaRecord.parse(content)
+        if op == records.Op.SCHEMA:
+            schema = records.SchemaRecord.parse(content)
             if self.schemas.setdefault(schema.id, schema) != schema:
                 raise ValueError(f"two definitions of schema {schema.id}")
         else:
-            channel = ChannelRecord.parse(content)
+            channel = records.ChannelRecord.parse(content)
             if self.channels.setdefault(channel.id, channel) != channel:
                 raise ValueError(f"two definitions of channel {channel.id}")
 
     def _parsed(self, parse: Callable[[memoryview], T], offset: int, length: int) -> T:
         try:
-            return parse(memoryview(self._read_at(offset, length))[RECORD_BYTES:])
+            return parse(memoryview(self._read_at(offset, length))[records.RECORD_BYTES :])
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, offset, str(error)) from error
 
@@ -185,34 +174,38 @@ class FileReader(AbstractContextManager["FileReader"]):
         Raises:
             ValueError: It is not what was written.
         """
-        end = self.size - len(MAGIC) - _FOOTER_BYTES
-        footer = self._read_at(max(end, 0), _FOOTER_BYTES + len(MAGIC))
-        if end < len(MAGIC) or footer[-len(MAGIC) :] != MAGIC or footer[0] != Op.FOOTER:
+        end = self.size - len(records.MAGIC) - _FOOTER_BYTES
+        footer = self._read_at(max(end, 0), _FOOTER_BYTES + len(records.MAGIC))
+        if (
+            end < len(records.MAGIC)
+            or footer[-len(records.MAGIC) :] != records.MAGIC
+            or footer[0] != records.Op.FOOTER
+        ):
             return False
-        start, _, crc = struct.unpack_from("<QQI", footer, RECORD_BYTES)
+        start, _, crc = struct.unpack_from("<QQI", footer, records.RECORD_BYTES)
         if start == 0:
             return False
-        if not len(MAGIC) <= start <= end:
+        if not len(records.MAGIC) <= start <= end:
             raise ValueError("its footer points outside the file")
         summary = memoryview(self._read_at(start, end - start))
         if crc and zlib.crc32(footer[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != crc:
             raise ValueError("its CRC does not match")
         offset = 0
         while offset < len(summary):
-            op, length = RECORD.unpack_from(summary, offset)
-            content = summary[offset + RECORD_BYTES : offset + RECORD_BYTES + length]
-            offset += RECORD_BYTES + length
-            if op in (Op.SCHEMA, Op.CHANNEL):
+            op, length = records.RECORD.unpack_from(summary, offset)
+            content = summary[offset + records.RECORD_BYTES : offset + records.RECORD_BYTES + length]
+            offset += records.RECORD_BYTES + length
+            if op in (records.Op.SCHEMA, records.Op.CHANNEL):
                 self._define(op, content)
-            elif op == Op.STATISTICS:
+            elif op == records.Op.STATISTICS:
                 self.statistics = Statistics.parse(content)
-            elif op == Op.CHUNK_INDEX:
+            elif op == records.Op.CHUNK_INDEX:
                 index = ChunkIndex.parse(content)
                 self.chunks.append(ChunkPlace(index.offset, index.length, index))
-            elif op == Op.ATTACHMENT_INDEX:
+            elif op == records.Op.ATTACHMENT_INDEX:
                 attachment = AttachmentIndex.parse(content)
                 self._attachments.append((attachment.offset, attachment.length))
-            elif op == Op.METADATA_INDEX:
+            elif op == records.Op.METADATA_INDEX:
                 metadata = MetadataIndex.parse(content)
                 self._metadata.append((metadata.offset, metadata.length))
         self.chunks.sort(key=lambda place: place.offset)
@@ -224,30 +217,34 @@ class FileReader(AbstractContextManager["FileReader"]):
         """Find the chunks, attachments and metadata without a summary."""
         self.chunks, self._attachments, self._metadata = [], [], []
         self.schemas, self.channels, self.statistics = {}, {}, None
-        offset = len(MAGIC)
+        offset = len(records.MAGIC)
         while offset < self.size:
             head = self._read_at(offset, _PEEK_BYTES)
-            if len(head) < RECORD_BYTES:
+            if len(head) < records.RECORD_BYTES:
                 return self._note_damage(offset, "the file ends amid a record")
-            op, length = RECORD.unpack_from(head)
-            size = RECORD_BYTES + length
-            if op == 0 or op > Op.DATA_END or (offset == len(MAGIC)) != (op == Op.HEADER):
+            op, length = records.RECORD.unpack_from(head)
+            size = records.RECORD_BYTES + length
+            if (
+                op == 0
+                or op > records.Op.DATA_END
+                or (offset == len(records.MAGIC)) != (op == records.Op.HEADER)
+            ):
                 return self._note_damage(offset, "no record begins here")
             if offset + size > self.size:
                 return self._note_damage(offset, "the file ends amid a record")
-            if op == Op.CHUNK:
+            if op == records.Op.CHUNK:
                 self.chunks.append(ChunkPlace(offset, size, None))
-            elif op == Op.ATTACHMENT:
+            elif op == records.Op.ATTACHMENT:
                 self._attachments.append((offset, size))
-            elif op == Op.METADATA:
+            elif op == records.Op.METADATA:
                 self._metadata.append((offset, size))
-            elif op == Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
+            elif op == records.Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
                 return self._note_damage(offset, "a message index is damaged")
-            elif op == Op.MESSAGE:
+            elif op == records.Op.MESSAGE:
                 raise BagError(
                     f"{self.path}: a message outside any chunk; make chunks with `mcap sort` first"
                 )
-            elif op == Op.DATA_END:
+            elif op == records.Op.DATA_END:
                 if not self.problems:
                     self.problems.append("the summary is missing")
                 return None

@@ -6,8 +6,6 @@ A channel's definition stands in the first two chunks that use it and in the sum
 messages unreadable elsewhere.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
@@ -17,27 +15,15 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import BagError
+from palp_core.graph.bag.mcap import records
 from palp_core.graph.bag.mcap.compression import Compression, compressor
 from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
-from palp_core.graph.bag.mcap.records import (
-    MAGIC,
-    MESSAGE,
-    RECORD,
-    RECORD_BYTES,
-    Attachment,
-    ChannelRecord,
-    Metadata,
-    Op,
-    SchemaRecord,
-    record,
-    text,
-)
 
 CHUNK_BYTES = 1 << 20
 CHUNK_NS = 500_000_000
 _DEFINED_TIMES = 2
-_PAYLOAD_OFFSET = MESSAGE.size - RECORD_BYTES
-MESSAGE_OP = int(Op.MESSAGE)
+_PAYLOAD_OFFSET = records.MESSAGE.size - records.RECORD_BYTES
+MESSAGE_OP = int(records.Op.MESSAGE)
 
 
 class FileWriter:
@@ -82,13 +68,15 @@ class FileWriter:
             self._file = path.open("xb", buffering=0)
         except FileExistsError as error:
             raise BagError(f"{path} exists already: choose another name") from error
-        self._write_bytes(MAGIC + record(Op.HEADER, text(""), text("palp")))
+        self._write_bytes(
+            records.MAGIC + records.record(records.Op.HEADER, records.text(""), records.text("palp"))
+        )
 
-    def add_schema(self, schema: SchemaRecord) -> None:
+    def add_schema(self, schema: records.SchemaRecord) -> None:
         """Make a schema known; its id is 1 or more."""
         self._schemas[schema.id] = schema.pack()
 
-    def add_channel(self, channel: ChannelRecord) -> None:
+    def add_channel(self, channel: records.ChannelRecord) -> None:
         """Make a channel known; its schema must be."""
         if channel.schema_id not in self._schemas:
             raise BagError(f"{channel.topic}: its schema {channel.schema_id} is not known to {self.path}")
@@ -105,7 +93,7 @@ class FileWriter:
         """
         buffer = self._buffer
         try:
-            head = MESSAGE.pack(
+            head = records.MESSAGE.pack(
                 MESSAGE_OP, _PAYLOAD_OFFSET + len(payload), channel, sequence & 0xFFFFFFFF, log_ns, publish_ns
             )
         except struct.error as error:
@@ -133,20 +121,22 @@ class FileWriter:
         """Write the open chunk, if anything is in it."""
         if not self._index:
             return
-        buffer, compression = self._buffer, text(self._compression)
+        buffer, compression = self._buffer, records.text(self._compression)
         start_ns = min(min(times) for times, _ in self._index.values())
         end_ns = max(max(times) for times, _ in self._index.values())
         data = self._compress(buffer)
         head = struct.pack("<QQQI", start_ns, end_ns, len(buffer), zlib.crc32(buffer))
         size = struct.pack("<Q", len(data))
         length = len(head) + len(compression) + len(size) + len(data)
-        parts: list[Any] = [RECORD.pack(Op.CHUNK, length), head, compression, size, data]
-        place = begin = self.written_bytes + RECORD_BYTES + length
+        parts: list[Any] = [records.RECORD.pack(records.Op.CHUNK, length), head, compression, size, data]
+        place = begin = self.written_bytes + records.RECORD_BYTES + length
         channels = {}
         for channel, (times, offsets) in self._index.items():
             pairs = np.array((times, offsets), dtype="<u8").T.tobytes()
             channels[channel] = place
-            parts.append(record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(pairs)), pairs))
+            parts.append(
+                records.record(records.Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(pairs)), pairs)
+            )
             place += len(parts[-1])
             self.counts[channel] += len(times)
         self.start_ns = start_ns if not self._chunks else min(self.start_ns, start_ns)
@@ -168,7 +158,7 @@ class FileWriter:
         self._index = {}
         self._opened_ns = None
 
-    def attach(self, attachment: Attachment) -> None:
+    def attach(self, attachment: records.Attachment) -> None:
         """Add an attachment; it is in the file at once."""
         data = attachment.pack()
         a = attachment
@@ -179,7 +169,7 @@ class FileWriter:
         )
         self._write_bytes(data)
 
-    def add_metadata(self, metadata: Metadata) -> None:
+    def add_metadata(self, metadata: records.Metadata) -> None:
         """Add a metadata record; it is in the file at once."""
         data = metadata.pack()
         self._metadata.append(MetadataIndex(self.written_bytes, len(data), metadata.name))
@@ -190,7 +180,7 @@ class FileWriter:
         if self._file.closed:
             return
         self.close_chunk()
-        self._write_bytes(record(Op.DATA_END, struct.pack("<I", self._crc)))
+        self._write_bytes(records.record(records.Op.DATA_END, struct.pack("<I", self._crc)))
         start = self.written_bytes
         statistics = Statistics(
             self.start_ns,
@@ -202,24 +192,26 @@ class FileWriter:
             self.counts,
         )
         groups = [
-            (Op.SCHEMA, list(self._schemas.values())),
-            (Op.CHANNEL, [packed for _, packed in self._channels.values()]),
-            (Op.STATISTICS, [statistics.pack()]),
-            (Op.CHUNK_INDEX, [chunk.pack() for chunk in self._chunks]),
-            (Op.ATTACHMENT_INDEX, [index.pack() for index in self._attachments]),
-            (Op.METADATA_INDEX, [index.pack() for index in self._metadata]),
+            (records.Op.SCHEMA, list(self._schemas.values())),
+            (records.Op.CHANNEL, [packed for _, packed in self._channels.values()]),
+            (records.Op.STATISTICS, [statistics.pack()]),
+            (records.Op.CHUNK_INDEX, [chunk.pack() for chunk in self._chunks]),
+            (records.Op.ATTACHMENT_INDEX, [index.pack() for index in self._attachments]),
+            (records.Op.METADATA_INDEX, [index.pack() for index in self._metadata]),
         ]
         summary = bytearray()
         offsets = b""
         for op, packed in groups:
             if packed:
                 body = b"".join(packed)
-                offsets += record(Op.SUMMARY_OFFSET, struct.pack("<BQQ", op, start + len(summary), len(body)))
+                offsets += records.record(
+                    records.Op.SUMMARY_OFFSET, struct.pack("<BQQ", op, start + len(summary), len(body))
+                )
                 summary += body
         offset_start = start + len(summary)
         summary += offsets
-        summary += RECORD.pack(Op.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
-        summary += struct.pack("<I", zlib.crc32(summary)) + MAGIC
+        summary += records.RECORD.pack(records.Op.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
+        summary += struct.pack("<I", zlib.crc32(summary)) + records.MAGIC
         self._write_bytes(bytes(summary))
         os.fsync(self._file.fileno())
         self._file.close()

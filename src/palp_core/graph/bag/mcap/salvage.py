@@ -1,7 +1,5 @@
 """Find every intact chunk of a damaged file, whatever is broken around it."""
 
-from __future__ import annotations
-
 import mmap
 import re
 import struct
@@ -11,18 +9,9 @@ from pathlib import Path
 import msgspec
 
 from palp_core.errors import BagError
+from palp_core.graph.bag.mcap import records
 from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, read_chunk_head, split_chunk
 from palp_core.graph.bag.mcap.file_reader import FileReader
-from palp_core.graph.bag.mcap.records import (
-    MAGIC,
-    RECORD,
-    RECORD_BYTES,
-    Attachment,
-    ChannelRecord,
-    Metadata,
-    Op,
-    SchemaRecord,
-)
 
 _CHUNK = re.compile(
     rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
@@ -46,10 +35,10 @@ class Salvage(msgspec.Struct, kw_only=True):
     torn: int = -1
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
-    schemas: dict[int, SchemaRecord] = {}
-    channels: dict[int, ChannelRecord] = {}
-    attachments: dict[str, Attachment] = {}
-    metadata: dict[str, Metadata] = {}
+    schemas: dict[int, records.SchemaRecord] = {}
+    channels: dict[int, records.ChannelRecord] = {}
+    attachments: dict[str, records.Attachment] = {}
+    metadata: dict[str, records.Metadata] = {}
 
     def messages(self) -> Iterator[list[RawMessage]]:
         """Iterate the messages of the intact chunks, in file order."""
@@ -76,11 +65,11 @@ class Salvage(msgspec.Struct, kw_only=True):
         Raises:
             ValueError: It makes no sense.
         """
-        if op == Op.SCHEMA:
-            schema = SchemaRecord.parse(content)
+        if op == records.Op.SCHEMA:
+            schema = records.SchemaRecord.parse(content)
             self.schemas.setdefault(schema.id, schema)
         else:
-            channel = ChannelRecord.parse(content)
+            channel = records.ChannelRecord.parse(content)
             self.channels.setdefault(channel.id, channel)
 
 
@@ -130,8 +119,8 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
 
 def _by_search(found: Salvage, data: mmap.mmap) -> int:
     """Walk from record to record, search where none begins; return the intact bytes."""
-    offset = len(MAGIC) if data[: len(MAGIC)] == MAGIC else 0
-    intact = offset + (len(MAGIC) if data[-len(MAGIC) :] == MAGIC else 0)
+    offset = len(records.MAGIC) if data[: len(records.MAGIC)] == records.MAGIC else 0
+    intact = offset + (len(records.MAGIC) if data[-len(records.MAGIC) :] == records.MAGIC else 0)
     doubt = offset  # behind the last thing that a CRC vouches for
     while True:
         length = _record_length(data, offset)
@@ -143,17 +132,19 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
             if length is None:
                 return intact
         op = data[offset]
-        if op == Op.CHUNK:
+        if op == records.Op.CHUNK:
             good = proven = _take_chunk(found, data, offset, length)
             found.damaged_chunk_count += not good
         else:
-            proven = op == Op.ATTACHMENT and _take_extra(found, data, offset, length)
+            proven = op == records.Op.ATTACHMENT and _take_extra(found, data, offset, length)
             good = (
-                proven or op not in (Op.ATTACHMENT, Op.METADATA) or _take_extra(found, data, offset, length)
+                proven
+                or op not in (records.Op.ATTACHMENT, records.Op.METADATA)
+                or _take_extra(found, data, offset, length)
             )
         if good:
             intact += length
-            found.torn = -1 if op == Op.CHUNK else found.torn
+            found.torn = -1 if op == records.Op.CHUNK else found.torn
         doubt = offset + (length if proven else 1)
         offset += length
 
@@ -173,11 +164,11 @@ def _next_chunk(data: mmap.mmap, start: int) -> int:
 
 def _record_length(data: mmap.mmap, offset: int) -> int | None:
     """Return the length of the record that begins here, or None if none can."""
-    if offset < 0 or offset + RECORD_BYTES > len(data):
+    if offset < 0 or offset + records.RECORD_BYTES > len(data):
         return None
-    op, length = RECORD.unpack_from(data, offset)
-    whole = RECORD_BYTES + int(length)
-    return whole if 0 < op <= Op.DATA_END and offset + whole <= len(data) else None
+    op, length = records.RECORD.unpack_from(data, offset)
+    whole = records.RECORD_BYTES + int(length)
+    return whole if 0 < op <= records.Op.DATA_END and offset + whole <= len(data) else None
 
 
 def _take_chunk(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
@@ -192,13 +183,13 @@ def _take_chunk(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bo
 
 
 def _take_extra(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
-    content = memoryview(data[offset + RECORD_BYTES : offset + length])
+    content = memoryview(data[offset + records.RECORD_BYTES : offset + length])
     try:
-        if data[offset] == Op.ATTACHMENT:
-            attachment = Attachment.parse(content)
+        if data[offset] == records.Op.ATTACHMENT:
+            attachment = records.Attachment.parse(content)
             found.attachments[attachment.name] = attachment
         else:
-            metadata = Metadata.parse(content)
+            metadata = records.Metadata.parse(content)
             found.metadata[metadata.name] = metadata
     except (ValueError, struct.error):
         return False

@@ -1,7 +1,5 @@
 """What the EMG drivers have in common: a sample line, a health monitor and a thread."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import msgspec

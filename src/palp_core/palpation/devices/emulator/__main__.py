@@ -7,8 +7,6 @@ stage), ``log SINCE_NS`` (what its controller was told, and when), ``stop-url`` 
 ``quit``. Each is answered with a line: ``ok``, JSON, or ``error: ...``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """The stage's controller as its clients see it: Aerotech's ASCII commands over the emulated axes."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 from itertools import count

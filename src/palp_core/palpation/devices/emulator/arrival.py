@@ -1,7 +1,5 @@
 """When bytes arrived, as the kernel has stamped them: an emulator that is late itself is no late wire."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import time

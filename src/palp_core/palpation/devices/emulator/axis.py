@@ -1,7 +1,5 @@
 """One emulated axis of the stage: where it is, how it moves, what stops it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

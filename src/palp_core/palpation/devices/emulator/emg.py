@@ -1,7 +1,5 @@
 """EMG amplifiers of the same simulated muscles: Noraxon's pages and a SpikerShield's stream."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -5,8 +5,6 @@ As everything an emulator remembers is touched by this thread only, nothing need
 newer calls round time-outs to milliseconds.
 """
 
-from __future__ import annotations
-
 import heapq
 import itertools
 import select

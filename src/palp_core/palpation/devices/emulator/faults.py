@@ -1,7 +1,5 @@
 """Faults of a wire, on command."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

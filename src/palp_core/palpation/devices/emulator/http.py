@@ -1,7 +1,5 @@
 """A small HTTP server's side of one connection: GET, answered in one write and kept alive."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 

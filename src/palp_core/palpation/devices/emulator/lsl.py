@@ -1,7 +1,5 @@
 """An LSL outlet of the simulated muscles."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

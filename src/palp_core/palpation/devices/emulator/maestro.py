@@ -1,7 +1,5 @@
 """A Pololu Maestro with an L12-I on channel 0 and its feedback on channel 1."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from palp_core.palpation.devices.emulator.world import World

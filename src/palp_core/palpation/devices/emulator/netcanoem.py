@@ -1,7 +1,5 @@
 """An ATI NETCANOEM behind a socketcand server, with the bus's own pace."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

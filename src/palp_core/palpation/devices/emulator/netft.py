@@ -1,7 +1,5 @@
 """An ATI Net F/T: RDT records over UDP, and its configuration page over HTTP."""
 
-from __future__ import annotations
-
 import socket
 import struct
 

@@ -1,7 +1,5 @@
 """Where an emulated device is plugged in: a pseudo-terminal or a TCP port; the same bytes on either."""
 
-from __future__ import annotations
-
 import os
 import socket
 import tty

@@ -1,7 +1,5 @@
 """All emulated devices of a rig, with their addresses and their faults."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable

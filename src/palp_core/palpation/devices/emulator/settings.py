@@ -1,7 +1,5 @@
 """How the devices of an emulated rig are set up."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from palp_core.palpation.devices.emulator.maestro import MaestroSettings

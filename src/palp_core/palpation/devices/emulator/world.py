@@ -6,8 +6,6 @@ where the ball leaves the surface; at the ends of the solved stretch it stays as
 the contact is that of the place it goes to: on a rig that palpates, the probe is raised then.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field

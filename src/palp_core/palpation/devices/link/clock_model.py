@@ -8,8 +8,6 @@ buckets in place of his de-noised segments. The smallest delay itself cannot be 
 in the offset.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The graph's time inside a driver's thread."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

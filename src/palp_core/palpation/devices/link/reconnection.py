@@ -1,7 +1,5 @@
 """Connect again in a thread: whoever must stop a stage waits for no address."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar

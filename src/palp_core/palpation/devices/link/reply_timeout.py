@@ -1,7 +1,5 @@
 """A time-out that a late reader does not use up: only time in which this process ran counts."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Samples on their way from a driver's thread to its caller: numbered, stamped, gaps marked."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A serial port by address: a device file, ``socket://HOST:PORT``, or any other that pyserial knows."""
 
-from __future__ import annotations
-
 import socket
 import termios
 import threading

@@ -1,7 +1,5 @@
 """A driver's thread: hold a session with the device, and take it up again when it was lost."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import suppress

@@ -4,8 +4,6 @@ What the Maestro calls the position of a servo channel is the pulse it sends; wh
 feedback lead on an input channel, and the driver goes by that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

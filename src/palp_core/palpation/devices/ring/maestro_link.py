@@ -1,7 +1,5 @@
 """Commands and questions to a Pololu Maestro."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """The rod's moves: the thread that commands, reads the feedback, and notices arrival and stalls."""
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from typing import Protocol

@@ -1,7 +1,5 @@
 """What holds a moving device: the permission of the safety process, which must be renewed all the time."""
 
-from __future__ import annotations
-
 from palp_core.palpation.devices.limits import check_range
 
 

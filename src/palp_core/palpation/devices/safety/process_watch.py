@@ -5,8 +5,6 @@ stage to rest; on a busy host that takes its time. One that is stopped by a sign
 seconds. All nodes of a graph on one host have one parent, and that is the launcher's child.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections import deque

@@ -5,8 +5,6 @@ from there only an acknowledgement leads on, to ``starting``, where nothing move
 watched has been heard again. A hypothesis state machine walks through it (``tests/palpation/devices``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 

@@ -1,7 +1,5 @@
 """What the safety process checks on everything it hears, without a node or a link in sight."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple

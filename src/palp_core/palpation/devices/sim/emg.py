@@ -5,8 +5,6 @@ ever. Both muscles share one normalised envelope, so their normalised co-contrac
 Between two levels they relax a little: successive equal levels stay two peaks.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

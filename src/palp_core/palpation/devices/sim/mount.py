@@ -1,7 +1,5 @@
 """What differs each time a phantom is put back under the probe."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

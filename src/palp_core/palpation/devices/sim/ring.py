@@ -1,7 +1,5 @@
 """A simulated anchor-ring actuator: finite speed, and a landing error that stays until it moves again."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal

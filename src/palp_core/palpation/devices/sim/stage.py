@@ -3,8 +3,6 @@
 y runs along the sweep; z = 0 is the height of the sweep and z > 0 is away from the tissue.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A simulated torque sensor: gain, bias, drift, noise, range and resolution of one axis."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -5,8 +5,6 @@ of several legs is sent leg by leg by the driver's thread, which also polls posi
 driver never acknowledges a fault by itself.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -20,15 +18,8 @@ from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
+from palp_core.palpation.devices.stage import aerotech_motion
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
-from palp_core.palpation.devices.stage.aerotech_motion import (
-    ControllerAxes,
-    Leg,
-    Motion,
-    axis_in_words,
-    duration_s,
-    in_segments,
-)
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import aerotech as wire
@@ -115,7 +106,7 @@ class AerotechStage:
             raise DeviceError(f"stage: axes {self.axes}, sign {self.sign}; two names, and +1 or -1 for each")
         self._host = HostTime()
         self._monitor = HealthMonitor(self.stale_s)
-        self._motion: Motion | None = None
+        self._motion: aerotech_motion.Motion | None = None
 
     def open(self, now_ns: int, state: AerotechState, rng: np.random.Generator) -> None:
         """Connect, enable, and bring a fresh stage home, raised, to y = 0.
@@ -129,8 +120,8 @@ class AerotechStage:
             raise DeviceError("stage: open already; close it first")
         warn_unverified("stage", self.UNVERIFIED, self.verified)
         link = AerotechLink(self.url, self.baud, self.timeout_s)
-        axes = ControllerAxes(link, self.axes, self._host)
-        motion = Motion(link, axes, self._host, self._monitor, self.poll_hz)
+        axes = aerotech_motion.ControllerAxes(link, self.axes, self._host)
+        motion = aerotech_motion.Motion(link, axes, self._host, self._monitor, self.poll_hz)
         try:
             axes.enable()
             self._accel_m_per_s2 = 1e-3 * link.number(
@@ -259,7 +250,7 @@ class AerotechStage:
         """
         link = AerotechLink(self.url, self.baud, self.timeout_s)
         try:
-            return {axis: axis_in_words(link, axis) for axis in self.axes}
+            return {axis: aerotech_motion.axis_in_words(link, axis) for axis in self.axes}
         finally:
             link.close()
 
@@ -268,12 +259,12 @@ class AerotechStage:
         accel_m_per_s2 = getattr(self, "_accel_m_per_s2", 1.0)
         return float(self.sweep_speed_m_per_s**2 / (2.0 * accel_m_per_s2)) + self.lead_m
 
-    def _opened(self) -> Motion:
+    def _opened(self) -> aerotech_motion.Motion:
         if self._motion is None:
             raise DeviceError("stage: not open; open it first")
         return self._motion
 
-    def _resting(self, now_ns: int, state: AerotechState) -> tuple[Motion, float, float]:
+    def _resting(self, now_ns: int, state: AerotechState) -> tuple[aerotech_motion.Motion, float, float]:
         """Return the motion and where the stage rests.
 
         Raises:
@@ -295,7 +286,7 @@ class AerotechStage:
     def _place(self, axis: int, controller_mm: np.ndarray | float) -> np.ndarray:
         return np.asarray(self.sign[axis] * (np.asarray(controller_mm) * 1e-3 - self.origin_m[axis]))
 
-    def _way_to(self, y_m: float, z_m: float) -> list[Leg]:
+    def _way_to(self, y_m: float, z_m: float) -> list[aerotech_motion.Leg]:
         motion = self._opened()
         y, z = (float(self._place(i, value)) for i, value in enumerate(motion.history.last))
         return [
@@ -303,17 +294,23 @@ class AerotechStage:
             self._leg("y", y, y_m, self.return_speed_m_per_s),
         ]
 
-    def _leg(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> Leg:
+    def _leg(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> aerotech_motion.Leg:
         """Return a leg that is within the limits; the check comes before anything is sent."""
         self.limits.check(axis, from_m, to_m, speed_m_per_s)
         number = 0 if axis == "y" else 1
         start_mm, target_mm = (
             1e3 * (self.sign[number] * place_m + self.origin_m[number]) for place_m in (from_m, to_m)
         )
-        return Leg(self.axes[number], start_mm, target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m))
+        return aerotech_motion.Leg(
+            self.axes[number], start_mm, target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m)
+        )
 
-    def _follow(self, motion: Motion, legs: list[Leg]) -> int:
-        return motion.follow(in_segments([leg for leg in legs if leg.length_m > _NO_WAY_M], self.segment_m))
+    def _follow(self, motion: aerotech_motion.Motion, legs: list[aerotech_motion.Leg]) -> int:
+        return motion.follow(
+            aerotech_motion.in_segments([leg for leg in legs if leg.length_m > _NO_WAY_M], self.segment_m)
+        )
 
-    def _duration_s(self, legs: list[Leg]) -> float:
-        return duration_s(in_segments(legs, self.segment_m), self._accel_m_per_s2, self.settle_s)
+    def _duration_s(self, legs: list[aerotech_motion.Leg]) -> float:
+        return aerotech_motion.duration_s(
+            aerotech_motion.in_segments(legs, self.segment_m), self._accel_m_per_s2, self.settle_s
+        )

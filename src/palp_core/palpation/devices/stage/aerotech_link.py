@@ -1,7 +1,5 @@
 """Question and answer with an Aerotech controller, and back in step after a garbled or late answer."""
 
-from __future__ import annotations
-
 import math
 import threading
 

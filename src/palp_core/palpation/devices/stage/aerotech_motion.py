@@ -1,7 +1,5 @@
 """Motion on an Aerotech controller: its axes, the legs of a path, the thread that sends them and watches."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """A second link to the stage's controller, for stopping it: the safety process's own."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import replace

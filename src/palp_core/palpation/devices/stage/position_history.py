@@ -1,7 +1,5 @@
 """Where two axes were at the polls, and from that where they were in between and when they passed a place."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The torque sensor: an ATI Nano17 on a NETCANOEM, over any CAN interface that python-can knows."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """One connection to an ATI NETCANOEM: set-up questions, then one exchange per sample."""
 
-from __future__ import annotations
-
 import logging
 import struct
 import threading

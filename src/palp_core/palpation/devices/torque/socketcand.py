@@ -1,7 +1,5 @@
 """A CAN bus behind a socketcand server that may be gone, mute, or something else."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Mapping
 from typing import Any

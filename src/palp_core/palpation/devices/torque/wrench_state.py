@@ -1,7 +1,5 @@
 """What outlives the driver of a force and torque sensor, and how a block is made of its wrenches."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Aerotech's ASCII commands: replies, parameter numbers and status bits (Ensemble, Soloist)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from enum import IntFlag
 

@@ -1,7 +1,5 @@
 """Status words of devices: their bits in a person's words."""
 
-from __future__ import annotations
-
 from enum import IntFlag
 
 

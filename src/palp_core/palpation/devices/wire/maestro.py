@@ -1,7 +1,5 @@
 """Pololu Maestro's compact protocol: commands with their CRC-7, and the bits of its error word."""
 
-from __future__ import annotations
-
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.wire.bits import Bits
 

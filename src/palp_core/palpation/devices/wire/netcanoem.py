@@ -1,7 +1,5 @@
 """ATI NETCANOEM on CAN: operation codes, status bits and the arithmetic from gauges to forces."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 import numpy as np

@@ -1,7 +1,5 @@
 """ATI Net F/T's RDT datagrams: requests, records and status bits."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Backyard Brains' SpikerShield: frames of 10-bit samples that mark their first byte."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

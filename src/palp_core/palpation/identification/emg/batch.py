@@ -1,7 +1,5 @@
 """A folder subject/phase/trial of recordings, analysed one by one; a failure does not stop the rest."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence

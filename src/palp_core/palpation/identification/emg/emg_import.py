@@ -1,7 +1,5 @@
 """Write any recording of EMG as the plainest table there is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 What a file does not state is guessed in :mod:`palp_core.palpation.identification.emg.guess`, never here.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 from collections.abc import Mapping

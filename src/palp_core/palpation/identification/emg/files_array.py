@@ -1,7 +1,5 @@
 """Files of arrays: NumPy, MATLAB and HDF5, all read as leaves with a path of names."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """EMG from a bag: blocks of both muscles, with their phases; a lost block becomes NaN."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

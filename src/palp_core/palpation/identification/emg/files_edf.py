@@ -5,8 +5,6 @@ NaN (edfio keeps the begin of each record to itself), what fills up the last rec
 that promises another number of records than there are is noted.
 """
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any

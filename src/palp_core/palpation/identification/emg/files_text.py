@@ -1,7 +1,5 @@
 """Tables of text: any usual delimiter, decimal comma, lines before the heading, a row of units."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

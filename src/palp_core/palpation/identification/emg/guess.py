@@ -1,7 +1,5 @@
 """Which columns are the muscles, which rate and unit: what a file states, else a guess with a reason."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

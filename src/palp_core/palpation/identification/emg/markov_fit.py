@@ -1,7 +1,5 @@
 """Learn the strategy from recordings of EMG: bursts to levels, levels to a chain per depth and one of all."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A recorded trial with its MVC, from files to numbers, and what is written of it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

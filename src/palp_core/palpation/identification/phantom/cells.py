@@ -1,7 +1,5 @@
 """Sweeps gathered into cells of one mounting and one ring position: what a phantom is fitted to."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ states. Intervals are of the profile likelihood; where the sweeps scatter more t
 this allows, they are widened by the root of chi^2 over its degrees of freedom.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The sum of squares behind the fit of a phantom: gel, landings, heights, and the model's own error."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """From stored sessions to a fitted scene: the noise, the fit, and the file that the simulation takes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Frictionless contact on a condensed compliance: which points touch, and with what force."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve

@@ -1,7 +1,5 @@
 """A bead's stiffening of the surface as a sum of squares: the part of it that a contact needs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

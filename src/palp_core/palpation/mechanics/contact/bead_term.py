@@ -11,8 +11,6 @@ traction under u_x is known), and R are the rigid motions. S is symmetric and no
 squares, c = sum_m cos(m (theta - theta')) sum_j V_mj(r) V_mj(r'), and only a few of the squares count.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ held by the kernel and thus freed when its holder dies, keeps two processes from
 damaged entry is computed again; a place that cannot be written to is done without.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib

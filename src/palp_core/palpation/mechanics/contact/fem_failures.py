@@ -4,8 +4,6 @@ They solve the smallest problem that shows it: a slab of gel under an even press
 sinking is known exactly, or a contact over a bead. Young's modulus is 1.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

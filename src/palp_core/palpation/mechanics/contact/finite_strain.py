@@ -7,8 +7,6 @@ frictionless sphere that no node of the surface may enter. Every step of Newton'
 exactly, on the tangent's compliance of the surface. Young's modulus is 1; z points down.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

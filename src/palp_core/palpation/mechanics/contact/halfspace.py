@@ -1,7 +1,5 @@
 """The elastic half-space under a uniformly loaded rectangle: Love's closed form."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ because on the axis a vanishes for every m, b unless m = 1, z and p unless m = 0
 biquadratic, the pressure bilinear and continuous, so nothing locks as nu -> 0.5. Young's modulus is 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

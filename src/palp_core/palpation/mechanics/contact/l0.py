@@ -1,7 +1,5 @@
 """Rung L0: a bump on a bare force, fitted to measured forces or to another rung. No mechanics in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Rung L1: an elastic foundation. Every column of gel under the ball is squeezed by itself."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

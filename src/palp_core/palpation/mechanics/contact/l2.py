@@ -1,7 +1,5 @@
 """Rung L2: Hertz on a bonded layer, thinner over a bead that sinks in the gel. Closed form up to one root."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

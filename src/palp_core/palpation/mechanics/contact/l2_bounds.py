@@ -12,8 +12,6 @@ rings, and from the published phantom at twelve depths with seventy; the study `
 other scenes and must find every bound kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from palp_core.palpation.methods import Bound

@@ -1,7 +1,5 @@
 """Rung L4: three dimensions, small strain. Layer in closed form, bead by finite elements."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -11,8 +11,6 @@ seventy loads and rings each. Elements twice as fine around the bead and cells o
 less than 0.7 %.
 """
 
-from __future__ import annotations
-
 from palp_core.palpation.methods import Bound
 
 _GEL = (500.0, 500e3)

@@ -1,7 +1,5 @@
 """Rung L5: finite strain, for what small strain leaves out; off the bead's axis with L4's shape."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

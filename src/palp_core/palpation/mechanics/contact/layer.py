@@ -14,8 +14,6 @@ so that nothing overflows for any k (Sneddon, Fourier Transforms, 1951, chapter 
 Everything is for Young's modulus 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What every contact rung offers to the equilibrium of the probe, and where the finite-element rungs hold."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from palp_core.palpation.mechanics.limits import require

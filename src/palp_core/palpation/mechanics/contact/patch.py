@@ -5,8 +5,6 @@ Cells are centred on the ball; the pressure is constant on each and the overlap 
 symmetry halves the unknowns.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ half. Displacements are biquadratic, the pressure p = lambda div u bilinear. You
 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -5,8 +5,6 @@ parameters and mapped: rays from the bead's centre to a box around it, then colu
 follows thin gel over the bead or under it without a mesh generator.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

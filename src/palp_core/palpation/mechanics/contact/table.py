@@ -9,8 +9,6 @@ hold to round-off between the nodes as well. The table is filled from normal for
 the indentation is the energy.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What forces on rings of the surface do to a surface inside bare gel, harmonic by harmonic."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Every equilibrium of the joint at given stage positions, stable or not, lagging or leading."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

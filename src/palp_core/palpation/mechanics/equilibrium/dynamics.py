@@ -9,8 +9,6 @@ at a constant speed of the stage. A step is linearly implicit in the angle and i
 its length follows from what is to be resolved, not from stability.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ angles, shape (n,): NaN where it says itself that it found none. Only the surviv
 each fails was measured by the study ``contact-stability``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import brentq
 

@@ -4,8 +4,6 @@ The joint turns by w; the ball's lowest point slips over the gel at v - A w, wit
 A = L cos q + r_tip. Friction acts on the joint with the moment A f. A law returns the f of the step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The balance of moments about the joint at one ring position: what every root finder solves."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

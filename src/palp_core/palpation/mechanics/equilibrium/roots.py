@@ -1,7 +1,5 @@
 """Roots of many scalar functions at once: Newton kept inside a bracket, and a polish from a good guess."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

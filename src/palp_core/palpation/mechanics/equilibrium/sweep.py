@@ -8,8 +8,6 @@ steep, every position is sampled. So a sweep costs little more than a few evalua
 position.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A sweep solved once on a stage grid and read at any stage position, as at 1 kHz."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 

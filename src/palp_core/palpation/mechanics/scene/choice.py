@@ -1,7 +1,5 @@
 """Which rung answers a scene, why, and what it costs: the register's one choice, put to a scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import palp_core.palpation.mechanics.contact  # noqa: F401 -- declares the rungs

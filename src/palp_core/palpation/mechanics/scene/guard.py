@@ -4,8 +4,6 @@ Thresholds are those that the study ``contact-stability`` finds; each answer com
 record.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep

@@ -1,7 +1,5 @@
 """What a scene is asked for: peak, contrast, separation of depths, and decisions between them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

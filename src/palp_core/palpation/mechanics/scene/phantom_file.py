@@ -6,8 +6,6 @@
     bare: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: none}
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 from palp_core.errors import MechanicsError

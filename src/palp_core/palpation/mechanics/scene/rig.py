@@ -1,7 +1,5 @@
 """The touch of a simulated rig: phantoms by code, the probe, and the rung that each phantom needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """A scene swept, and a table of contact forces: what ``palp scene run`` and ``palp scene table`` print."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

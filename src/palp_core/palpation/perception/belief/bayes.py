@@ -4,8 +4,6 @@ In logarithms an outlier that is impossible under every class leaves a finite be
 class whose probability rounds to zero can come back.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palp_core.errors import PerceptionError

@@ -6,8 +6,6 @@ is the expected information gain, the mutual information of class and reading. T
 "transfer entropy"; no transfer entropy in Schreiber's sense is computed.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -4,8 +4,6 @@ Every function takes the cells of one setting and returns natural-log densities,
 finite reading of physical size. Readings of shape (n, 1) with cells of shape (n, m) give n rows at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

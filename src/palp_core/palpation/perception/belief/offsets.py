@@ -1,7 +1,5 @@
 """What is known to stay, from memory primitives: how a reading answers to the landing of the ring."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 

@@ -10,8 +10,6 @@
     basis: repeatability of 2026-11-21, 16 mountings
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -7,8 +7,6 @@ of all where they hardly differ: E (a + e)^2 = a^2 + E e^2. A policy that looks 
 too much. A curve through all cells of training takes that back.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ A trial has few probes, so the belief is always made from all of them. What a re
 then the list of probes, and the same list gives the same belief to the last bit wherever it is filtered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

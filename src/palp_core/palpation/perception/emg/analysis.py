@@ -1,7 +1,5 @@
 """A recorded trial against its MVC: envelopes, co-contraction, bursts, levels, and how far to trust them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

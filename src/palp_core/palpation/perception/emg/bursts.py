@@ -5,8 +5,6 @@ prominence is judged first, so ripple on a flank never competes with a burst. (:
 :mod:`palp_core.palpation.perception.emg.levels` judges the distance first, which needs the whole signal.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ block by block with its memory carried outside, so a stream and a file give the 
 blocks. From the co-contraction, :mod:`palp_core.palpation.perception.emg.levels` makes peaks and levels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal

@@ -1,7 +1,5 @@
 """From co-contraction to the levels of the strategy: its peaks, rounded to 0.1 .. 0.5."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

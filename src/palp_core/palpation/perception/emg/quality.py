@@ -4,8 +4,6 @@ Clipping, an electrode's offset, lost samples and a contraction that was not max
 looks like muscle; only the raw samples tell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ muscle it is late by :attr:`CoContractionStream.delay_s`, offline as well, for t
 states its own lag.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

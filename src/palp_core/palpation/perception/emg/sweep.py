@@ -1,7 +1,5 @@
 """How much the unpublished settings of the EMG chain decide: bursts and lambda_2 over their ranges."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """One number from a de-noised sweep: the peak over the nodule, or how far it rises above its surroundings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ gives every sample from samples at most :attr:`lag` later, so each can run while
 study ``features`` charts their errors against lag and cost.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol

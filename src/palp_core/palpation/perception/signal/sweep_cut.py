@@ -1,7 +1,5 @@
 """Cut the torque of one sweep out of a stream, on an even grid of time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import msgspec

@@ -4,8 +4,6 @@ The method's source names the wavelet (db10) and five levels but no rule for the
 a named choice. Both are declared in the register as task ``denoise``.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

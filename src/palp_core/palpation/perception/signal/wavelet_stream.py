@@ -7,8 +7,6 @@ and in the study ``features`` for the other. The soft rule needs its threshold s
 default takes it from the whole sweep.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -6,8 +6,6 @@ tables are *not testable*, with the reason. The alternatives, permutation within
 and a mixed logit (:mod:`mixed_logit`), are declared beside it as task ``test``.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Right or wrong explained by factors, the session a random effect: the alternative to variance analysis."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any

@@ -11,8 +11,6 @@ intervals that say 95 %, plain ones of 4, 8 and 20 normal values hold the mean i
 nearly all sessions are at 100 % no interval from few of them sees the rare bad one.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ An interval from the trials of one training and one set of phantoms speaks for t
 are not independent of each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

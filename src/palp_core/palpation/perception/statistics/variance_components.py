@@ -9,8 +9,6 @@ of the profile likelihood, which needs no symmetry and may end at 0 (Searle, Cas
 Components", 1992, section 6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A strategy that was learnt, as a file: what ``palp markov fit`` writes and the Markov policy loads."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal

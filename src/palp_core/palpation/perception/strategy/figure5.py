@@ -5,8 +5,6 @@ are numbers. What is here is therefore a reconstruction and must be shown as one
 spectrum, all entries positive; the tests hold what found it and run that again.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

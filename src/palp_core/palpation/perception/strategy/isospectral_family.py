@@ -8,8 +8,6 @@ way back exists. The walk is in u with M = u^2, where an entry of 0 is no edge. 
 density on the surface is that of u over the square root of det(J J'), J the slope of the constraint.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ unit eigenvalue's vector is called stationary: a chain of this kind has no absor
 in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import gcd

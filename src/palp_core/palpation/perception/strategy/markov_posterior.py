@@ -7,8 +7,6 @@ Statistical Science 16, 2001, section 4.1.2): with few counts the plain one leav
 do it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ its mean after every step, and do not say what chooses the level. ``column`` dra
 The stepping itself is :class:`palp_core.palpation.perception.strategy.policies.MarkovPolicy`'s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ Both are limits to draw beside policies. Shared errors make readings worse than 
 lies below; one that re-positions the ring comes near.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ optimum is then found numerically: every probe where it tells most, given all th
 moment to stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

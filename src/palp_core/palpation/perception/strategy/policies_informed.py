@@ -3,8 +3,6 @@
 Task ``policy``, beside those of :mod:`policies`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

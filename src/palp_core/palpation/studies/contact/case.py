@@ -1,7 +1,5 @@
 """A case of the stability map: a method that fails, where it does, beside its survivor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

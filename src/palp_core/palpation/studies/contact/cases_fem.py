@@ -1,7 +1,5 @@
 """Cases of the stability map: finite elements, the layers they stand on, and small strain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palp_core.errors import MechanicsError

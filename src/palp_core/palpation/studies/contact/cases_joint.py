@@ -1,7 +1,5 @@
 """Cases of the stability map: solving for the joint's angle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palp_core.errors import MechanicsError

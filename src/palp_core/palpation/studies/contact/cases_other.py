@@ -1,7 +1,5 @@
 """Cases of the stability map: friction in time, sampling of the stage, and the foundation model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palp_core.errors import MechanicsError

@@ -1,7 +1,5 @@
 """Time and error of one contact rung at one resolution."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import tempfile

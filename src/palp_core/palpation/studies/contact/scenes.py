@@ -1,7 +1,5 @@
 """Random scenes within the allowed ranges."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

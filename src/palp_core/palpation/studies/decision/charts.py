@@ -7,34 +7,33 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import (
-    AMBER,
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    PINK,
-    SKY,
-    VERMILION,
-    Chart,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.studies.decision.limits import Limits, least_seconds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = Sequence[Mapping[str, Any]]
-_FAMILIES = {"fixed": GREY, "markov": VERMILION, "uniform": GREEN, "reposition": SKY}
-_GAIN = BLUE
-_FILTERS = {"naive": VERMILION, "latent_ring": AMBER, "latent_trial": PINK, "latent": _GAIN}
+_FAMILIES = {
+    "fixed": charts.GREY,
+    "markov": charts.VERMILION,
+    "uniform": charts.GREEN,
+    "reposition": charts.SKY,
+}
+_GAIN = charts.BLUE
+_FILTERS = {
+    "naive": charts.VERMILION,
+    "latent_ring": charts.AMBER,
+    "latent_trial": charts.PINK,
+    "latent": _GAIN,
+}
 
 
 def _colour(policy: str) -> str:
     return next((c for family, c in _FAMILIES.items() if policy.startswith(family)), _GAIN)
 
 
-def tradeoff_chart(rows: Rows, cost: str, bounds: Limits) -> Chart:
+def tradeoff_chart(rows: Rows, cost: str, bounds: Limits) -> charts.Chart:
     """Accuracy against probes or seconds, with the limits; hollow: paper's filter, full: one that knows more.
 
     Args:
@@ -63,20 +62,24 @@ def tradeoff_chart(rows: Rows, cost: str, bounds: Limits) -> Chart:
                 alpha=0.6,
             )
             if row[f"front_{cost}"]:
-                axes.plot(row[cost], row["accuracy"], "o", color=INK, markerfacecolor="none", markersize=9)
+                axes.plot(
+                    row[cost], row["accuracy"], "o", color=charts.INK, markerfacecolor="none", markersize=9
+                )
         for name, line, points in _limit_lines(bounds):
             axes.plot([at(x) for x, _ in points], [y for _, y in points], line, linewidth=1.2, label=name)
-        axes.axhline(1 / 3, color=GREY, linestyle="--", linewidth=0.8)
+        axes.axhline(1 / 3, color=charts.GREY, linestyle="--", linewidth=0.8)
         for family, colour in {**_FAMILIES, "information gain": _GAIN}.items():
             axes.plot([], [], "o", color=colour, markersize=4, label=family)
         axes.legend(fontsize=6.5, loc="lower right", ncols=2)
         axes.set_ylim(0.3, 1.02)
         if cost == "probes":
             axes.set_xlim(0.0, 15.5)
-        tidy(axes, "", "probes a trial" if cost == "probes" else "seconds a trial on the rig", "accuracy")
+        charts.tidy(
+            axes, "", "probes a trial" if cost == "probes" else "seconds a trial on the rig", "accuracy"
+        )
 
     first, second, ring = bounds.wald_for
-    return Chart(
+    return charts.Chart(
         f"accuracy_against_{cost}",
         f"Accuracy against {cost}",
         "A dot is a policy, stop rule, feature and filter. Full: a filter that knows what stays; hollow: the "
@@ -130,20 +133,20 @@ def _limit_lines(bounds: Limits) -> list[tuple[str, str, Sequence[tuple[float, f
     ]
 
 
-def calibration_chart(rows: Rows) -> Chart:
+def calibration_chart(rows: Rows) -> charts.Chart:
     """Stated confidence against accuracy, every filter."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.plot([0.3, 1], [0.3, 1], color=GREY, linestyle=":")
+        axes.plot([0.3, 1], [0.3, 1], color=charts.GREY, linestyle=":")
         for name, colour in _FILTERS.items():
             these = [r for r in rows if r["filter"] == name]
             stated = [r["accuracy"] + r["overconfidence"] for r in these]
             axes.plot(stated, [r["accuracy"] for r in these], "o", color=colour, markersize=3.5, label=name)
         axes.legend(title="filter")
-        tidy(axes, "", "mean stated confidence", "accuracy")
+        charts.tidy(axes, "", "mean stated confidence", "accuracy")
 
-    return Chart(
+    return charts.Chart(
         "decision_calibration",
         "Is the stated confidence deserved?",
         "A dot a combination. Below the line: surer than right.",
@@ -165,7 +168,7 @@ def calibration_chart(rows: Rows) -> Chart:
     )
 
 
-def rungs_chart(rows: Rows) -> Chart:
+def rungs_chart(rows: Rows) -> charts.Chart:
     """Agreement of decisions with rung L4 against CPU a trial.
 
     The chosen rung is ringed; hatched: a rung that vouches for nothing here, or could not serve, by name.
@@ -181,7 +184,7 @@ def rungs_chart(rows: Rows) -> Chart:
             marker = "o" if row["feature"] == "peak" else "s"
             axes.plot(*spot, marker, color=_FILTERS[row["filter"]], markersize=5)
             if row["chosen"]:
-                axes.plot(*spot, "o", color=INK, markerfacecolor="none", markersize=10)
+                axes.plot(*spot, "o", color=charts.INK, markerfacecolor="none", markersize=10)
         for rung in {r["rung"] for r in usable}:
             own = [(r["cpu_s_per_trial"], r["agreement"]) for r in usable if r["rung"] == rung]
             low, high = min(x for x, _ in own), max(x for x, _ in own)
@@ -189,7 +192,9 @@ def rungs_chart(rows: Rows) -> Chart:
                 rung, (high, min(y for _, y in own)), fontsize=7, xytext=(5, -3), textcoords="offset points"
             )
             if rung in doubtful:
-                axes.axvspan(low / 1.3, high * 1.3, hatch="//", facecolor="none", edgecolor=GREY, linewidth=0)
+                axes.axvspan(
+                    low / 1.3, high * 1.3, hatch="//", facecolor="none", edgecolor=charts.GREY, linewidth=0
+                )
         if idle:
             words = "not drawn: " + "; ".join(f"{rung}: {why}" for rung, why in sorted(idle.items()))
             figure.supxlabel(words if len(words) < 100 else words[:97] + "...", fontsize=7)
@@ -198,11 +203,11 @@ def rungs_chart(rows: Rows) -> Chart:
                 axes.plot([], [], "o", color=colour, markersize=4, label=f"{name} filter")
         axes.legend(fontsize=7)
         axes.set_xscale("log")
-        tidy(axes, "", "CPU a trial, s", "same decision as with L4")
+        charts.tidy(axes, "", "CPU a trial, s", "same decision as with L4")
 
     words = "; ".join(f"{rung}: {why}" for rung, why in sorted(idle.items()))
     hatched = "; ".join(f"{rung}: {row['words']}" for rung, row in sorted(doubtful.items()))
-    return Chart(
+    return charts.Chart(
         "decisions_by_rung",
         "End to end: which contact model do decisions need?",
         "Share of trials decided as with rung L4 on the same luck, against the CPU of a trial's sweeps and "

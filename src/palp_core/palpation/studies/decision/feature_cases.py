@@ -1,7 +1,5 @@
 """What the study ``features`` measures: every way to a feature, on simulated sweeps whose truth is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -15,15 +13,8 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.methods import choose
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.signal import smoothers
 from palp_core.palpation.perception.signal.features import contrast, peak
-from palp_core.palpation.perception.signal.smoothers import (
-    LowPass,
-    Nothing,
-    SavitzkyGolay,
-    Smoother,
-    WaveletApproximation,
-    WaveletSoft,
-)
 from palp_core.palpation.perception.signal.wavelet import edge_cone, universal_threshold
 from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream, WaveletStreamState
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
@@ -103,12 +94,12 @@ class FeatureError:
 
 def ways(*, quick: bool = False) -> list[Way]:
     """Return every way, from nothing at all to the offline wavelet."""
-    found = [Way("none", "none", 0.0, 0, _plain(Nothing()))]
+    found = [Way("none", "none", 0.0, 0, _plain(smoothers.Nothing()))]
     for cutoff_hz in (10.0, 40.0) if quick else (5.0, 10.0, 20.0, 40.0, 80.0):
-        low = LowPass(cutoff_hz / RATE_HZ)
+        low = smoothers.LowPass(cutoff_hz / RATE_HZ)
         found.append(Way("low_pass", f"{cutoff_hz:g} Hz", low.lag / RATE_HZ, low.edge, _plain(low)))
     for half in (50, 200) if quick else (25, 50, 100, 200, 400):
-        fitted, label = SavitzkyGolay(half), f"{2 * half + 1} ms"
+        fitted, label = smoothers.SavitzkyGolay(half), f"{2 * half + 1} ms"
         found.append(Way("savitzky_golay", label, half / RATE_HZ, half, _plain(fitted)))
     cone = edge_cone()
     for lag in (100, cone) if quick else (50, 100, 200, 300, cone):
@@ -119,13 +110,13 @@ def ways(*, quick: bool = False) -> list[Way]:
         ]
     whole_s = (TO_M - FROM_M) / SPEED_M_PER_S
     found += [
-        Way("db10 soft, offline", "sweep", whole_s, cone, _plain(WaveletSoft())),
-        Way("db10 approximation, offline", "sweep", whole_s, cone, _plain(WaveletApproximation())),
+        Way("db10 soft, offline", "sweep", whole_s, cone, _plain(smoothers.WaveletSoft())),
+        Way("db10 approximation, offline", "sweep", whole_s, cone, _plain(smoothers.WaveletApproximation())),
     ]
     return found
 
 
-def _plain(used: Smoother) -> Callable[[Float64Array, float], Float64Array]:
+def _plain(used: smoothers.Smoother) -> Callable[[Float64Array, float], Float64Array]:
     return lambda signal, _: used.apply(signal)
 
 

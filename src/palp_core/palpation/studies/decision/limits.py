@@ -1,7 +1,5 @@
 """The limits to draw beside decisions: what no policy can pass, and what the best one reaches."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """End to end: do decisions agree with those of contact rung L4, and what does a trial cost in CPU?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

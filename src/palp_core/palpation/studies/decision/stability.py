@@ -1,7 +1,5 @@
 """The study ``decision-stability``: every trap of the published algorithm, what is naive and what we do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study ``decision-tradeoff``: accuracy of decisions against probes and against seconds on the rig."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A trap of the published algorithm: the smallest input that springs it, the naive way, and ours."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass

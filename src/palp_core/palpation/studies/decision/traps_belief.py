@@ -1,7 +1,5 @@
 """Traps T1 to T6: the stop rule, the belief and the memory primitives."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Traps T7 to T11: chains, wavelets, the strategy's equations, EMG, and the analysis of variance."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The work of the paper's study that is spread over processes: a session, or a scene's session, per job."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

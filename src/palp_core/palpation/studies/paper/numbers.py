@@ -4,8 +4,6 @@ Human counts follow from the percentages. The robot's counts were not published:
 named, and every statement is tested under each.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

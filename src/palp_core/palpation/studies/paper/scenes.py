@@ -1,7 +1,5 @@
 """The three scenes fixed in advance: is information gain with the latent filter better at equal seconds?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study ``paper``: the whole argument of the paper re-run, figure by figure, beside what it published."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The paper's tests on our trials: its analyses of variance, and the comparisons it did not make."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,21 +1,12 @@
 """The work of the study ``power``: a pool of sessions on the simulated rig, and trials drawn from it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim
-from palp_core.palpation.studies.power.model import (
-    Law,
-    beta_sessions,
-    holm_rows,
-    paired_p,
-    pooled_p,
-    unpaired_p,
-)
+from palp_core.palpation.studies.power import model
 from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, fixed_name, run_policy
 from palp_core.units import Float64Array
 
@@ -75,8 +66,8 @@ def curve_points(job: CurveJob) -> list[dict[str, float | int | str]]:
     for count in job.sessions:
         which = rng.integers(0, len(job.pool["markov"]), (job.repeats, count))
         shares = {name: _felt(job.pool[name][which], job.trials, rng) for name in POLICIES}
-        p = np.stack([paired_p(shares[a] - shares[b]) for a, b in COMPARISONS], axis=1)
-        within = holm_rows(p)
+        p = np.stack([model.paired_p(shares[a] - shares[b]) for a, b in COMPARISONS], axis=1)
+        within = model.holm_rows(p)
         rows += [
             {
                 "comparison": f"{first} - {second}",
@@ -106,11 +97,16 @@ def false_alarms(shares: Float64Array, trials: int, repeats: int, rng: np.random
     """
     which = rng.integers(0, len(shares), (2, repeats))
     right = np.round(_felt(shares[which], trials, rng) * trials * shares.shape[1])
-    return float(np.mean(pooled_p(right[0], right[1], trials * shares.shape[1]) < 0.05))
+    return float(np.mean(model.pooled_p(right[0], right[1], trials * shares.shape[1]) < 0.05))
 
 
 def published_power(
-    first: Law, second: Law, sessions: Sequence[int], trials: int, repeats: int, rng: np.random.Generator
+    first: model.Law,
+    second: model.Law,
+    sessions: Sequence[int],
+    trials: int,
+    repeats: int,
+    rng: np.random.Generator,
 ) -> list[float]:
     """Return the power to tell two published shares apart, sessions of their own each, by Welch's test.
 
@@ -125,10 +121,10 @@ def published_power(
     powers = []
     for count in sessions:
         arms = [
-            rng.binomial(trials, beta_sessions(arm, (repeats, count), rng)) / trials
+            rng.binomial(trials, model.beta_sessions(arm, (repeats, count), rng)) / trials
             for arm in (first, second)
         ]
-        powers.append(float(np.mean(unpaired_p(arms[0], arms[1]) < 0.05)))
+        powers.append(float(np.mean(model.unpaired_p(arms[0], arms[1]) < 0.05)))
     return powers
 
 
@@ -153,8 +149,9 @@ def depth_power(
     powers = []
     for count in subjects:
         seen = [
-            rng.binomial(trials, beta_sessions(Law(share, correlation), (repeats, count), rng)) / trials
+            rng.binomial(trials, model.beta_sessions(model.Law(share, correlation), (repeats, count), rng))
+            / trials
             for share in shares
         ]
-        powers.append(float(np.mean(paired_p(seen[0] - np.mean(seen[1:], axis=0)) < 0.05)))
+        powers.append(float(np.mean(model.paired_p(seen[0] - np.mean(seen[1:], axis=0)) < 0.05)))
     return powers

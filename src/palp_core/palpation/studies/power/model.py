@@ -5,8 +5,6 @@ Sessions are clusters of trials. The formula is that of two proportions with a d
 test over sessions; the simulation draws sessions and trials and tests them, and knows nothing of the formula.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

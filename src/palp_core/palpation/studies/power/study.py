@@ -4,8 +4,6 @@ Trials of one session share training and mountings. How much that matters is mea
 sessions; experiments are then drawn from the pool, tested over sessions, and counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT, PUBLISHED
+from palp_core.palpation.studies.power import model
 from palp_core.palpation.studies.power.charts import curves_chart, effect_chart, paper_chart
 from palp_core.palpation.studies.power.jobs import (
     COMPARISONS,
@@ -26,15 +25,6 @@ from palp_core.palpation.studies.power.jobs import (
     false_alarms,
     pool_session,
     published_power,
-)
-from palp_core.palpation.studies.power.model import (
-    Law,
-    design_effect,
-    detectable,
-    formula_power,
-    intraclass,
-    least_sessions,
-    paired_power,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import SessionJob
@@ -83,7 +73,9 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     jobs = [SessionJob(felt, Conditions(trials=size.trials), one) for one in seeds(50, seed, size.pool)]
     found = run_jobs(pool_session, jobs, workers=workers, dask=dask, label="sessions")
     pool = {name: np.array([one[name] for one in found]) for name in POLICIES}
-    laws = {name: intraclass(shares.mean(axis=1), size.trials * DEPTHS) for name, shares in pool.items()}
+    laws = {
+        name: model.intraclass(shares.mean(axis=1), size.trials * DEPTHS) for name, shares in pool.items()
+    }
     curves = [CurveJob(pool, trials, SESSIONS, size.repeats, (51, seed, trials)) for trials in TRIALS]
     points = [
         {**row, "formula": _formula(pool, row)}
@@ -127,18 +119,18 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
 def _formula(pool: Mapping[str, Float64Array], row: Mapping[str, Any]) -> float:
     """Return the power of a point by the formula, the arms run in common sessions."""
     first, second = row["comparison"].split(" - ")
-    return paired_power(pool[first], pool[second], row["sessions"], row["trials"])
+    return model.paired_power(pool[first], pool[second], row["sessions"], row["trials"])
 
 
-def _policy(shares: Float64Array, law: Law, repeats: int, rng: np.random.Generator) -> dict[str, Any]:
+def _policy(shares: Float64Array, law: model.Law, repeats: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what a policy's sessions are like, and what a test that ignores them does."""
     trials = PAPER_TRIALS * DEPTHS
     return {
         "share": law.share,
         "intraclass": law.intraclass,
         "session_sd": float(shares.mean(axis=1).std(ddof=1)),
-        "design_effect_300": design_effect(law.intraclass, trials),
-        "worth_of_300": trials / design_effect(law.intraclass, trials),
+        "design_effect_300": model.design_effect(law.intraclass, trials),
+        "worth_of_300": trials / model.design_effect(law.intraclass, trials),
         "false_alarms_of_300": false_alarms(shares, PAPER_TRIALS, 5 * repeats, rng),
     }
 
@@ -168,7 +160,9 @@ def _needed(points: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                     "comparison": name,
                     "trials": trials,
                     **{
-                        f"{key}_{round(100 * wanted)}": least_sessions(counts, [p[key] for p in line], wanted)
+                        f"{key}_{round(100 * wanted)}": model.least_sessions(
+                            counts, [p[key] for p in line], wanted
+                        )
                         for key in ("power", "power_holm")
                         for wanted in (0.8, 0.9)
                     },
@@ -177,12 +171,12 @@ def _needed(points: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def _paper(laws: Mapping[str, Law], repeats: int, rng: np.random.Generator) -> dict[str, Any]:
+def _paper(laws: Mapping[str, model.Law], repeats: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what the published shares need, and what 300 trials of each strategy resolve."""
     base, better = PUBLISHED["fixed"]["overall"], PUBLISHED["human_strategy"]["overall"]
     trials = PAPER_TRIALS * DEPTHS
     rho = laws["fixed_average"].intraclass
-    arms = Law(better, laws["markov"].intraclass), Law(base, rho)
+    arms = model.Law(better, laws["markov"].intraclass), model.Law(base, rho)
     splits = {"independent trials": (1, trials, 0.0)} | {
         f"{count} session{'s' if count > 1 else ''} of {trials // count}": (count, trials // count, rho)
         for count in (1, 5, 20)
@@ -196,16 +190,16 @@ def _paper(laws: Mapping[str, Law], repeats: int, rng: np.random.Generator) -> d
         "sessions": list(SESSIONS),
         "power_by_trials_per_depth": simulated,
         "needed": {
-            each: {str(w): least_sessions(SESSIONS, powers, w / 100) for w in (80, 90)}
+            each: {str(w): model.least_sessions(SESSIONS, powers, w / 100) for w in (80, 90)}
             for each, powers in simulated.items()
         },
         "shares": shares.tolist(),
         "power": {
-            name: [formula_power(Law(float(s), r), Law(base, r), n, each) for s in shares]
+            name: [model.formula_power(model.Law(float(s), r), model.Law(base, r), n, each) for s in shares]
             for name, (n, each, r) in splits.items()
         },
         "detectable": {
-            name: {str(w): detectable(base, r, n, each, power=w / 100) for w in (80, 90)}
+            name: {str(w): model.detectable(base, r, n, each, power=w / 100) for w in (80, 90)}
             for name, (n, each, r) in splits.items()
         },
     }
@@ -225,11 +219,11 @@ def _human(repeats: int, rng: np.random.Generator) -> dict[str, Any]:
         "trials_per_depth": SUBJECT_TRIALS,
         "power_by_intraclass": lines,
         "needed": {
-            rho: {str(w): least_sessions(subjects, powers, w / 100) for w in (80, 90)}
+            rho: {str(w): model.least_sessions(subjects, powers, w / 100) for w in (80, 90)}
             for rho, powers in lines.items()
         },
         "share": own,
         "detectable_by_intraclass": {
-            rho: detectable(own, float(rho), SUBJECTS, SUBJECT_TRIALS * len(shares)) for rho in lines
+            rho: model.detectable(own, float(rho), SUBJECTS, SUBJECT_TRIALS * len(shares)) for rho in lines
         },
     }

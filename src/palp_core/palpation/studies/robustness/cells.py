@@ -1,7 +1,5 @@
 """What the study ``robustness`` varies: one factor at a time around the paper's design."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -8,8 +8,6 @@ Where information gain is worse, the cell is run again with one thing changed, f
 reason is what, changed alone, takes the deficit away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

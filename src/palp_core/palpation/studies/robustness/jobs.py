@@ -1,7 +1,5 @@
 """The work of the study ``robustness``: every policy in a cell, over its sessions, under a design."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ the best of the others, with the reasons where it is worse; and the human strate
 the published spectrum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ All randomness of a session is drawn here, before any policy chooses: policies c
 same mountings, landings and noise at the same probe of the same trial.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 The names are those of ``paper.json``. Each policy meets the same trials with the same luck.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

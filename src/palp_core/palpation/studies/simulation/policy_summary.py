@@ -3,8 +3,6 @@
 Intervals are over sessions (cluster bootstrap): trials of one session are not independent facts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ through the real de-noising and feature, plus noise as that chain passes it on, 
 holds the table against whole simulated sweeps.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

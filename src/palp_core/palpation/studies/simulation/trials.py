@@ -1,7 +1,5 @@
 """Decide many trials at once: probe, update, stop or go on, all policies and filters by the same lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

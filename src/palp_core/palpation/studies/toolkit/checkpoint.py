@@ -1,7 +1,5 @@
 """Results as lines of a file, each written when it is there: a run that was stopped goes on where it was."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable

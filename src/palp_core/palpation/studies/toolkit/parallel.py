@@ -4,8 +4,6 @@ What is stopped half way, by Ctrl-C, an error or a signal, leaves no process beh
 be kept for the next run.
 """
 
-from __future__ import annotations
-
 import importlib
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """What no other choice beats in both of two costs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

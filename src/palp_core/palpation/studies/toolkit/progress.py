@@ -1,7 +1,5 @@
 """How far long work has come, on standard error: a bar on a terminal, a line now and then in a log."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
