@@ -162,6 +162,19 @@ def is_module_or_in_one(name: str) -> bool:
     return True
 
 
+def nodes_amiss(text: str) -> set[str]:
+    """Return each ``nodes.module:Class`` that a text states and no workspace of the repository has."""
+    return {
+        f"nodes.{module}:{name}"
+        for module, name in re.findall(r"\bnodes\.(\w+):(\w+)", text)
+        if not any(
+            f"\nclass {name}(" in file.read_text(encoding="utf-8")
+            for folder in ("", "examples/*/", "benchmarks/*/")
+            for file in ROOT.glob(f"{folder}nodes/{module}.py")
+        )
+    }
+
+
 def paths_named(text: str) -> set[str]:
     """Return each path of the repository, or end of one, that a text states."""
     words = re.findall(r"(?<![\w./~$-])[\w.-]+(?:/[\w.-]+)+/?", re.sub(r"\w+://\S+", "", text))
@@ -173,7 +186,7 @@ def paths_named(text: str) -> set[str]:
 def test_what_a_text_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     files = {f"/{name_of(file)}" for file in ROOT.rglob("*") if ".venv" not in file.parts}
-    unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)}
+    unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)} | nodes_amiss(text)
     unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
     assert unknown == set()
 
@@ -184,3 +197,53 @@ def test_a_class_that_a_text_names_is_in_the_source(path: Path) -> None:
     named = {name for code in quoted for name in re.findall(r"\b(?:[A-Z][a-z0-9]+){2,}\b", code)}
     source = "".join(file.read_text(encoding="utf-8") for file in written_files() if file.suffix == ".py")
     assert {name for name in named if not re.search(rf"\b{name}\b", source)} == set()
+
+
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+
+
+def names_in(body: list[ast.stmt]) -> set[str]:
+    """Return what statements define, what a class defines with the class's name before it."""
+    found: set[str] = set()
+    for statement in body:
+        if isinstance(statement, ast.ClassDef):
+            within = names_in(statement.body)
+            found |= {statement.name, *(f"{statement.name}.{name}" for name in within)}
+        elif isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            found.add(statement.name)
+        elif isinstance(statement, ast.AnnAssign):
+            found.add(ast.unparse(statement.target))
+        elif isinstance(statement, ast.Assign):
+            found |= {ast.unparse(target) for target in statement.targets}
+    return found
+
+
+def test_what_the_architecture_names_is_where_it_says() -> None:
+    """Names are written ``file.py:function``, ``file.py:Class.method``, ``Class.method`` or ``Class``."""
+    defined = {
+        f"/{name}": names_in(module.body)
+        for name, (_, module) in measures.Tree(ROOT).modules.items()
+        if name.startswith(measures.SOURCE)
+    }
+    text = ARCHITECTURE.read_text(encoding="utf-8")
+    unknown = {
+        f"{path}:{name}"
+        for path, name in re.findall(r"([\w/]+\.py):([\w.]+)", text)
+        if not any(name in names for file, names in defined.items() if file.endswith(f"/{path}"))
+    }
+    folders = {f"/{name_of(folder)}/" for folder in ROOT.rglob("*/") if ".venv" not in folder.parts}
+    unknown |= {
+        name
+        for name in re.findall(r"`((?:\w+/)+)`", text)
+        if not any(folder.endswith(f"/{name}") for folder in folders)
+    }
+    everything = set().union(*defined.values())
+    unknown |= {name for name in re.findall(r"`([A-Z]\w+(?:\.\w+)?)`", text) if name not in everything}
+    assert unknown == set()
+
+
+@pytest.mark.parametrize("wing", ["graph", "palpation", "cli"])
+def test_the_architecture_names_every_room(wing: str) -> None:
+    rooms = {path.parent.name for path in (ROOT / "src" / "palp_core" / wing).glob("*/__init__.py")}
+    text = ARCHITECTURE.read_text(encoding="utf-8")
+    assert {room for room in rooms if f"`{wing}/{room}/`" not in text} == set()
