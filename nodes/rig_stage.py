@@ -30,7 +30,8 @@ from palp_core.units import (
 
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
-ACTIVE = ("returning", "sweeping", "swept", "resting", "retreating")
+UNFINISHED = ("returning", "sweeping", "swept")  # a goal that a stop cancels
+ACTIVE = (*UNFINISHED, "resting", "retreating")
 
 
 class RigStageParams(StageParams):
@@ -126,7 +127,13 @@ class RigStage(Stage):
         self.state.activity, self.state.at_start = "down", False
 
     def on_resume(self) -> None:
-        self.state.activity = "down"  # it connects as soon as the safety node permits it
+        """Connect once that is permitted; a move that was under way the predecessor stops as it leaves."""
+        _ = self.memory  # what another device remembered is refused while the predecessor is still there
+        self.block.stop()
+        self.arrival.clear()
+        was, self.state.activity, self.state.at_start = self.state.activity, "down", False
+        if was in UNFINISHED:
+            self._publish_status("cancelled")
 
     def on_deactivate(self) -> None:
         try:
@@ -176,7 +183,7 @@ class RigStage(Stage):
         except DeviceError as error:
             self.log.warning("could not be stopped on this link: %s", error)
         self.log.warning("halted: %s", text)
-        if was in ("returning", "sweeping", "swept"):
+        if was in UNFINISHED:
             self._publish_status("cancelled")
 
     def _recover(self, count: int) -> None:
@@ -253,8 +260,6 @@ class RigStage(Stage):
 
     @on(Stage.arrival)
     def arrive(self) -> None:
-        if self.state.activity == "down":  # the move was a predecessor's, which has stopped it
-            return
         if self._feedback().moving:
             self.arrival.set(self.now_ns() + AGAIN_NS)
         elif self.state.activity == "returning":

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from msgs.safety import SafetyBeat, StopRequest
@@ -104,8 +105,28 @@ def test_an_ability_that_is_missing_is_refused_by_name(
 def test_a_state_comes_back_from_what_was_kept_of_it() -> None:
     stage, state = MadeUpStage(7), MadeUpState(open_count=3)
     assert restored(stage, state) is state
-    assert restored(stage, {"open_count": 3}) == state
+    assert restored(stage, msgspec.to_builtins(state)) == state
     assert restored(stage, None) == MadeUpState()
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        {"homed": True},
+        {**msgspec.to_builtins(MadeUpState()), "homed": True},
+        {"open_count": 3},
+        {**msgspec.to_builtins(MadeUpState()), "start_ns": "soon"},
+        7,
+    ],
+)
+def test_what_another_device_remembered_is_no_state_of_it(kept: object) -> None:
+    with pytest.raises(DeviceError, match="MadeUpStage remembers MadeUpState, and what was handed over is"):
+        restored(MadeUpStage(7), kept)
+
+
+def test_a_stage_class_that_says_nothing_of_a_second_link_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(MadeUpStage, "stop_link")
+    assert "leave stop_url empty" in Safety.examine(SafetyParams(device="made_up", stop_url="8"))["device"]
 
 
 def test_the_nodes_name_no_maker() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.sim.stage import SimStage
+from palp_core.palpation.devices.stage.aerotech import AerotechStage
 
 FROM_M, TO_M = -0.015, 0.020
 GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=FROM_M, to_m=TO_M)
@@ -270,3 +272,32 @@ def test_a_lift_that_leaves_the_probe_in_the_gel_is_refused_at_the_start(tmp_pat
         with pytest.raises(NodeError, match="dragged through the gel"):
             Bench(RigStage, params)
     assert RigStage.examine(RigStageParams(lift_mm=6.5, scene=str(scene), options={"url": "COM1"})) == {}
+
+
+@pytest.mark.parametrize("activity", ["returning", "sweeping", "swept", "resting"])
+def test_a_move_that_is_under_way_at_a_hand_over_is_not_its_successors(
+    permitted: Permitted, successor: Callable[..., Bench[RigStage]], activity: str
+) -> None:
+    permitted.run(0.1)
+    permitted.bench.feed(RigStage.goal, GOAL)
+    for _ in range(1000):
+        if permitted.bench.node.state.activity == activity:
+            break
+        permitted.run(0.01)
+    assert permitted.bench.node.state.activity == activity
+    permitted.bench = bench = successor(permitted.bench)
+    bench.advance(5.0)  # inherited timers and alarms ring, and nothing permits motion
+    assert permitted.words == (["cancelled"] if activity != "resting" else [])
+    assert permitted.condition == "closed"
+    permitted.run(0.1)
+    assert permitted.words[-1] == "ready"
+    assert permitted.condition == "ok"
+
+
+def test_what_another_device_remembered_is_refused_at_the_hand_over(
+    monkeypatch: pytest.MonkeyPatch, permitted: Permitted, successor: Callable[..., Bench[RigStage]]
+) -> None:
+    permitted.run(0.1)
+    monkeypatch.setattr(rig_stage, "open_device", lambda *_, **__: AerotechStage("socket://127.0.0.1:1"))
+    with pytest.raises(NodeError, match="AerotechStage remembers AerotechState, and what was handed over"):
+        successor(permitted.bench)

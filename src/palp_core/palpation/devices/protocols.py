@@ -11,7 +11,7 @@ A state type belongs to its back end, which names it as ``state_type``; a protoc
 variable. Whoever holds a state that was serialised gets it back by :func:`restored`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import DeviceHealth
 from palp_core.units import Float64Array
 
@@ -333,7 +334,26 @@ def restored(device: Device[S], kept: object) -> S:
         device: Whose state it is.
         kept: The state itself; or the plain values that are left of one that was serialised; or None for a
             device that was never up.
+
+    Raises:
+        DeviceError: It is what another device remembered: that this one is homed or tared it does not say.
     """
     if isinstance(kept, device.state_type):
         return kept
-    return device.state_type() if kept is None else msgspec.convert(kept, device.state_type)
+    if kept is None:
+        return device.state_type()
+    try:
+        state = msgspec.convert(kept, device.state_type)
+    except (msgspec.ValidationError, TypeError) as error:
+        raise _another_state(device, str(error)) from error
+    if isinstance(kept, Mapping) and (strange := set(kept) ^ set(msgspec.to_builtins(state))):
+        raise _another_state(device, f"they differ in {', '.join(sorted(map(str, strange)))}")
+    return state
+
+
+def _another_state(device: Device[S], why: str) -> DeviceError:
+    wanted = device.state_type.__name__
+    return DeviceError(
+        f"{type(device).__name__} remembers {wanted}, and what was handed over is none: {why};"
+        " stop the graph and start it with this device"
+    )

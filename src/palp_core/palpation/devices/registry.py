@@ -150,7 +150,7 @@ def stop_link_of(name: str) -> OpenStopLink:
     Raises:
         DeviceError: There is no such back end, or it has no second link.
     """
-    connect: OpenStopLink | None = back_end("stage", name).stop_link
+    connect: OpenStopLink | None = getattr(back_end("stage", name), "stop_link", None)
     if connect is None:
         raise DeviceError(f"stage device '{name}' has no link of its own for stopping; leave stop_url empty")
     return connect
