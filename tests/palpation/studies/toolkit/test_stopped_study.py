@@ -187,15 +187,19 @@ def test_a_line_cut_short_and_a_line_of_other_source_are_not_read(
 def test_a_change_of_the_science_or_of_a_study_is_another_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    digests = set()
-    for room in ("", "mechanics", "perception", "studies"):
-        root = tmp_path / f"with_{room}" / "palpation"
-        shutil.copytree(Path(palpation.__file__).parent, root, ignore=shutil.ignore_patterns("__pycache__"))
-        if room:
-            (root / room / "new.py").write_text("CHANGED = True\n")
-        monkeypatch.setattr(palpation, "__file__", str(root / "__init__.py"))
-        digests.add(source_digest.__wrapped__())
-    assert len(digests) == 4
+    root = tmp_path / "palpation"
+    shutil.copytree(Path(palpation.__file__).parent, root, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(palpation, "__file__", str(root / "__init__.py"))
+    digests = [source_digest.__wrapped__()]
+    for file in ("nano17.py", "mechanics/new.py", "perception/emg/new.py", "studies/toolkit/checkpoint.py"):
+        with (root / file).open("a") as opened:
+            opened.write("CHANGED = True\n")
+        digests.append(source_digest.__wrapped__())
+    assert len(set(digests)) == 5
+    for file in ("reporting/html_page.py", "devices/new.py", "studies/toolkit/notes.txt"):
+        with (root / file).open("a") as opened:
+            opened.write("CHANGED = True\n")
+    assert source_digest.__wrapped__() == digests[-1]
 
 
 def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from palp_core import palpation
 
-_SOURCES = ("mechanics", "perception", "studies")
+_SOURCES = ("mechanics/**/*.py", "nano17.py", "perception/**/*.py", "studies/**/*.py")
 
 
 def append_line(file: Path, text: str) -> None:
@@ -32,7 +32,7 @@ def source_digest() -> str:
     """Return a digest of the source that results come from: changed code never reads an old result."""
     total = hashlib.sha256()
     root = Path(palpation.__file__).parent
-    for path in sorted(one for name in _SOURCES for one in (root / name).rglob("*.py")):
+    for path in sorted(one for pattern in _SOURCES for one in root.glob(pattern)):
         total.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return total.hexdigest()
 
