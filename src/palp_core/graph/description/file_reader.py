@@ -50,7 +50,9 @@ class _Reader:
         self.workspace = workspace
         self.environ = environ
         self.problems = Problems()
-        self.nodes: dict[str, GraphNode] = {}
+        self.nodes: dict[str, list[GraphNode]] = {}
+        self.marks: dict[str, Mark] = {}
+        self.joined: dict[str, Mark] = {}
         self.files: list[Path] = []
 
     def root(self, path: Path, overrides: Sequence[str]) -> LaunchFile:
@@ -70,9 +72,8 @@ class _Reader:
             seed = read_number(fields["seed"].value, "seed", int, 0, scope, self.problems) or 0
         report = self._report(fields["report"].value, scope) if "report" in fields else None
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
-        for node in self.nodes.values():
-            if node.joined and clock != "wall":
-                self.problems.add(node.mark, f"node '{node.name}' is to join: that takes clock: wall")
+        for name, place in self.joined.items() if clock != "wall" else ():
+            self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
         self._unused(arguments, scope)
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):
@@ -100,7 +101,9 @@ class _Reader:
         if "include" in fields:
             self._includes(path, fields["include"].value, scope)
         if "nodes" in fields:
-            self._nodes(fields["nodes"].value, NodeReader(scope, arguments, self.workspace, self.problems))
+            reader = NodeReader(scope, arguments, self.workspace, self.problems)
+            self._nodes(fields["nodes"].value, reader)
+            self.joined |= reader.joined
         self.files.pop()
         return scope, arguments
 
@@ -117,11 +120,11 @@ class _Reader:
             return
         for name, entry in tree.items.items():
             if name in self.nodes:
-                first = self.nodes[name].mark
                 self.problems.add(
-                    entry.mark, f"node '{name}' is already defined at {first}; rename one of them"
+                    entry.mark, f"node '{name}' is already defined at {self.marks[name]}; rename one of them"
                 )
             else:
+                self.marks[name] = entry.mark
                 self.nodes[name] = reader.read(name, entry)
 
     def _includes(self, path: Path, tree: Tree, scope: Scope) -> None:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.description.arguments import Argument, show
 from palp_core.graph.description.substitution import UNKNOWN
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import Mark, Problem
+
+if TYPE_CHECKING:
+    from palp_core.graph.description.node_class import NodeClass, NodePort  # they take numpy
 
 
 @dataclass(frozen=True)
@@ -49,62 +53,47 @@ class InputEntry:
 
 
 @dataclass(frozen=True)
-class Variant:
-    """A node under one assignment of the arguments that select its parts.
+class GraphNode:
+    """One node of a launch file, under one assignment of the arguments that select its parts.
 
     Attributes:
+        spec: What the file says of it: what runs, the parameters given, what happens when it ends.
         assignment: Branch per selecting argument; empty when nothing is selected.
-        run: ``module:Class`` or ``/absolute/path.py:Class``.
-        params: Parameters by name.
+        present: The arguments pick this assignment.
+        mark: Where it is named.
+        run_mark: Where it is written what runs.
+        param_marks: Where each parameter is given.
         inputs: Wires by port.
+        complete: Its description has no mistake of its own.
+        answer: What its class declares; None until the class has been asked.
     """
 
+    spec: NodeSpec
     assignment: dict[str, str]
-    run: Located
-    params: dict[str, Located]
+    present: bool
+    mark: Mark
+    run_mark: Mark
+    param_marks: dict[str, Mark]
     inputs: dict[str, InputEntry]
+    complete: bool = True
+    answer: NodeClass | None = None
 
-    def agrees(self, other: Variant) -> bool:
+    @property
+    def declared(self) -> NodeClass:
+        """What its class declares; it must have been asked."""
+        assert self.answer is not None
+        return self.answer
+
+    def __str__(self) -> str:
+        return f"node '{self.spec.name}' ({self.declared.run.rpartition(':')[2]})"
+
+    def agrees(self, other: GraphNode) -> bool:
         """Tell whether both can be present in one graph: they share no argument with different branches."""
         return all(other.assignment.get(name, branch) == branch for name, branch in self.assignment.items())
 
-
-@dataclass(frozen=True)
-class Restart:
-    """When a node that fails is started again."""
-
-    when: str = "never"
-    max_restarts: int = 3
-    backoff_s: float = 0.2
-
-
-@dataclass(frozen=True)
-class GraphNode:
-    """One node of a launch file.
-
-    Attributes:
-        name: Running name.
-        mark: Where it is named.
-        variants: Every variant; one when nothing is selected.
-        present: The variant that the arguments pick; None when a mistake hides it.
-        restart: When it is started again.
-        shutdown_on_exit: Its end ends the run.
-        complete: Its description has no mistake of its own.
-        cpus: Cores its process may run on; empty: all.
-        realtime_priority: SCHED_FIFO priority; 0: none.
-        joined: Its process is on another host and joins from there.
-    """
-
-    name: str
-    mark: Mark
-    variants: tuple[Variant, ...]
-    present: Variant | None
-    restart: Restart
-    shutdown_on_exit: bool
-    complete: bool
-    cpus: tuple[int, ...] = ()
-    realtime_priority: int = 0
-    joined: bool = False
+    def ports(self, *kinds: str) -> dict[str, NodePort]:
+        """Return the ports of these kinds that its class declares, by name."""
+        return {name: port for name, port in self.declared.ports.items() if port.kind in kinds}
 
 
 @dataclass(frozen=True)
@@ -120,7 +109,7 @@ class LaunchFile:
         seed: Of the graph's random numbers.
         arguments: Declared arguments.
         values: Value of each argument.
-        nodes: Nodes, the included ones first, in the files' order.
+        nodes: Every assignment of each node, by its name; the included ones first, in the files' order.
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
@@ -134,7 +123,7 @@ class LaunchFile:
     seed: int
     arguments: dict[str, Argument]
     values: dict[str, Any]
-    nodes: dict[str, GraphNode]
+    nodes: dict[str, list[GraphNode]]
     report: Located | None
     problems: tuple[Problem, ...]
     listen: str = ""

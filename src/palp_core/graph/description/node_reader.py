@@ -6,17 +6,19 @@ An argument may select a part of it: ``{select: $(var policy), fixed: ..., marko
 import itertools
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import msgspec
+
 from palp_core.graph.description.arguments import Argument, unknown_keys
 from palp_core.graph.description.input_reader import flat, read_flag, read_input, read_number, read_word
-from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located, Restart, Variant
+from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
-from palp_core.graph.node.spec import name_mistake
-from palp_core.graph.problems import Problems, hint, nearest
+from palp_core.graph.node.spec import NodeSpec, name_mistake
+from palp_core.graph.problems import Mark, Problems, hint, nearest
 from palp_core.moved import present_name
 
 SELECT = "select"
@@ -124,6 +126,9 @@ class NodeReader:
         arguments: Its declared arguments.
         workspace: Folder in which a path in ``run`` becomes a module name.
         problems: Receives the mistakes.
+
+    Attributes:
+        joined: Where each node is named that is to join from another host.
     """
 
     def __init__(
@@ -134,21 +139,24 @@ class NodeReader:
         self._workspace = workspace
         self._problems = problems
         self._hidden = False
+        self.joined: dict[str, Mark] = {}
 
-    def read(self, name: str, entry: Entry) -> GraphNode:
-        """Return a node; what is wrong with it goes to the problems and leaves it incomplete."""
+    def read(self, name: str, entry: Entry) -> list[GraphNode]:
+        """Return a node under every assignment, one when nothing is selected.
+
+        What is wrong with it goes to the problems and leaves it incomplete.
+        """
         before, self._hidden = len(self._problems), False
         if mistake := name_mistake(name):
             self._problems.add(entry.mark, mistake)
         if not isinstance(entry.value, Mapping):
             self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
-            return GraphNode(name, entry.mark, (), None, Restart(), shutdown_on_exit=False, complete=False)
+            return []
         what = f"node '{name}'"
         fields = unknown_keys(entry.value, _KEYS, what, self._problems)
         if "run" not in fields and nearest("run", set(entry.value.items) - set(fields)) is None:
             self._problems.add(entry.mark, f"{what} does not say what to run; add run: module:Class")
-        variants, present = self._variants(what, fields)
-        restart = self._restart(what, fields["restart"].value) if "restart" in fields else Restart()
+        restart = self._restart(what, fields["restart"].value) if "restart" in fields else {}
         shutdown = "on_exit" in fields and self._word(
             fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
         )
@@ -156,32 +164,43 @@ class NodeReader:
         joined = "joined" in fields and read_flag(
             fields["joined"].value, f"joined of {what}", self._scope, self._problems
         )
+        if joined:
+            self.joined[name] = entry.mark
+        spec = NodeSpec(
+            name=name, run="", shutdown_on_exit=bool(shutdown), cpus=cpus, realtime_priority=priority,
+            joined=joined, **restart,
+        )  # fmt: skip
+        nodes = self._nodes(spec, entry.mark, fields)
         complete = len(self._problems) == before and not self._hidden
-        return GraphNode(
-            name, entry.mark, variants, present, restart, bool(shutdown), complete, cpus, priority, joined
-        )
+        return nodes if complete else [replace(node, complete=False) for node in nodes]
 
-    def _variants(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[Variant, ...], Variant | None]:
+    def _nodes(self, spec: NodeSpec, mark: Mark, fields: dict[str, Entry]) -> list[GraphNode]:
+        what = f"node '{spec.name}'"
         run = self._select(f"run of {what}", fields.get("run"))
         params = self._select(f"params of {what}", fields.get("params"))
         inputs = self._select(f"inputs of {what}", fields.get("inputs"))
         runs = {b: self._run(f"run of {what}", t) for b, t in run.branches.items()}
         values = {b: self._params(what, t) for b, t in params.branches.items()}
         wires = {b: self._inputs(what, t) for b, t in inputs.branches.items()}
-        variants, present = [], None
+        nodes = []
         for assignment, is_present in assignments([run, params, inputs]):
             target = Selection(run.choice, runs).under(assignment)
             if target is None:
                 continue
-            variant = Variant(
-                assignment,
-                target,
-                Selection(params.choice, values).under(assignment) or {},
-                Selection(inputs.choice, wires).under(assignment) or {},
+            given = Selection(params.choice, values).under(assignment) or {}
+            node = GraphNode(
+                spec=msgspec.structs.replace(
+                    spec, run=target.value, params={key: item.value for key, item in given.items()}
+                ),
+                assignment=assignment,
+                present=is_present,
+                mark=mark,
+                run_mark=target.mark,
+                param_marks={key: item.mark for key, item in given.items()},
+                inputs=Selection(inputs.choice, wires).under(assignment) or {},
             )
-            variants.append(variant)
-            present = variant if is_present else present
-        return tuple(variants), present
+            nodes.append(node)
+        return nodes
 
     def _select(self, what: str, entry: Entry | None) -> Selection[Tree]:
         if entry is None:
@@ -245,12 +264,12 @@ class NodeReader:
         self._hidden = self._hidden or (wire is None)
         return wire
 
-    def _scheduling(self, what: str, fields: dict[str, Entry]) -> tuple[tuple[int, ...], int]:
-        cpus: tuple[int, ...] = ()
+    def _scheduling(self, what: str, fields: dict[str, Entry]) -> tuple[list[int], int]:
+        cpus: list[int] = []
         if "cpus" in fields:
             value = self._evaluate(fields["cpus"].value)
             if isinstance(value, list) and all(type(core) is int and core >= 0 for core in value):
-                cpus = tuple(value)
+                cpus = value
             elif value is not UNKNOWN:
                 message = f"cpus of {what} is '{flat(value)}'; write a list of core numbers, as in [0, 1]"
                 self._problems.add(fields["cpus"].value.mark, message)
@@ -262,21 +281,21 @@ class NodeReader:
                 self._problems.add(tree.mark, f"realtime_priority of {what} is at most {HIGHEST_PRIORITY}")
         return cpus, priority
 
-    def _restart(self, what: str, tree: Tree) -> Restart:
+    def _restart(self, what: str, tree: Tree) -> dict[str, Any]:
         what = f"restart of {what}"
         if not isinstance(tree, Mapping):
-            return Restart(self._word(tree, what, _RESTART) or "never")
+            return {"restart": self._word(tree, what, _RESTART) or "never"}
         fields = unknown_keys(tree, ("when", "max_restarts", "backoff_s"), what, self._problems)
-        rule = Restart()
-        when: str | None = "on_failure"
+        rule: dict[str, Any] = {"restart": "on_failure"}
         if "when" in fields:
-            when = self._word(fields["when"].value, f"when in {what}", _RESTART)
-        limit, backoff = rule.max_restarts, rule.backoff_s
+            rule["restart"] = self._word(fields["when"].value, f"when in {what}", _RESTART) or "never"
         if "max_restarts" in fields:
-            limit = self._number(fields["max_restarts"].value, f"max_restarts in {what}", int, 0) or 0
+            limit = self._number(fields["max_restarts"].value, f"max_restarts in {what}", int, 0)
+            rule["max_restarts"] = limit or 0
         if "backoff_s" in fields:
-            backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0) or 0.0
-        return Restart(when or "never", limit, backoff)
+            backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0)
+            rule["backoff_s"] = backoff or 0.0
+        return rule
 
     def _evaluate(self, tree: Tree) -> Any:
         """Return plain values; what an earlier mistake hides leaves the node incomplete."""
