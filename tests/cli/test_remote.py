@@ -13,8 +13,9 @@ import pytest
 import zmq
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.topic import Topic
 
 Reply = dict[str, Any] | None
 
@@ -69,8 +70,13 @@ def record(folder: Path, pid: int = 0, nodes: tuple[str, ...] = ("relay", "sink"
         serve=f"ipc://{folder}/graph.srv",
         nodes=[NodeEntry(name, "nodes.relay:Relay", pid, *at(name)) for name in nodes],
         topics=[
-            TopicEntry(
-                name, "Sample", "0" * 16, "relay", at("relay")[0], {"type": "object", "properties": {}}
+            Topic(
+                name=name,
+                type="Sample",
+                type_hash="0" * 16,
+                node="relay",
+                publish=at("relay")[0],
+                json_schema={"type": "object", "properties": {}},
             )
             for name in ("/relay/amplified", "/relay/progress")
         ],

@@ -15,8 +15,9 @@ import pytest
 
 from palp_core.cli.launch.stop_key import KEY, StopKey, stop_motion
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.topic import Topic
 
 
 def wait_until_read(slave: int) -> bool:
@@ -66,7 +67,9 @@ def test_the_safety_node_is_found_by_what_it_publishes() -> None:
         return {"reply": {"state": "tripped", "cause": "operator"}}
 
     node = NodeEntry("guard", "nodes.safety:Safety", 1, "ipc:///run/guard.pub", "ipc:///run/guard.srv")
-    beat = TopicEntry("/guard/beat", "SafetyBeat", "0" * 16, "guard", node.publish, {})
+    beat = Topic(
+        name="/guard/beat", type="SafetyBeat", type_hash="0" * 16, node="guard", publish=node.publish
+    )
     record = RunRecord("rig", "rig.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [node], [beat])
     reply = stop_motion(RunningGraph(record, answer), "a test", 1.0)
     assert reply == {"state": "tripped", "cause": "operator"}

@@ -7,11 +7,11 @@ import pytest
 
 from palp_core import Message
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import Topic
 from palp_core.units import Metres, Nanoseconds, NewtonMetresArray
 
 

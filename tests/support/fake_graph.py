@@ -13,10 +13,10 @@ import msgpack
 
 from palp_core import Message
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, record_for
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.supervision.launcher_node import LauncherNode
@@ -105,9 +105,7 @@ class FakeGraph:
         return self.nodes[-1]
 
     def announce(self, *nodes: FakeNode) -> None:
-        schema = schema_of(Sample)
-        told = ("Sample", f"{schema.type_hash:016x}", "source")
-        topics = [TopicEntry(n.out.topic, *told, n.at[0], json_schema(schema)) for n in nodes]
+        topics = [topic_of(n.out.topic, Sample, "source", n.at[0]) for n in nodes]
         path = str(self.directory.path)
         entries = [NodeEntry("source", "nodes.source:Source", 0, *nodes[0].at)]
         serve = endpoints(path, "graph")[1]

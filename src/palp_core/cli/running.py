@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from palp_core.cli.output import note
 
 if TYPE_CHECKING:
-    from palp_core.graph.discovery.run_directory import TopicEntry
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.messages.topic import Topic
 
 
 def find_graph(name: str | None) -> RunningGraph:
@@ -23,7 +23,7 @@ def find_graph(name: str | None) -> RunningGraph:
     return RunningGraph.find(name)
 
 
-def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[TopicEntry]:
+def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[Topic]:
     """Return the topics of those names, each once.
 
     Raises:

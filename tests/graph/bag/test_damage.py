@@ -167,7 +167,7 @@ def test_a_damaged_chunk_stops_reading_after_what_is_intact(tmp_path: Path, bag:
 WRITER = """
 import sys
 from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.topic import Topic
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import pack
 writer = BagWriter(sys.argv[1], chunk_bytes=8192)

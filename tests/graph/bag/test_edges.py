@@ -18,9 +18,9 @@ from palp_core.graph.bag.mcap.salvage import salvage
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.values import plain, type_from_schema
 from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.topic import Topic
 
 
 def test_a_chunk_that_lies_about_its_size_is_refused() -> None:

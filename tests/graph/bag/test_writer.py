@@ -17,8 +17,9 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.file_writer import FileWriter
 from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.topic import Stream, Topic
+from palp_core.graph.bag.topic import Stream
 from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.topic import Topic
 
 LAWS = settings(deadline=None, max_examples=25)
 U64 = st.integers(0, 2**63 - 1)

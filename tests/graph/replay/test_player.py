@@ -16,10 +16,10 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.message_class import message_class
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.rounds import Rounds
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from palp_core.graph.bag.reader import Bag
-    from palp_core.graph.bag.topic import Topic
+    from palp_core.graph.messages.topic import Topic
 
 
 def play(
@@ -76,7 +76,7 @@ def play(
     from palp_core.cli.bag.play_loop import CLOCK_TOPIC, BagClock, PlayLoop
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.bag.selection import topic_selection
-    from palp_core.graph.bag.topic import topic_of
+    from palp_core.graph.messages.topic import topic_of
     from palp_core.graph.replay.play import GraphSink, PlayRun, PlaySink
     from palp_core.graph.replay.playback import Playback
 

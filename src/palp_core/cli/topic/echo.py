@@ -16,8 +16,8 @@ from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
     from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
-    from palp_core.graph.discovery.run_directory import TopicEntry
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.messages.topic import Topic
 
 Profile = Literal["default", "sensor_data", "latched"]
 SILENCE_NS = 3_000_000_000
@@ -108,7 +108,7 @@ def echo(
 
 def requested_depth(
     graph: RunningGraph,
-    entry: TopicEntry,
+    entry: Topic,
     profile: str | None,
     reliability: str | None,
     durability: str | None,
@@ -145,9 +145,7 @@ def requested_depth(
     return min(requested.depth, offered.depth) if latched else 0, requested.reliability == "reliable"
 
 
-def _until_silent(
-    listener: TopicReader, entry: TopicEntry, timeout_s: float | None
-) -> Iterator[ReceivedFrame]:
+def _until_silent(listener: TopicReader, entry: Topic, timeout_s: float | None) -> Iterator[ReceivedFrame]:
     """Yield what is heard; say so when nothing comes for a while.
 
     Raises:
@@ -172,7 +170,7 @@ def _until_silent(
             note(f"{entry.name}: nothing for {SILENCE_NS // 10**9} s ({known}); waiting")
 
 
-def _same_type(entry: TopicEntry, stated: str | None) -> None:
+def _same_type(entry: Topic, stated: str | None) -> None:
     if stated is not None and type_name(stated) != entry.type:
         raise GraphError(f"{entry.name} carries {entry.type}, not {stated}")
 

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple, Self
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import TopicEntry
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.migration import PATIENCE_NS, Migration
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
@@ -59,7 +59,7 @@ class TopicReader:
     def __init__(
         self,
         graph: RunningGraph,
-        topics: Sequence[TopicEntry],
+        topics: Sequence[Topic],
         *,
         history_depth: int = 0,
         reliable: bool = False,

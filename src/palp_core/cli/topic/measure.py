@@ -11,8 +11,8 @@ from palp_core.cli.running import note_ended
 from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import TopicEntry
 from palp_core.graph.discovery.running_graph import Edge, RunningGraph
+from palp_core.graph.messages.topic import Topic
 
 REPORT_NS = 1_000_000_000
 COUNTS = ("received", "lost", "repeated", "late", "dropped", "filled")
@@ -107,7 +107,7 @@ class Window:
 
 def measure(
     graph: RunningGraph,
-    topics: Sequence[TopicEntry],
+    topics: Sequence[Topic],
     windows: dict[str, Window],
     report: Callable[[], None],
     *,
@@ -156,7 +156,7 @@ def _note_silence(listener: TopicReader, windows: dict[str, Window], now_ns: int
             note(f"{name}: no new message for {silent_s:.0f} s ({known})")
 
 
-def readers(graph: RunningGraph, topics: Iterable[TopicEntry], window: int = 0) -> dict[str, list[Edge]]:
+def readers(graph: RunningGraph, topics: Iterable[Topic], window: int = 0) -> dict[str, list[Edge]]:
     """Ask the nodes for the accounts of who reads each topic, and the latencies of the last messages."""
     answers = graph.ask_all("info", timeout_s=ASK_S, window=window)
     return {topic.name: answers.edges(topic.name) for topic in topics}

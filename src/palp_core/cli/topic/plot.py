@@ -20,7 +20,7 @@ from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_o
 if TYPE_CHECKING:
     from palp_core.cli.text.message_text import Path
     from palp_core.cli.topic.listen import ReceivedFrame
-    from palp_core.graph.discovery.run_directory import TopicEntry
+    from palp_core.graph.messages.topic import Topic
 
 REDRAW_NS = 100_000_000
 PLAIN_SIZE = (100, 30)
@@ -115,7 +115,7 @@ def plot(
         sys.stdout.write(_picture(entry, series, size) + "\n")
 
 
-def _field(text: str, path: Path, entry: TopicEntry) -> tuple[str, Path]:
+def _field(text: str, path: Path, entry: Topic) -> tuple[str, Path]:
     """Return a field's label and path.
 
     Raises:
@@ -131,7 +131,7 @@ def _field(text: str, path: Path, entry: TopicEntry) -> tuple[str, Path]:
     return text + (f" [{unit}]" if unit else ""), path
 
 
-def _picture(entry: TopicEntry, series: list[Series], size: tuple[int, int]) -> str:
+def _picture(entry: Topic, series: list[Series], size: tuple[int, int]) -> str:
     """Return the picture as text; without colour where nobody would see it."""
     import plotext
 

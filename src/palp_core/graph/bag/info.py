@@ -9,7 +9,7 @@ from palp_core.errors import BagDamaged
 from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME, RecordingSummary, TopicRecording
-from palp_core.graph.bag.topic import Topic
+from palp_core.graph.messages.topic import Topic
 
 T = TypeVar("T")
 VERSIONS_NAME = "palp/versions.json"

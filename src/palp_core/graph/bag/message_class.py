@@ -11,12 +11,13 @@ from typing import Annotated, Any, get_args, get_origin
 from msgspec import Meta
 
 from palp_core.errors import BagError, SchemaMismatch
-from palp_core.graph.bag.topic import MESSAGE_ENCODING, Topic
+from palp_core.graph.bag.topic import MESSAGE_ENCODING
 from palp_core.graph.bag.values import type_from_schema
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import JsonSchema, fields_of, unit_of
+from palp_core.graph.messages.topic import Topic
 
 
 def message_class(topic: Topic, encoding: str = MESSAGE_ENCODING) -> type[Message]:

@@ -8,7 +8,7 @@ import msgspec
 import yaml
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.topic import Topic
+from palp_core.graph.messages.topic import Topic
 from palp_core.whole_file import write_whole
 
 FILE_NAME = "metadata.yaml"

@@ -9,11 +9,12 @@ import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
-from palp_core.graph.bag.topic import Stream, Topic, topic_of
+from palp_core.graph.bag.topic import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.topic import Topic, topic_of
 
 SUMMARY_NAME = "palp/recording.json"
 _KEY_BYTES = 9

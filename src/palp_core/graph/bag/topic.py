@@ -13,38 +13,10 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
-from palp_core.graph.messages.message import Message
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
 
-ANY_SCHEMA: dict[str, Any] = {"type": "object"}
 MESSAGE_ENCODING = "msgpack"
 SCHEMA_ENCODING = "jsonschema"
-
-
-class Topic(msgspec.Struct, frozen=True, kw_only=True):
-    """One topic.
-
-    Attributes:
-        name: As in ``/torque/block``.
-        type: Name of the message type; "" if unknown.
-        type_hash: 16 hexadecimal digits; "" if unknown.
-        json_schema: What the message is made of.
-        latched_depth: How many last messages a late reader is owed (transient local); each file of a split
-            bag begins with them.
-    """
-
-    name: str
-    type: str = ""
-    type_hash: str = ""
-    json_schema: dict[str, Any] = msgspec.field(default_factory=lambda: dict(ANY_SCHEMA))
-    latched_depth: int = 0
-
-
-def topic_of(name: str, message: type[Message]) -> Topic:
-    """Return the topic of that name that carries messages of this class."""
-    schema = schema_of(message)
-    described = json_schema(schema)
-    return Topic(name=name, type=schema.name, type_hash=schema.hash_text, json_schema=described)
 
 
 class Stream(msgspec.Struct, frozen=True, kw_only=True):

@@ -9,6 +9,7 @@ import yaml
 
 from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import NodeSpec
 
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
@@ -47,6 +48,13 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         return cls(
             node=node, port=port.name, qos=port.qos if qos is None else qos, type=kind.name,
             type_hash=kind.type_hash, ros_text=kind.ros_text, json_schema=kind.json_schema,
+        )  # fmt: skip
+
+    def as_topic(self, name: str, publish: str = "") -> Topic:
+        """Return the topic as tools and bags know it: under its name, and where it is published."""
+        return Topic(
+            name=name, type=self.type, type_hash=self.type_hash, node=self.node, publish=publish,
+            json_schema=self.json_schema,
         )  # fmt: skip
 
 

@@ -8,12 +8,12 @@ import shutil
 import stat
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
 from palp_core.user_folders import runtime_folder
 from palp_core.whole_file import write_json
@@ -31,17 +31,6 @@ class NodeEntry(msgspec.Struct, frozen=True):
     serve: str
 
 
-class TopicEntry(msgspec.Struct, frozen=True):
-    """A topic of a running graph."""
-
-    name: str
-    type: str
-    type_hash: str
-    node: str
-    publish: str
-    json_schema: dict[str, Any]
-
-
 class RunRecord(msgspec.Struct, frozen=True):
     """What ``graph.json`` holds: ``serve`` is where the launcher answers, ``listen`` where others call."""
 
@@ -52,7 +41,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     start_unix_ns: int
     serve: str
     nodes: list[NodeEntry]
-    topics: list[TopicEntry]
+    topics: list[Topic]
     listen: str = ""
 
 
@@ -116,7 +105,7 @@ class RunDirectory:
 
 
 def record_for(
-    graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[TopicEntry]
+    graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]
 ) -> RunRecord:
     """Return the record of a graph that this process supervises."""
     return RunRecord(graph, file, clock, os.getpid(), unix_ns(), serve, nodes, topics)

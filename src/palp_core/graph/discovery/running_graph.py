@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, find_running, locked
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, find_running, locked
+from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, LAUNCHER
 from palp_core.graph.problems import hint
 
@@ -122,7 +123,7 @@ class RunningGraph:
         known = [f"/{known}" for known in self.node_names]
         raise GraphError(f"no node '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
-    def topic(self, name: str) -> TopicEntry:
+    def topic(self, name: str) -> Topic:
         """Return a topic by its name.
 
         Raises:
@@ -138,24 +139,21 @@ class RunningGraph:
         known = [one for one in names if not hidden(one) or hidden(name)]
         raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
-    def topics(self, *, include_hidden: bool = False) -> list[TopicEntry]:
+    def topics(self, *, include_hidden: bool = False) -> list[Topic]:
         """Return the topics, in graph order; the nodes themselves tell of the hidden ones."""
         shown = [topic for topic in self.record.topics if not hidden(topic.name)]
         return [*shown, *self._hidden_topics(self.node_names)] if include_hidden else shown
 
-    def _hidden_topics(self, nodes: Iterable[str]) -> list[TopicEntry]:
+    def _hidden_topics(self, nodes: Iterable[str]) -> list[Topic]:
         """Return what the runtime publishes for each node, of palp's own types."""
         from palp_core.graph.messages import builtin
-        from palp_core.graph.messages.schema import json_schema, schema_of
 
         found = []
         for name, info in self.ask_all("info", nodes).replies.items():
             for topic, output in info.get("outputs", {}).items():
                 kind = getattr(builtin, output["type"], None)
                 if hidden(topic) and kind is not None:
-                    schema = schema_of(kind)
-                    told = (schema.hash_text, name, self.node(name).publish, json_schema(schema))
-                    found.append(TopicEntry(topic, schema.name, *told))
+                    found.append(topic_of(topic, kind, name, self.node(name).publish))
         return found
 
     def ask(

@@ -12,7 +12,7 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.network import gateway_messages
@@ -183,10 +183,7 @@ class GatewayHandle:
         for request in self.joined.values():
             publish, serve = endpoints(str(self._folder), request.name)
             nodes.append(NodeEntry(request.name, request.run, 0, publish, serve))
-            topics |= {
-                name: TopicEntry(name, info.type, info.type_hash, info.node, publish, info.json_schema)
-                for name, info in request.outputs.items()
-            }
+            topics |= {name: info.as_topic(name, publish) for name, info in request.outputs.items()}
         return msgspec.structs.replace(
             record, nodes=nodes, topics=list(topics.values()), listen=self.endpoint
         )

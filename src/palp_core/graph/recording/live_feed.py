@@ -16,7 +16,7 @@ from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
-from palp_core.graph.recording.live_topics import LiveTopic
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
@@ -69,10 +69,10 @@ class LiveFeed:
     def __init__(self, graph: RunningGraph, sink: FrameSink, *, from_start: bool) -> None:
         self.graph = graph
         self.start_ns: int | None = None
-        self.unmatched: dict[bytes, LiveTopic] = {}
+        self.unmatched: dict[bytes, Topic] = {}
         self._sink = sink
         self._from_start = from_start
-        self._topics: dict[str, LiveTopic] = {}
+        self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
@@ -81,7 +81,7 @@ class LiveFeed:
         self._waiting: dict[str, deque[_Question]] = {}
         self._latest_ns = 0
 
-    def follow(self, topics: Mapping[str, LiveTopic], *, new: bool = False) -> None:
+    def follow(self, topics: Mapping[str, Topic], *, new: bool = False) -> None:
         """Listen to more topics.
 
         Args:
@@ -175,14 +175,14 @@ class LiveFeed:
         except SchemaMismatch:
             return
         live = self.unmatched.pop(name)
-        if live.described.name in self._new:
-            self._sink.expect_from(live.described.name, frame.epoch, 1)
+        if live.name in self._new:
+            self._sink.expect_from(live.name, frame.epoch, 1)
             return
         last = frame.sequence - (frame.kind == Kind.DATA)
-        if self._from_start or not live.described.latched_depth or not last:
+        if self._from_start or not live.latched_depth or not last:
             return
-        first = max(last - live.described.latched_depth, 0) + 1
-        topic = live.described.name
+        first = max(last - live.latched_depth, 0) + 1
+        topic = live.name
         try:
             reply = self.graph.ask(live.node, "history", timeout_s=1.0, topic=topic, first=first, last=last)
         except GraphError:

@@ -13,9 +13,10 @@ from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.live_feed import LiveFeed, reread
 from palp_core.graph.recording.live_snapshot import LiveSnapshot
-from palp_core.graph.recording.live_topics import ASK_S, LiveTopic, is_order, live_topics
+from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics
 from palp_core.graph.recording.provenance import attachments
 from palp_core.graph.recording.recorder_messages import RecordOptions
 
@@ -65,7 +66,7 @@ class LiveRecorder:
         self._changed_ns = self._described_ns()
         self.saved: list[str] = []
         self.unheard: list[str] = []
-        topics = [live.described for live in self._known.values()]
+        topics = list(self._known.values())
         self._attached = self._attachments()
         sink: BagRecorder | LiveSnapshot
         if options.snapshot_s:
@@ -186,7 +187,7 @@ class LiveRecorder:
             "run": self._graph.folder.name,
         }
         writer.add_metadata("palp", {**run, "run_start_unix_ns": str(record.start_unix_ns)})
-        topics = [live.described for live in self._known.values()]
+        topics = list(self._known.values())
         return BagRecorder(writer, topics, from_start=from_start, attachments=self._attached)
 
     def _attachments(self) -> dict[str, bytes]:
@@ -216,11 +217,11 @@ class LiveRecorder:
             return (self._graph.folder / "graph.json").stat().st_mtime_ns
         return 0
 
-    def _add(self, new: dict[str, LiveTopic]) -> None:
+    def _add(self, new: dict[str, Topic]) -> None:
         """Record topics that have appeared."""
         self._known |= new
         for live in new.values():
-            self._sink.describe(live.described)
+            self._sink.describe(live)
         chosen = {name: live for name, live in new.items() if self._chosen(name)}
         if chosen:
             self._feed.follow(chosen, new=True)

@@ -6,8 +6,8 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary, TopicRecording
 from palp_core.graph.bag.snapshot import FrameHistory
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.messages.topic import Topic
 
 
 class LiveSnapshot:

@@ -1,14 +1,14 @@
 """What a running graph publishes: every topic with its type, its place, and how much of it is kept."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
-from palp_core.graph.bag.topic import Topic, topic_of
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages import builtin
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.journal import ORDER_PORT
 from palp_core.graph.node.spec import LAUNCHER, topic
@@ -19,26 +19,12 @@ _LATCHED = {EVENTS: 100, HEALTH: 1}
 _HIDDEN: dict[str, type[Message]] = {EVENTS_PORT: builtin.NodeEvent, ORDER_PORT: builtin.Order}
 
 
-class LiveTopic(NamedTuple):
-    """A topic of a running graph.
-
-    Attributes:
-        described: As a bag knows it.
-        node: Who publishes it, and is asked for what was missed.
-        publish: Where.
-    """
-
-    described: Topic
-    node: str
-    publish: str
-
-
 def is_order(name: str) -> bool:
     """Tell whether a topic carries what a node consumes in which order."""
     return name.endswith(f"/{ORDER_PORT}")
 
 
-def live_topics(graph: RunningGraph) -> dict[str, LiveTopic]:
+def live_topics(graph: RunningGraph) -> dict[str, Topic]:
     """Return every topic of a running graph, the hidden ones and the launcher's among them, by name.
 
     What the record of the run does not tell, the nodes are asked for; one that does not answer has only the
@@ -50,18 +36,11 @@ def live_topics(graph: RunningGraph) -> dict[str, LiveTopic]:
     found = {}
     for entry in graph.record.topics:
         depth = _LATCHED.get(entry.name, _latched_depth(outputs.get(entry.name, {})))
-        described = Topic(
-            name=entry.name,
-            type=entry.type,
-            type_hash=entry.type_hash,
-            json_schema=entry.json_schema,
-            latched_depth=depth,
-        )
-        found[entry.name] = LiveTopic(described, entry.node or LAUNCHER, entry.publish)
+        found[entry.name] = msgspec.structs.replace(entry, node=entry.node or LAUNCHER, latched_depth=depth)
     for node_entry in graph.record.nodes:
         for port, message in _HIDDEN.items():
-            described = topic_of(topic(node_entry.name, port), message)
-            found[described.name] = LiveTopic(described, node_entry.name, node_entry.publish)
+            name = topic(node_entry.name, port)
+            found[name] = topic_of(name, message, node_entry.name, node_entry.publish)
     return found
 
 

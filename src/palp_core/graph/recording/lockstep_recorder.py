@@ -1,9 +1,10 @@
 """Record a lockstep run into a bag that stands alone: topics, graph, parameters, versions, git state."""
 
+import msgspec
+
 from palp_core.errors import BagError
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.selection import topic_selection
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.description.checked import CheckedGraph
@@ -36,14 +37,8 @@ class LockstepRecorder:
             custom={"start_unix_ns": str(unix_ns())},
         )
         topics = [
-            Topic(
-                name=name,
-                type=topic.type,
-                type_hash=topic.type_hash,
-                json_schema=topic.json_schema,
-                latched_depth=topic.qos.latched_depth,
-            )
-            for name, topic in graph.topics.items()
+            msgspec.structs.replace(info.as_topic(name), latched_depth=info.qos.latched_depth)
+            for name, info in graph.topics.items()
         ]
         self._recorder = BagRecorder(
             writer, topics, select=select, attachments=attachments(launch_provenance(graph))

@@ -9,11 +9,10 @@ from typing import Protocol
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.clock import WallClock, monotonic_ns
-from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, TopicEntry, record_for
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, record_for
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints
@@ -107,12 +106,13 @@ class PlayRun:
     def _announce(self, source: Path, where: str, topics: Mapping[str, Topic]) -> None:
         at = endpoints(where, PROCESS)
         nodes = [NodeEntry(n, executor.spec.run, os.getpid(), *at) for n, executor in self._executors.items()]
-        entries = []
-        for name, topic in topics.items():
-            kind = schema_of(self._publishers[name][1].message)
-            entries.append(
-                TopicEntry(name, kind.name, kind.hash_text, name.split("/")[1], at[0], topic.json_schema)
+        entries = [
+            msgspec.structs.replace(
+                topic_of(name, self._publishers[name][1].message, name.split("/")[1], at[0]),
+                json_schema=topic.json_schema,
             )
+            for name, topic in topics.items()
+        ]
         entries += LauncherNode.topics(where)
         self._bus.record = record_for(
             GRAPH, str(source), "wall", endpoints(where, LAUNCHER)[1], nodes, entries

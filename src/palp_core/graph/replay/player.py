@@ -15,8 +15,8 @@ from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.message_class import message_class
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.rounds import Rounds
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.node import Node, Params, ReadOnly, State
 from palp_core.graph.node.ports import Alarm, Pub, on
 from palp_core.graph.node.publisher import PublisherEnd

@@ -10,11 +10,11 @@ import msgspec
 
 from palp_core.errors import GraphError, NodeError, in_words
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import RunRecord, TopicEntry
+from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeHealth
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import LAUNCHER, topic
@@ -170,13 +170,7 @@ class LauncherNode:
         return {"topic": outlet.topic, "epoch": outlet.epoch, "last": outlet.sequence, "frames": frames}
 
     @staticmethod
-    def topics(folder: str) -> list[TopicEntry]:
+    def topics(folder: str) -> list[Topic]:
         """Return the launcher's own topics as the command line finds them."""
         publish, _ = endpoints(folder, LAUNCHER)
-        entries = []
-        for name, message in _TYPES.items():
-            schema = schema_of(message)
-            entries.append(
-                TopicEntry(name, schema.name, schema.hash_text, LAUNCHER, publish, json_schema(schema))
-            )
-        return entries
+        return [topic_of(name, message, LAUNCHER, publish) for name, message in _TYPES.items()]

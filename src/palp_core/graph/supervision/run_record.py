@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from palp_core.graph.description.checked import CheckedGraph, TopicInfo
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, TopicEntry, record_for
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, record_for
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import COMPOSITION, LAUNCHER, NodeSpec
 from palp_core.graph.supervision.launcher_node import LauncherNode
@@ -34,10 +34,7 @@ def run_record(
     nodes = [
         NodeEntry(spec.name, spec.run, pids.get(spec.name, 0), *at(spec.name)) for spec in checked.spawned
     ]
-    topics = [
-        TopicEntry(name, t.type, t.type_hash, t.node, at(t.node)[0], t.json_schema)
-        for name, t in checked.topics.items()
-    ]
+    topics = [info.as_topic(name, at(info.node)[0]) for name, info in checked.topics.items()]
     topics += LauncherNode.topics(str(folder))
     serve = endpoints(str(folder), LAUNCHER)[1]
     return record_for(checked.graph, str(file), checked.clock, serve, nodes, topics)
@@ -53,10 +50,7 @@ def run_record_of_node(spec: NodeSpec, outputs: Mapping[str, TopicInfo], folder:
         pid: Of its process; 0 before it has one.
     """
     ends = endpoints(str(folder), spec.name)
-    topics = [
-        TopicEntry(topic, info.type, info.type_hash, spec.name, ends[0], info.json_schema)
-        for topic, info in outputs.items()
-    ]
+    topics = [info.as_topic(name, ends[0]) for name, info in outputs.items()]
     topics += LauncherNode.topics(str(folder))
     serve = endpoints(str(folder), LAUNCHER)[1]
     nodes = [NodeEntry(spec.name, spec.run, pid, *ends)]

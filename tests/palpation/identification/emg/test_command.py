@@ -12,11 +12,11 @@ from msgs.emg import EmgBlock
 from palp_core.cli.rig.emg import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse

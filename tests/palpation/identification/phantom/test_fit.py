@@ -16,11 +16,11 @@ from msgs.experiment import Mount, PhantomTruth, Trial
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.topic import Topic
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.identification.phantom.scene import fit_sources, record_of, scene_text
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead
