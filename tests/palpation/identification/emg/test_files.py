@@ -199,6 +199,23 @@ def test_rates_units_and_annotations_of_a_library_that_writes_both_formats(
     assert np.abs(acc.samples - np.linspace(-1.0, 1.0, 40)).max() < (1e-6 if wide else 4e-5)
 
 
+@pytest.mark.parametrize("length", ["512", "9999", "abc", ""])
+def test_an_edf_whose_header_is_wrong_about_its_own_length_is_read(tmp_path: Path, length: str) -> None:
+    path, data = tmp_path / "a.edf", edf_bytes(1e6 * EMG, 100)
+    path.write_bytes(data)
+    expected = read(path)[1]
+    path.write_bytes(data[:184] + length.ljust(8).encode() + data[192:])
+    assert np.array_equal(read(path)[1], expected)
+
+
+def test_digital_limits_of_an_edf_may_have_a_decimal_point(tmp_path: Path) -> None:
+    path, data = tmp_path / "a.edf", edf_bytes(1e6 * EMG, 100)
+    path.write_bytes(data)
+    expected = read(path)[1]
+    path.write_bytes(data.replace(b"-32767  ", b"-32767.0").replace(b"32767   ", b"32767.0 "))
+    assert np.array_equal(read(path)[1], expected)
+
+
 def test_a_cut_edf_keeps_its_whole_records_and_says_so(tmp_path: Path) -> None:
     path = tmp_path / "a.edf"
     path.write_bytes(edf_bytes(1e6 * EMG, 100)[:-30])

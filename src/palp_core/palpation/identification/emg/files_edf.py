@@ -21,6 +21,8 @@ from palp_core.units import Float64Array
 _LEAST_PADDING = 8  # samples; EMG does not stay that long at one value
 _PROMISED = slice(236, 244)  # the header's number of records, which edfio mends to what it finds
 _MAIN, _LABEL_WIDTH = 256, 16  # bytes of the main header, and of a label
+_LENGTH = slice(184, 192)  # the header's own length
+_BEFORE_LIMITS = 120  # bytes of each signal before its two digital limits: label, transducer, unit, range
 _CLOCK = "Record begins"
 _TRIGGERS = "Status"  # BioSemi's channel of bits
 
@@ -38,7 +40,7 @@ def read_edf(path: Path) -> EmgFile:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a cut file and a wrong number of records: noted below
-            file = (read_bdf if wide else read_narrow)(_with_clock(data), header_encoding="latin-1")
+            file = (read_bdf if wide else read_narrow)(_as_edfio_reads(data), header_encoding="latin-1")
         promised, there, record_s = int(data[_PROMISED]), file.num_data_records, file.data_record_duration
         signals = {one: one.label.strip() for one in file.signals if one.samples_per_data_record > 0}
         shown = [one for one, label in signals.items() if label not in (_CLOCK, _TRIGGERS if wide else "")]
@@ -76,17 +78,29 @@ def read_edf(path: Path) -> EmgFile:
     return EmgFile(path, "BDF" if wide else "EDF", tuple(columns), notes=tuple(notes))
 
 
-def _with_clock(data: bytes) -> bytes:
-    """Return a file whose annotations are an ordinary signal: edfio shows them without the records' begins.
+def _as_edfio_reads(data: bytes) -> bytes:
+    """Return a file whose header edfio reads as every other reader does.
+
+    Its annotations become an ordinary signal, as edfio shows them without the records' begins. The length of
+    the header follows from the number of signals, whatever the field of it says, and a digital limit may be
+    written as ``-32768.0``.
 
     Raises:
-        ValueError: The header does not say how many signals there are.
+        ValueError: The header does not say how many signals there are, or a digital limit is no number.
+        OverflowError: A digital limit is infinite.
     """
-    end = _MAIN + _LABEL_WIDTH * int(data[_MAIN - 4 : _MAIN])
-    labels = data[_MAIN:end]
+    count = int(data[_MAIN - 4 : _MAIN])
+    labels_end, begin = _MAIN + _LABEL_WIDTH * count, _MAIN * (1 + count)
+    header = bytearray(data[:begin])
+    header[_LENGTH] = b"%-8d" % begin
     for kind in (b"EDF", b"BDF"):
-        labels = labels.replace(kind + b" Annotations ", _CLOCK.encode().ljust(_LABEL_WIDTH))
-    return data[:_MAIN] + labels + data[end:]
+        annotations = kind + b" Annotations "
+        header[_MAIN:labels_end] = header[_MAIN:labels_end].replace(
+            annotations, _CLOCK.encode().ljust(_LABEL_WIDTH)
+        )
+    for at in range(_MAIN + _BEFORE_LIMITS * count, _MAIN + (_BEFORE_LIMITS + 16) * count, 8):
+        header[at : at + 8] = b"%-8d" % float(header[at : at + 8])
+    return bytes(header) + data[begin:]
 
 
 def _held_share(record: NDArray[np.integer[Any]]) -> float:
