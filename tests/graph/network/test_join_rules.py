@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -20,11 +23,13 @@ from palp_core.graph.network.curve_listener import Received, Sent
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeReported
 from palp_core.graph.network.join_protocol import (
+    PROTOCOL,
     WINDOW_BYTES,
     Beat,
     GraphView,
     HealthReport,
     Join,
+    JoinMessage,
     JoinRequest,
     decode_message,
     encode_message,
@@ -36,6 +41,20 @@ from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 
 NS = st.integers(0, 10**9)
+MESSAGES = (2, "aa1e7a33745b7b7a")
+
+
+def without_prose(schema: Any) -> Any:
+    if isinstance(schema, dict):
+        return {name: without_prose(part) for name, part in schema.items() if name != "description"}
+    return [without_prose(part) for part in schema] if isinstance(schema, list) else schema
+
+
+def test_other_messages_are_another_version_of_joining() -> None:
+    """PROTOCOL grows with a change of the messages, unless hosts before and after understand each other."""
+    schemas = without_prose(list(msgspec.json.schema_components(JoinMessage.__subclasses__())))
+    digest = hashlib.sha256(json.dumps(schemas, sort_keys=True).encode()).hexdigest()
+    assert (PROTOCOL, digest[:16]) == MESSAGES
 
 
 @settings(deadline=None)

@@ -15,6 +15,7 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.network.join_protocol import PROTOCOL
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
 from tests.support.hosts import Host, Launched, joining, trusting
 from tests.support.palp import finished
@@ -282,10 +283,11 @@ def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(guest: tuple[La
     assert graph.process.poll() is None
 
 
-def test_another_version_is_told_apart(guest: tuple[Launched, Raw]) -> None:
+@pytest.mark.parametrize("version", [1, 99])
+def test_another_version_is_told_apart(guest: tuple[Launched, Raw], version: int) -> None:
     _, raw = guest
-    raw.say("hello", protocol=99)
-    assert "version 1 of joining, not 99" in raw.until("refused")["text"]
+    raw.say("hello", protocol=version)
+    assert f"version {PROTOCOL} of joining, not {version}" in raw.until("refused")["text"]
 
 
 def test_a_key_is_allowed_listed_and_denied_by_command(home: Host, tmp_path: Path) -> None:

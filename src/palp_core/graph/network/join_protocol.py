@@ -10,7 +10,8 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
 
-PROTOCOL = 1
+PROTOCOL = 2
+"""Grows when a message here does: hosts with other versions of palp refuse each other by it."""
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
 LARGEST_MESSAGE_BYTES = 16 << 20
