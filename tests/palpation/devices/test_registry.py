@@ -25,7 +25,7 @@ from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
-from palp_core.palpation.devices.registry import device_mistakes
+from palp_core.palpation.devices.registry import back_end, device_mistakes
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
@@ -87,6 +87,26 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 ) -> None:
     with pytest.raises(DeviceError, match=says):
         open_device(kind, name, **options)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "place"),
+    [
+        ("stage", "sim", "sim.stage:SimStage"),
+        ("stage", "aerotech", "aerotech:AerotechStage"),
+        ("ring", "sim", "sim.ring:SimRing"),
+        ("ring", "maestro", "maestro:MaestroRing"),
+        ("torque", "sim", "sim.torque:SimTorque"),
+        ("torque", "ati", "ati:AtiTorque"),
+        ("torque", "netft", "netft:NetFtTorque"),
+        ("emg", "sim", "sim.emg:SimEmg"),
+        ("emg", "noraxon", "noraxon:NoraxonEmg"),
+        ("emg", "lsl", "lsl:LslEmg"),
+        ("emg", "spikershield", "spikershield:SpikerShieldEmg"),
+    ],
+)
+def test_a_class_is_found_by_its_place_in_earlier_versions(kind: str, name: str, place: str) -> None:
+    assert back_end(kind, f"palp_core.devices.{place}") is back_end(kind, name)
 
 
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_type_hints, overload
 import msgspec
 
 from palp_core.errors import DeviceError
+from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
     OpenStopLink,
@@ -138,7 +139,7 @@ def back_end(kind: str, name: str) -> Any:
         raise DeviceError(
             f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
         )
-    return _load(kind, where)
+    return _load(kind, present_name(where))
 
 
 def stop_link_of(name: str) -> OpenStopLink:
