@@ -34,6 +34,7 @@ def test_a_pair_is_made_once_with_the_secret_for_its_owner_only(keys: KeyFolder)
     assert keys.own() == made
     assert mode(keys.path) == 0o700
     assert mode(keys.path / "laptop.secret") == 0o600
+    assert mode(keys.path / "laptop.public") == 0o644
     assert made.secret not in keys.public_file(made).read_text()
     assert made.secret not in repr(made)
     with pytest.raises(SecurityError, match="--force"):
@@ -128,6 +129,16 @@ def test_a_spoiled_file_lets_nobody_in_and_is_named(keys: KeyFolder, tmp_path: P
     (keys.path / "allowed" / "laptop.public").write_bytes(os.urandom(500))
     assert keys.allowed() == {}
     assert keys.spoiled() == ["laptop"]
+
+
+@pytest.mark.parametrize("text", ["public-key of the laptop", "public-key", "curve\n    secret-key"])
+def test_a_line_without_a_key_is_no_certificate(keys: KeyFolder, tmp_path: Path, text: str) -> None:
+    keys.allow(KeyFolder(tmp_path / "other").generate("laptop").public, "laptop")
+    (keys.path / "allowed" / "laptop.public").write_text(text)
+    assert keys.allowed() == {}
+    (tmp_path / "letter.txt").write_text(text)
+    with pytest.raises(SecurityError, match="holds no public key"):
+        keys.allow(str(tmp_path / "letter.txt"))
 
 
 @settings(max_examples=50, deadline=None)

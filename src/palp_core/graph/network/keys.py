@@ -99,7 +99,7 @@ class KeyFolder:
             old.unlink()
             old.with_suffix(".public").unlink(missing_ok=True)
         write_whole(self.path / f"{name}.secret", _certificate(name, public, secret), mode=0o600)
-        write_whole(self.path / f"{name}.public", _certificate(name, public))
+        write_whole(self.path / f"{name}.public", _certificate(name, public), mode=0o644)
         return OwnKeys(name, public, secret)
 
     def public_file(self, own: OwnKeys) -> Path:
@@ -153,7 +153,7 @@ class KeyFolder:
             raise SecurityError(f"this key is allowed already, as '{other}'")
         self._make_folder(self.path)
         self._make_folder(self.path / "allowed")
-        write_whole(self.path / "allowed" / f"{name}.public", _certificate(name, key))
+        write_whole(self.path / "allowed" / f"{name}.public", _certificate(name, key), mode=0o644)
         return name, key
 
     def deny(self, what: str) -> tuple[str, str]:
@@ -267,7 +267,7 @@ def _load(file: Path) -> tuple[str, str]:
         public, secret = load_certificate(file)
     except OSError as error:
         raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
-    except ValueError:
+    except (ValueError, IndexError):  # no key in it, or a line that names one and holds none
         return "", ""
     return public.decode(errors="replace"), (secret or b"").decode(errors="replace")
 
