@@ -13,6 +13,8 @@ import msgspec
 def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Iterator[BinaryIO]:
     """Open a file for writing; it takes its name, from an older file if there is one, at the block's end.
 
+    Of a link, what it leads to is replaced. A pipe or a device, as ``/dev/stdout``, is written as it is.
+
     Args:
         path: Where, in a folder that exists. After an error what was there before is there still.
         mode: Who may read and write it, less the umask, from its first byte on.
@@ -21,6 +23,11 @@ def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Itera
     Raises:
         OSError: It cannot be written.
     """
+    if path.exists() and not path.is_file():
+        with path.open("wb") as file:
+            yield file
+        return
+    path = path.resolve()
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     part.unlink(missing_ok=True)  # of a process of this number, long ago
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
