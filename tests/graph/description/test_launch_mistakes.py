@@ -205,6 +205,14 @@ def test_two_mistakes_are_reported_together(workspace: Any) -> None:
     assert sorted({line for line, _ in problems_of(workspace, text)}) == [3, 13, 25]
 
 
+def test_two_mistakes_of_one_wire_are_reported_together(workspace: Any) -> None:
+    wire = "{from: torque/truth, durability: transient_local}"
+    found = problems_of(workspace, VALID.replace("estimator/belief", wire))
+    told = " ".join(text for line, text in found if line == 21)
+    assert "the publisher offers volatile" in told
+    assert "simulates or records" in told
+
+
 def test_a_hidden_branch_is_checked_too(workspace: Any) -> None:
     found = problems_of(workspace, VALID.replace("policy_fixed:Fixed", "policy_fixed:Fixd"), "policy:=markov")
     assert [line for line, _ in found] == [19]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from palp_core.graph.description.checked import TopicInfo
-from palp_core.graph.description.wire_check import misfit
+from palp_core.graph.description.wire_check import misfit, misfits
 from palp_core.graph.messages.qos import Qos
 
 
@@ -69,6 +69,14 @@ MISFITS: dict[str, tuple[dict[str, Any], dict[str, Any], str, str]] = {
 def test_a_wire_that_does_not_fit_is_refused_for_what_is_wrong(name: str) -> None:
     wanted, offered, part, text = MISFITS[name]
     assert misfit(info(**wanted), info(**offered), reads_truth=False) == (part, text)
+
+
+def test_every_reason_is_told() -> None:
+    wanted = info(port="truth", qos=Qos(durability="transient_local"))
+    assert [found.part for found in misfits(wanted, info(port="truth"), reads_truth=False)] == [
+        "qos",
+        "truth",
+    ]
 
 
 def test_a_wire_that_fits_is_not_refused() -> None:

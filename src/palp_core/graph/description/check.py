@@ -15,7 +15,7 @@ from palp_core.graph.description.checked import (
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
-from palp_core.graph.description.wire_check import misfit, type_misfit
+from palp_core.graph.description.wire_check import misfits, type_misfit
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Problems, hint, nearest
@@ -167,14 +167,13 @@ def _check_edge(
             message = f"{where}: a service has no quality of service; remove {', '.join(wire.stated)}"
             problems.add(wire.source_mark, message)
         return
-    found = misfit(
+    for part, text in misfits(
         TopicInfo.of(reader.spec.name, port, qos=wire.requested(port.qos)),
         TopicInfo.of(wire.node, offer),
         reads_truth=reader.declared.simulates or reader.declared.records,
-    )
-    if found is not None:
-        advice = _ADVICE[found.part].format(run=source.declared.run)
-        problems.add(wire.source_mark, f"{where}: {found.text}; {advice}")
+    ):
+        advice = _ADVICE[part].format(run=source.declared.run)
+        problems.add(wire.source_mark, f"{where}: {text}; {advice}")
 
 
 def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:

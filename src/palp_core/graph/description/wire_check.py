@@ -22,7 +22,12 @@ class Misfit(NamedTuple):
 
 
 def misfit(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> Misfit | None:
-    """Return why a reader cannot read a topic; None if it can.
+    """Return the first of :func:`misfits`; None if the reader can read the topic."""
+    return next(iter(misfits(wanted, offered, reads_truth=reads_truth)), None)
+
+
+def misfits(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> list[Misfit]:
+    """Return every reason why a reader cannot read a topic; another type alone is enough.
 
     Args:
         wanted: The topic as the reader wants it: of its type, with what it requests.
@@ -31,14 +36,13 @@ def misfit(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> Misfi
     """
     found = type_misfit(wanted, offered)
     if found is not None:
-        return found
-    name = topic(offered.node, offered.port)
-    reason = incompatibility(wanted.qos, offered.qos)
-    if reason is not None:
-        return Misfit("qos", f"{name}: {reason}")
+        return [found]
+    name, reasons = topic(offered.node, offered.port), []
+    if (reason := incompatibility(wanted.qos, offered.qos)) is not None:
+        reasons.append(Misfit("qos", f"{name}: {reason}"))
     if offered.port == TRUTH and not reads_truth:
-        return Misfit("truth", f"{name}: only a node that simulates or records may read truth")
-    return None
+        reasons.append(Misfit("truth", f"{name}: only a node that simulates or records may read truth"))
+    return reasons
 
 
 def type_misfit(wanted: TopicInfo, offered: TopicInfo) -> Misfit | None:
