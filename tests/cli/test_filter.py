@@ -118,6 +118,7 @@ def test_a_misspelt_field_gets_the_nearest_name() -> None:
         ("m.index >", 10),
         (" m.index > 3 and m.name > 1", 17),
         ("m.index > 3 and m.torque_n_m[5] > 0", 17),
+        ("(m.name == 'éé'\n and x > 3)", 6),
     ],
 )
 def test_an_error_tells_where(text: str, column: int) -> None:

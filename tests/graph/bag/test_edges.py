@@ -89,6 +89,8 @@ def test_schemas_become_types() -> None:
     assert type_from_schema(odd) == dict[str, Any]
     with pytest.raises(BagError, match="'null'"):
         type_from_schema({"type": "null"})
+    with pytest.raises(BagError, match="not a message's"):
+        type_from_schema({"type": ["number", "null"]})
     assert plain({"a": (np.arange(2.0), b"\1")}) == {"a": [[0.0, 1.0], "AQ=="]}
 
 

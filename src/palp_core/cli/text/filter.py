@@ -156,5 +156,6 @@ def _check(node: ast.expr, schema: dict[str, Any], text: str, depth: int) -> dic
 
 def _problem(text: str, where: ast.expr | int, what: str) -> GraphError:
     if isinstance(where, ast.expr):
-        where = len(text.encode()[: where.col_offset].decode()) + 1  # Python counts bytes, people characters
+        line = text.encode().splitlines()[where.lineno - 1]
+        where = len(line[: where.col_offset].decode()) + 1  # Python counts bytes, people characters
     return GraphError(f"--filter '{text}', column {where}: {what}")

@@ -53,7 +53,7 @@ def kind_of(schema: JsonSchema) -> FieldKind:
         return FieldKind.BYTES
     if said == "object":
         return FieldKind.MESSAGE if "properties" in schema else FieldKind.MAP
-    if said not in _KINDS:
+    if not isinstance(said, str | None) or said not in _KINDS:
         raise SchemaMismatch(f"the schema's type '{said}' is not a message's")
     return _KINDS[said]
 
