@@ -286,9 +286,8 @@ class RunningGraph:
 
 
 def _ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
-    from palp_core.graph.transport.requester_socket import (
-        ask,  # a quarter of a second that `palp node list` does without
-    )
+    # A quarter of a second that `palp node list` does without.
+    from palp_core.graph.transport.requester_socket import ask
 
     return ask(endpoint, request, timeout_s)
 

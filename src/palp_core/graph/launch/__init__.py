@@ -1,1 +1,1 @@
-"""The one door to a graph: check it, start it, run it, end it."""
+"""The one way to a graph: check it, start it, run it, end it."""

@@ -86,7 +86,7 @@ class RemoteNodes:
         self._announce()
 
     def activate(self, start_ns: int) -> None:
-        """Let those who have joined listen_on."""
+        """Let those who have joined begin."""
         self._start_ns = start_ns
         for peer in self.joined:
             peer.send(join_protocol.Active(start_ns=start_ns))

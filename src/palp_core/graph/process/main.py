@@ -27,10 +27,7 @@ def run_node(process: NodeProcess) -> int:
     )
     channel = node_end(f"{process.run_dir}/supervisor.sock")
     channel.send(Hello(process.place, os.getpid()))
-    for number in (
-        signal.SIGINT,
-        signal.SIGTERM,
-    ):  # the loop sees the channel's end at a handler boundary
+    for number in (signal.SIGINT, signal.SIGTERM):  # the loop sees the channel's end at a handler boundary
         signal.signal(number, lambda *_: channel.socket.shutdown(socket.SHUT_RD))
     loop: LockstepLoop | WallLoop | None = None
     try:

@@ -48,7 +48,7 @@ class WallLoop:
             self.executor,
             publishers,
             self.sockets.context,
-            kept and kept.with_name(f"{process.place}.ledger"),
+            kept and kept.with_name(f"{process.place}.offsets"),
             lambda name, publish: channel.send(Listening(name, publish)),
         )
         self.participant = SwapParticipant(

@@ -76,7 +76,7 @@ class LiveFeed:
         self._new: set[str] = set()
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
-        self._inquirer = RequesterSocket(self._subscriber.context)
+        self._requester = RequesterSocket(self._subscriber.context)
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
         self._latest_ns = 0
@@ -148,7 +148,7 @@ class LiveFeed:
 
     def close(self) -> None:
         """Let go."""
-        self._inquirer.close()
+        self._requester.close()
         self._subscriber.close()
 
     def _arrive(self, raw: bytes, monotonic: int) -> None:
@@ -203,11 +203,11 @@ class LiveFeed:
             serve = self._migration.servers[topic] or self.graph.node(live.node).serve
         except GraphError:
             return
-        self._inquirer.ask(serve, {"op": "history", "node": live.node, **asked})
+        self._requester.ask(serve, {"op": "history", "node": live.node, **asked})
 
     def _take_answers(self) -> None:
         now_ns = monotonic_ns()
-        for reply in self._inquirer.replies():
+        for reply in self._requester.replies():
             question = self._questions.pop(reply.get("topic", ""), None)
             if question is not None:
                 self._take_answer(reply, question, now_ns)

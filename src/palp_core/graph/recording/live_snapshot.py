@@ -1,4 +1,4 @@
-"""A recorder's stand-in: it keeps the last seconds in memory, and the account that a recorder would keep."""
+"""A recorder that writes when it is asked: it keeps the last seconds in memory, and accounts for all."""
 
 from collections.abc import Callable, Iterable
 

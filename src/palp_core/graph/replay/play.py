@@ -126,9 +126,9 @@ class PlayRun:
 
     def publish(self, topic: str, payload: bytes) -> None:
         """As of :class:`PlaySink`."""
-        executor, outlet = self._publishers[topic]
+        executor, publisher = self._publishers[topic]
         executor.begin_command()
-        outlet.forward(payload)
+        publisher.forward(payload)
 
     def poll(self) -> bool:
         """As of :class:`PlaySink`."""

@@ -219,8 +219,8 @@ class Player(Node):
                 late = self.now_ns() > due_ns  # as always on the wall clock and never in lockstep
                 self.next_message_is_due.set(self.now_ns() + (ROUND_GAP_NS if late else 0))
                 return
-            outlet: PublisherEnd[Any] = getattr(self, message.stream.topic.name.split("/")[2])
-            outlet.forward(message.payload)
+            publisher: PublisherEnd[Any] = getattr(self, message.stream.topic.name.split("/")[2])
+            publisher.forward(message.payload)
             self.state.played_count += 1
             self._next = next(self._messages, None)
         end_ns = self._due_ns(self._last_ns) + round(self.params.hold_s * 1e9)

@@ -293,10 +293,10 @@ class _Replay:
         """Return the first output that was recorded and not replayed, as far as the order reaches."""
         assert self._executor is not None
         taken_in = {topic(self._spec.name, port) for port in (ORDER_PORT, *self._spec.external)}
-        for name, outlet in self._executor.ends.publishers.items():
+        for name, publisher in self._executor.ends.publishers.items():
             if name in taken_in:
                 continue
-            left = self._next_output(name, (outlet.epoch, outlet.sequence + 1))
+            left = self._next_output(name, (publisher.epoch, publisher.sequence + 1))
             if left is not None and (left.stream.epoch, left.publish_ns) <= end:
                 return self._divergence(name, left.sequence, "recorded, but not replayed")
             rest = self._outputs[name]

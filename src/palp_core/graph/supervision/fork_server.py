@@ -67,7 +67,7 @@ class Signal(ChannelMessage, frozen=True):
 
 
 class Started(ChannelMessage, frozen=True):
-    """A child lives; ``name`` is empty for a inspecting child."""
+    """A child lives; ``name`` is empty for an inspecting child."""
 
     name: str
     pid: int
@@ -218,7 +218,7 @@ class _Server:
                     elif not self._logs.read(descriptor):
                         self._poll.unregister(descriptor)  # closed by a node that lives on: nothing will come
                 if self._wake in ready:
-                    import_announced(self._announced)  # before a inspecting child's end is told
+                    import_announced(self._announced)  # before an inspecting child's end is told
                     self._reap()
                 if channel in ready:
                     self._channel.fill()
@@ -266,9 +266,7 @@ class _Server:
         return 0
 
     def _send_event(self, event: ChildEvent) -> None:
-        with contextlib.suppress(
-            ChannelClosed
-        ):  # the launcher is gone: the loop sees the end of the channel next
+        with contextlib.suppress(ChannelClosed):  # the launcher is gone: the loop sees the channel's end next
             self._channel.send(event)
 
     def _reap(self) -> None:

@@ -56,8 +56,8 @@ class LauncherNode:
         self.resend = self._sockets.publisher.send
         self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._sockets.publisher.send)
         self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
-        self._outlets = {outlet.topic: outlet for outlet in (self._events, self._health)}
-        self._sockets.publisher.offer(self._outlets.values())
+        self._publishers = {publisher.topic: publisher for publisher in (self._events, self._health)}
+        self._sockets.publisher.offer(self._publishers.values())
         self._operations: dict[str, Operation] = {
             "graph": lambda _: self._record(),
             "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
@@ -148,7 +148,7 @@ class LauncherNode:
                 "sequence": out.sequence,
                 "qos": msgspec.to_builtins(out.qos),
             }
-            for name, out in self._outlets.items()
+            for name, out in self._publishers.items()
         }
         return {
             "name": LAUNCHER,
@@ -163,11 +163,16 @@ class LauncherNode:
 
     def _history(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return remembered frames, as a node does."""
-        outlet = self._outlets.get(request["topic"])
-        if outlet is None:
+        publisher = self._publishers.get(request["topic"])
+        if publisher is None:
             raise GraphError(f"the launcher does not publish {request['topic']}")
-        frames = outlet.kept(int(request["first"]), int(request["last"]), self.now_ns())
-        return {"topic": outlet.topic, "epoch": outlet.epoch, "last": outlet.sequence, "frames": frames}
+        frames = publisher.kept(int(request["first"]), int(request["last"]), self.now_ns())
+        return {
+            "topic": publisher.topic,
+            "epoch": publisher.epoch,
+            "last": publisher.sequence,
+            "frames": frames,
+        }
 
     @staticmethod
     def topics(folder: str) -> list[Topic]:

@@ -135,9 +135,8 @@ class _ProcessSwap:
         if supervisor.start_ns:
             self._wait_for_readers(publish)
         self._send_new(swap_messages.Meet(readers))
-        self._reply_of_new(
-            swap_messages.Met
-        )  # who did not come is no node of this graph, and can ask for what it missed
+        # Who does not come is no node of this graph, and can ask for what it missed.
+        self._reply_of_new(swap_messages.Met)
         self._step = "state"
         handed = self._request_hand_over({}, pause=False)
         self._send_new(swap_messages.Rehearse(handed.hand_over, self._swap.request.params))
@@ -275,7 +274,7 @@ class _ProcessSwap:
         return redirect
 
     def _roll_back(self) -> None:
-        """Leave all as it was; a new process has reply nothing to anybody yet."""
+        """Leave all as it was; a new process has said nothing to anybody yet."""
         supervisor = self._supervisor
         if self._new is not None:
             supervisor.standbys.kill(self._new)

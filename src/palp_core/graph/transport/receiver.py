@@ -41,7 +41,7 @@ class TopicReceiver:
         executor: The node. Times here are on the host's monotonic clock, not on the graph's.
         publishers: Per input topic, where it is published and where its publisher answers.
         context: The process's ZeroMQ context.
-        ledger: File of what a predecessor has taken up and what this process does; None: not kept.
+        offsets: File of what a predecessor has taken up and what this process does; None: not kept.
         listening: Is told a topic and the second place where it is listened to.
 
     Attributes:

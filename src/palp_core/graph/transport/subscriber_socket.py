@@ -88,7 +88,7 @@ class SubscriberSocket:
     def dispatch(
         self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
     ) -> tuple[bool, bool]:
-        """Hand on what has arrived; return whether there may be more, and whether the doorbell has rung.
+        """Hand on what has arrived; return whether there may be more, and whether the wakeup has rung.
 
         Args:
             arrive: Takes a frame and the time; asks :meth:`pieces` if its header says that pieces follow.

@@ -14,7 +14,7 @@ from typing import Any
 import zmq
 
 RING = b"\0"
-ENDPOINT = "inproc://doorbell"
+ENDPOINT = "inproc://wakeup"
 
 
 class Wakeup:
@@ -32,7 +32,7 @@ class Wakeup:
         self._stop_read, self._stop_write = os.pipe()
         self._descriptors = (*descriptors, self._stop_read)
         self._answered = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="doorbell", daemon=True)
+        self._thread = threading.Thread(target=self._watch, name="wakeup", daemon=True)
         self._thread.start()
 
     def _watch(self) -> None:
@@ -45,7 +45,7 @@ class Wakeup:
             self._answered.clear()
 
     def rearm(self) -> None:
-        """Say that what the bell has rung for has been looked at."""
+        """Say that what it has rung for has been looked at."""
         self._answered.set()
 
     def close(self) -> None:
