@@ -18,7 +18,7 @@ from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
 from palp_core.cli.rig.device_catalogue import device_entries
 from palp_core.cli.rig.device_discovery import discover
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, NodeError
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import BACK_ENDS, device_mistakes, open_device
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
@@ -78,6 +78,17 @@ def test_a_stage_without_a_second_link_is_refused_where_one_is_asked_for() -> No
     assert "leave stop_url empty" in Safety.examine(SafetyParams(device="sim", stop_url="port 8"))["device"]
     assert "no stage device 'mad_up'" in Safety.examine(SafetyParams(device="mad_up", stop_url="8"))["device"]
     assert Safety.examine(SafetyParams(device="sim")) == {}
+
+
+def test_a_second_link_that_lacks_an_ability_is_refused_before_it_is_needed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(MadeUpStop, "finish_stop")
+    monkeypatch.delattr(MadeUpStop, "abort")
+    said = Safety.examine(SafetyParams(device="made_up", stop_url="port 8"))["device"]
+    assert said.startswith("stage device 'made_up': MadeUpStop has no abort, no finish_stop; see palp_core.")
+    with pytest.raises(NodeError, match="MadeUpStop has no abort"):
+        Bench(Safety, {"device": "made_up", "stop_url": "port 8", "watch_processes": False})
 
 
 def test_the_command_line_lists_and_finds_it() -> None:

@@ -14,6 +14,7 @@ from palp_core.palpation.devices.protocols import (
     OpenStopLink,
     RingDevice,
     StageDevice,
+    StopLink,
     TorqueSensor,
 )
 
@@ -102,11 +103,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
             for option, value in options.items()
         }
     )
-    if lacking := [ability for ability in _abilities(kind) if not hasattr(made, ability)]:
-        raise DeviceError(
-            f"{kind} device '{name}': {found.__name__} has no {', no '.join(lacking)};"
-            " see palp_core.palpation.devices.protocols for what its kind can do"
-        )
+    _require_members(made, _PROTOCOLS[kind], f"{kind} device '{name}': {found.__name__}")
     return made
 
 
@@ -149,22 +146,30 @@ def stop_link_of(name: str) -> OpenStopLink:
         name: Of the stage's back end.
 
     Raises:
-        DeviceError: There is no such back end, or it has no second link.
+        DeviceError: There is no such back end, or it has no second link, or the link's class lacks a member.
     """
     connect: OpenStopLink | None = getattr(back_end("stage", name), "stop_link", None)
     if connect is None:
         raise DeviceError(f"stage device '{name}' has no link of its own for stopping; leave stop_url empty")
+    if isinstance(connect, type):  # before a trip asks it for what it lacks
+        _require_members(connect, StopLink, f"stage device '{name}': {connect.__name__}")
     return connect
 
 
-def _abilities(kind: str) -> list[str]:
-    """Return the members of a kind's protocol."""
+def _require_members(thing: object, protocol: type, who: str) -> None:
+    """Refuse what lacks a member of a protocol.
+
+    Raises:
+        DeviceError: It does; the message names every one.
+    """
     names = {
-        name
-        for line in _PROTOCOLS[kind].__mro__
-        for name in (*vars(line), *vars(line).get("__annotations__", {}))
+        name for line in protocol.__mro__ for name in (*vars(line), *vars(line).get("__annotations__", {}))
     }
-    return sorted(name for name in names if not name.startswith("_"))
+    if lacking := sorted(name for name in names if not name.startswith("_") and not hasattr(thing, name)):
+        raise DeviceError(
+            f"{who} has no {', no '.join(lacking)};"
+            " see palp_core.palpation.devices.protocols for what its kind can do"
+        )
 
 
 def _converted(where: str, value: Any, wanted: Any) -> Any:
