@@ -1,4 +1,4 @@
-"""How a node's process begins: what it is told, where it will be found, which class it runs."""
+"""How a node's process begins: where it will be found, which class it runs."""
 
 import hashlib
 import importlib
@@ -7,30 +7,9 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import msgspec
-
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
-from palp_core.graph.node.spec import NodeSpec
 from palp_core.moved import present_name
-
-
-class NodeProcess(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node's process is told when it is born.
-
-    Attributes:
-        place: Under which name its endpoints are; a node that has changed hands is at another than its own.
-        successor: It takes the place of one that works.
-        fresh: Its source file may have changed since another process compiled it.
-    """
-
-    spec: NodeSpec
-    clock: str
-    run_dir: str
-    workspace: str
-    place: str
-    successor: bool = False
-    fresh: bool = False
 
 
 def endpoints(run_dir: str, name: str) -> tuple[str, str]:

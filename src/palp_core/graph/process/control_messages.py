@@ -7,8 +7,29 @@ import socket
 
 import msgspec
 
+from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.swap_messages import FromSwapped, ToSwapped
+
+
+class Spawn(ChannelMessage, frozen=True, kw_only=True):
+    """Fork a node's process; it is told this when it is born.
+
+    Attributes:
+        log: File that takes its output.
+        place: Under which name its endpoints are; a node that has changed hands is at another than its own.
+        successor: It takes the place of one that works.
+        fresh: Its source file may have changed since another process compiled it.
+    """
+
+    spec: NodeSpec
+    clock: str
+    run_dir: str
+    workspace: str
+    log: str
+    place: str
+    successor: bool = False
+    fresh: bool = False
 
 
 class Activate(ChannelMessage, frozen=True):
@@ -31,7 +52,7 @@ class Shutdown(ChannelMessage, frozen=True):
 
 
 class Hello(ChannelMessage, frozen=True):
-    """First words of a node's process; ``name`` is that of its place (see :class:`NodeProcess`)."""
+    """First words of a node's process; ``name`` is that of its place (see :class:`Spawn`)."""
 
     name: str
     pid: int

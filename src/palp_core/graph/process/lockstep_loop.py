@@ -8,7 +8,7 @@ from palp_core.graph.clock import SimClock
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import NodeProcess, endpoints, load_class
+from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
@@ -20,22 +20,24 @@ from palp_core.graph.transport.node_sockets import NodeSockets
 class LockstepLoop:
     """The loop of a lockstep node."""
 
-    def __init__(self, process: NodeProcess, channel: MessageChannel[control_messages.ToNode]) -> None:
+    def __init__(
+        self, order: control_messages.Spawn, channel: MessageChannel[control_messages.ToNode]
+    ) -> None:
         self.channel = channel
-        self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
+        self.sockets = NodeSockets(*endpoints(order.run_dir, order.place))
         self.clock = SimClock()
         self.frames: list[bytes] = []
-        node_class = load_class(process.spec.run, process.workspace, fresh=process.fresh)
-        self.executor = Executor(node_class, process.spec, self.clock, self._send)
+        node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
+        self.executor = Executor(node_class, order.spec, self.clock, self._send)
         self.sockets.publisher.offer(self.executor.ends.publishers.values())
-        self.sockets.requests.add(process.spec.name, NodeServices(self.executor).operations(), CHANGING)
+        self.sockets.requests.add(order.spec.name, NodeServices(self.executor).operations(), CHANGING)
         self.participant = SwapParticipant(
             self.executor,
             self.sockets,
             self._answer,
             channel.socket.fileno(),
             succeed=self._succeed,
-            successor=process.successor,
+            successor=order.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
         self._knocked = False

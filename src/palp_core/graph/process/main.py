@@ -10,28 +10,27 @@ import sys
 
 from palp_core.errors import NodeError, PalpError, in_words
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.process.control_messages import Failed, Hello, node_end
+from palp_core.graph.process.control_messages import Failed, Hello, Spawn, node_end
 from palp_core.graph.process.lockstep_loop import LockstepLoop
 from palp_core.graph.process.wall_loop import WallLoop
 
 
-def run_node(process: NodeProcess) -> int:
+def run_node(order: Spawn) -> int:
     """Run one node until the supervisor ends it, and return the exit status of its process."""
     logging.basicConfig(
         level=logging.INFO,
-        format=f"[%(levelname)s] [{process.spec.name}]: %(message)s",
+        format=f"[%(levelname)s] [{order.spec.name}]: %(message)s",
         stream=sys.stderr,
         force=True,
     )
-    channel = node_end(f"{process.run_dir}/supervisor.sock")
-    channel.send(Hello(process.place, os.getpid()))
+    channel = node_end(f"{order.run_dir}/supervisor.sock")
+    channel.send(Hello(order.place, os.getpid()))
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop sees the channel's end at a handler boundary
         signal.signal(number, lambda *_: channel.socket.shutdown(socket.SHUT_RD))
     loop: LockstepLoop | WallLoop | None = None
     try:
-        loop = LockstepLoop(process, channel) if process.clock == "sim" else WallLoop(process, channel)
+        loop = LockstepLoop(order, channel) if order.clock == "sim" else WallLoop(order, channel)
         gc.collect()
         gc.freeze()
         loop.run()

@@ -7,7 +7,7 @@ from palp_core.graph.clock import WallClock, monotonic_ns
 from palp_core.graph.messages.builtin import Progress, Swap
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
-from palp_core.graph.node.loading import NodeProcess, endpoints, load_class
+from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.node.qos_events import QosEvent
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import MessageChannel
@@ -27,28 +27,30 @@ SLICE_NS = 500_000
 class WallLoop:
     """The loop of a node on the wall clock."""
 
-    def __init__(self, process: NodeProcess, channel: MessageChannel[control_messages.ToNode]) -> None:
+    def __init__(
+        self, order: control_messages.Spawn, channel: MessageChannel[control_messages.ToNode]
+    ) -> None:
         self.channel = channel
-        self.sockets = NodeSockets(*endpoints(process.run_dir, process.place))
+        self.sockets = NodeSockets(*endpoints(order.run_dir, order.place))
         self.clock = WallClock(monotonic_ns())
-        node_class = load_class(process.spec.run, process.workspace, fresh=process.fresh)
-        self.executor = Executor(node_class, process.spec, self, self.sockets.publisher.send)
+        node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
+        self.executor = Executor(node_class, order.spec, self, self.sockets.publisher.send)
         self.executor.resend = self.sockets.publisher.send
         self.executor.send_pieces = self.sockets.publisher.send_pieces
         self.executor.events.report = self._report
         publishers = {
-            name: endpoints(process.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
+            name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
         }
-        keeps = process.spec.restart == "on_failure"
-        kept = Path(process.run_dir, process.place) if keeps else None
+        keeps = order.spec.restart == "on_failure"
+        kept = Path(order.run_dir, order.place) if keeps else None
         self._matched_readers = MatchedReaders(
-            lambda: self.sockets.publisher.named_readers, kept and kept.with_name(f"{process.place}.readers")
+            lambda: self.sockets.publisher.named_readers, kept and kept.with_name(f"{order.place}.readers")
         )
         self.receiver = TopicReceiver(
             self.executor,
             publishers,
             self.sockets.context,
-            kept and kept.with_name(f"{process.place}.offsets"),
+            kept and kept.with_name(f"{order.place}.offsets"),
             lambda name, publish: channel.send(Listening(name, publish)),
         )
         self.participant = SwapParticipant(
@@ -60,7 +62,7 @@ class WallLoop:
             succeed=self.receiver.continue_from,
             begin=self._begin,
             depart=self.receiver.close,
-            successor=process.successor,
+            successor=order.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
@@ -69,7 +71,7 @@ class WallLoop:
             if shown:
                 publisher.send_through(self._send_progress)
         self.sockets.requests.add(
-            process.spec.name,
+            order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
             CHANGING,
         )
@@ -77,7 +79,7 @@ class WallLoop:
         self._reads = bool(self.executor.ends.subscriptions)
         self._wakeup = Wakeup(self.sockets.context, self._others)
         self.receiver.wake_on(ENDPOINT)
-        self._health = HealthProbe(process.spec.name)
+        self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
 
     def now_ns(self) -> int:

@@ -28,8 +28,8 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
 from palp_core.graph.messages.message import decode_any, encode_any
-from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
+from palp_core.graph.process.control_messages import Spawn
 from palp_core.graph.process.parent_death import adopt_orphans
 from palp_core.graph.supervision.fork_child import apply_scheduling, run_child
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
@@ -42,13 +42,6 @@ GRACE_NS = 600_000_000
 CLOSE_TIMEOUT_S = 5.0
 INSPECTING = ""
 """Name of an inspecting child."""
-
-
-class Spawn(ChannelMessage, frozen=True):
-    """Fork a node; its output goes to ``log``."""
-
-    process: NodeProcess
-    log: str
 
 
 class InspectClasses(ChannelMessage, frozen=True):
@@ -118,10 +111,6 @@ class ForkServer:
             self._channel.send(request)
         except ChannelClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
-
-    def spawn(self, process: NodeProcess, log: str) -> None:
-        """Start a node's process; events tell of it."""
-        self.send(Spawn(process, log))
 
     def signal(self, pid: int, number: signal.Signals) -> None:
         """Send a signal to a child."""
@@ -231,11 +220,9 @@ class _Server:
             if request.pid in self._children:
                 os.kill(request.pid, request.number)
         elif isinstance(request, Spawn):
-            name = request.process.spec.name
+            name = request.spec.name
             read_end, write_end = self._logs.open(name, Path(request.log))
-            self._prints[self._fork(request.process.place, write_end, lambda: _run(request.process))] = (
-                read_end
-            )
+            self._prints[self._fork(request.place, write_end, lambda: _run(request))] = read_end
             os.close(write_end)
             self._poll.register(read_end, select.POLLIN)
         else:
@@ -306,12 +293,12 @@ class _Server:
                 os.waitpid(pid, 0)
 
 
-def _run(process: NodeProcess) -> int:
-    spec = process.spec
+def _run(order: Spawn) -> int:
+    spec = order.spec
     apply_scheduling(spec.name, spec.cpus, spec.realtime_priority)
     from palp_core.graph.process.main import run_node
 
-    return run_node(process)
+    return run_node(order)
 
 
 def _quiet_pipe() -> tuple[int, int]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
-from palp_core.graph.node.loading import NodeProcess
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.control_messages import Spawn
 from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.logs import note, tail
 
@@ -97,10 +97,11 @@ class ProcessLauncher:
 
     def spawn(self, process: ManagedProcess, *, successor: bool = False, fresh: bool = False) -> None:
         """Start a node's process."""
-        order = NodeProcess(
-            spec=process.spec, place=process.place, successor=successor, fresh=fresh, **self._run
-        )
-        self._server.spawn(order, str(process.log))
+        order = Spawn(
+            spec=process.spec, log=str(process.log), place=process.place, successor=successor, fresh=fresh,
+            **self._run,
+        )  # fmt: skip
+        self._server.send(order)
 
     def signal(self, process: ManagedProcess, *numbers: signal.Signals) -> None:
         """Send signals to a node's process."""
