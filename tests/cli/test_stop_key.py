@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from palp_core.cli.launch.stop_key import KEY, StopKey, stop_motion
+from palp_core.cli.launch.stop_key import KEY, StopKey, safety_node, stop_motion
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -76,6 +76,45 @@ def test_the_safety_node_is_found_by_what_it_publishes() -> None:
     assert [(a["endpoint"], a["service"], a["request"]) for a in asked] == [
         (node.serve, "stop", {"reason": "a test"})
     ]
+
+
+@pytest.mark.parametrize(
+    ("names", "beating", "expected"),
+    [
+        (["stage", "guard"], ["guard"], "guard"),
+        (["replica", "safety"], ["replica", "safety"], "safety"),
+        (["stage", "safety"], [], "safety"),
+        (["guard", "safety"], ["guard"], "guard"),
+        (["stage"], [], None),
+    ],
+)
+def test_of_several_nodes_or_none_that_beat_the_name_decides(
+    names: list[str], beating: list[str], expected: str | None
+) -> None:
+    assert safety_node(names, beating) == expected
+
+
+def test_a_safety_node_with_messages_of_its_own_is_called() -> None:
+    called: list[str] = []
+
+    def answer(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        called.append(endpoint)
+        return {"reply": {"state": "tripped", "cause": "operator"}}
+
+    node = NodeEntry("safety", "lab.guard:Guard", 1, "ipc:///run/guard.pub", "ipc:///run/guard.srv")
+    record = RunRecord("rig", "rig.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [node], [])
+    stop_motion(RunningGraph(record, answer), "a test", 1.0)
+    assert called == [node.serve]
+
+
+def test_the_space_bar_is_heard_within_what_looks_like_another_key(terminal: tuple[int, int]) -> None:
+    master, slave = terminal
+    presses: queue.Queue[str] = queue.Queue()
+    key = StopKey(slave, lambda: presses.put("pressed"))
+    assert key.start()
+    os.write(master, b"\x1b[ ")
+    assert presses.get(timeout=10.0) == "pressed"
+    key.stop()
 
 
 def test_a_graph_without_a_safety_node_says_how_else_to_stop() -> None:

@@ -68,16 +68,18 @@ def attended(descriptor: int | None) -> TypeGuard[int]:
 
 
 def keys_in(text: str) -> list[str]:
-    r"""Split what a terminal sends into keys.
+    r"""Split what a terminal sends into keys; a space is one wherever it stands, as it may stop a rig.
 
     >>> keys_in(" \x1b[C1\x1bOA")
     [' ', 'right', '1', 'up']
+    >>> keys_in("\x1b[ ")
+    [' ']
     """
     keys, i = [], 0
     while i < len(text):
         if text[i] == "\x1b" and text[i + 1 : i + 2] in ("[", "O"):
             keys += [name] if (name := _NAMES.get(text[i + 2 : i + 3])) is not None else []
-            i += 3
+            i += 2 if text[i + 2 : i + 3] == " " else 3
         else:
             keys.append(text[i])
             i += 1

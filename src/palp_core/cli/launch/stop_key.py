@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from palp_core.cli.keyboard import Keyboard, standard_input
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 KEY = " "
 KEY_TIMEOUT_S = 5.0
-SAFETY_TYPE = "SafetyBeat"  # a safety node is known by what it publishes, whatever its name
+SAFETY_TYPE = "SafetyBeat"
+SAFETY_NAME = "safety"
 
 
 def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[str, Any]:
@@ -38,7 +39,8 @@ def call_safety(
     Raises:
         GraphError: The graph has none, or it does not answer.
     """
-    node = next((topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE), None)
+    beating = [topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE]
+    node = safety_node(running.node_names, beating)
     if node is None:
         raise GraphError(
             f"graph '{running.record.graph}' has no safety node, so nothing can be stopped alone;"
@@ -47,6 +49,21 @@ def call_safety(
     answer = running.ask(node, "call", timeout_s=timeout_s, service=service, request=request)
     reply: dict[str, Any] = answer["reply"]
     return reply
+
+
+def safety_node(names: Collection[str], beating: Sequence[str]) -> str | None:
+    """Return which node is the safety node.
+
+    It is known by what it publishes, whatever its name; the name decides where several publish that, or none
+    does: a safety node of one's own may have messages of its own.
+
+    Args:
+        names: Of all nodes.
+        beating: Of those that publish the safety node's beat.
+    """
+    if SAFETY_NAME in names and (not beating or SAFETY_NAME in beating):
+        return SAFETY_NAME
+    return beating[0] if beating else None
 
 
 def stop_key(graph: Graph) -> StopKey:
@@ -65,7 +82,9 @@ def stop_key(graph: Graph) -> StopKey:
             note(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
 
     key = StopKey(standard_input(), press)
-    if any(topic.type == SAFETY_TYPE for topic in graph.checked.topics.values()) and key.start():
+    names = [spec.name for spec in graph.checked.nodes]
+    beating = [topic.node for topic in graph.checked.topics.values() if topic.type == SAFETY_TYPE]
+    if safety_node(names, beating) is not None and key.start():
         note("the space bar stops all motion")
     return key
 
