@@ -85,7 +85,9 @@ def test_foreign_schemas_survive_a_copy(tmp_path: Path) -> None:
 def test_schemas_become_types() -> None:
     assert type_from_schema({}) is Any
     assert type_from_schema({"type": "object"}) == dict[str, Any]
-    odd = {"type": "object", "properties": {"class": {"type": "integer"}}}
+    odd: dict[str, Any] = {"type": "object", "properties": {"class": {"type": "integer"}}}
+    assert type_from_schema(odd) == dict[str, Any]
+    odd["properties"]["maybe"] = {"type": ["number", "null"]}
     assert type_from_schema(odd) == dict[str, Any]
     with pytest.raises(BagError, match="'null'"):
         type_from_schema({"type": "null"})

@@ -27,11 +27,13 @@ _TYPES: dict[schema_reader.FieldKind, Any] = {
 
 
 def _struct(_: schema_reader.JsonSchema, name: str, fields: dict[str, Any]) -> Any:
-    if not fields or not all(n.isidentifier() and not keyword.iskeyword(n) for n in fields):
-        return dict[str, Any]
     return msgspec.defstruct(
         name if name.isidentifier() else "Value", fields.items(), frozen=True, kw_only=True
     )
+
+
+def _is_attribute(name: str) -> bool:
+    return name.isidentifier() and not keyword.iskeyword(name)
 
 
 def type_from_schema(
@@ -56,9 +58,10 @@ def type_from_schema(
     if kind is schema_reader.FieldKind.LIST:
         return list[type_from_schema(schema_reader.items_of(schema), f"{name}Item", make)]  # type: ignore[misc]
     if kind is schema_reader.FieldKind.MESSAGE:
-        fields = {
-            n: type_from_schema(s, f"{name}_{n}", make) for n, s in schema_reader.fields_of(schema).items()
-        }
+        inner = schema_reader.fields_of(schema)
+        if make is _struct and not (inner and all(map(_is_attribute, inner))):
+            return dict[str, Any]  # whatever is in it
+        fields = {n: type_from_schema(s, f"{name}_{n}", make) for n, s in inner.items()}
         return make(schema, str(schema.get("title", name)), fields)
     return _TYPES[kind]
 
