@@ -29,7 +29,7 @@ HEAVY = (
 
 
 @pytest.mark.parametrize(
-    "imports", ["import palp_core.graph.launch.graph", ALL], ids=["the door", "every room"]
+    "imports", ["import palp_core.graph.launch.graph", ALL], ids=["a graph", "every room"]
 )
 def test_a_graph_loads_nothing_of_palpation_and_nothing_heavy(imports: str) -> None:
     show = f"import sys; print([name for name in {HEAVY} if name in sys.modules])"

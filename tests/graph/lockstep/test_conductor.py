@@ -138,16 +138,16 @@ GRAPH = [
 ]
 
 
-def readers_of(specs: Sequence[NodeSpec], crew: Composition) -> dict[str, list[int]]:
+def readers_of(specs: Sequence[NodeSpec], nodes: Composition) -> dict[str, list[int]]:
     readers: dict[str, list[int]] = {}
-    for index, executor in enumerate(crew._executors):
+    for index, executor in enumerate(nodes._executors):
         for topic in executor.ends.accounts:
             readers.setdefault(topic, []).append(index)
     return readers
 
 
 class Split:
-    """A crew of several crews, as if nodes lived in several processes; replies come back in any order."""
+    """Nodes in several compositions, as if in several processes; replies come back in any order."""
 
     def __init__(self, specs: Sequence[NodeSpec], groups: Sequence[Sequence[int]], workspace: str) -> None:
         self.names = [spec.name for spec in specs]

@@ -18,7 +18,7 @@ PATIENCE_MS = 60_000
 
 
 class House:
-    """A subscription with a doorbell at a pipe, and a publisher down the road."""
+    """A subscription with a wakeup at a pipe, and a publisher down the road."""
 
     def __init__(self, folder: Path) -> None:
         self.context: zmq.Context[Any] = zmq.Context()
