@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
@@ -10,7 +11,7 @@ from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
 _KEYS = ("default", "choices", "help")
-_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", dict: "a mapping"}
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,16 @@ class Argument:
         """Type of its values, or None when neither default nor choices tell."""
         example = self.default if self.default is not UNKNOWN else next(iter(self.choices), UNKNOWN)
         return None if example is UNKNOWN else type(example)
+
+    def clash(self, inner: "Argument") -> str:
+        """Return what is wrong when an included file declares the argument, too; "" for nothing."""
+        ours, theirs = self.kind, inner.kind
+        if ours is None or theirs is None or ours is theirs or (ours, theirs) == (int, float):
+            return ""
+        return (
+            f"argument '{self.name}' is {_KINDS[ours]} here, and {_KINDS[theirs]} at {inner.mark}; "
+            "declare it once, or give the include its value under args"
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +99,7 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
     if "default" in fields:
         default = evaluate(fields["default"].value, scope, problems)
         if default is not UNKNOWN and type(default) not in _KINDS:
-            message = f"the default of argument '{name}' must be text, a number, true or false"
+            message = f"the default of argument '{name}' must be text, a number, true or false, or a mapping"
             problems.add(fields["default"].value.mark, message)
             default = UNKNOWN
     choices = _choices(name, default, fields.get("choices"), scope, problems)
@@ -141,19 +152,15 @@ def from_command_line(overrides: Sequence[str], mark: Mark, problems: Problems) 
 def assign(
     arguments: dict[str, Argument], given: dict[str, Given], caller: Mark, scope: Scope, problems: Problems
 ) -> None:
-    """Give every argument its value in the scope; report what does not fit, is missing or unknown.
+    """Give every argument its value in the scope; report what does not fit or is missing.
 
     Args:
         arguments: Declared arguments.
         given: Values for some of them.
-        caller: Where an unknown name is reported when it comes from the command line.
+        caller: Where a missing one is reported.
         scope: Receives the values; a wrong or missing one becomes UNKNOWN.
         problems: Receives the mistakes.
     """
-    for name, value in given.items():
-        if name not in arguments:
-            where = value.mark or caller
-            problems.add(where, f"no argument '{name}' in {scope.file.name}{hint(name, arguments)}")
     for name, argument in arguments.items():
         chosen = argument.default
         if name in given:
@@ -164,8 +171,27 @@ def assign(
                 caller, f"argument '{name}' has no default and is not given; pass {name}:=value{choices}"
             )
         scope.values[name] = chosen
-        origin = given[name].origin if name in given else None
-        scope.origins[name] = origin or f"{scope.file}:{name}"
+        value = given.get(name, Given(chosen))
+        scope.origins[name] = value.origin or f"{scope.file}:{name}"
+        if value.mark is not None and value.origin is None:
+            scope.marks[name] = value.mark
+
+
+def refuse_unknown(
+    given: dict[str, Given], arguments: dict[str, Argument], caller: Mark, file: Path, problems: Problems
+) -> None:
+    """Report values that are given for arguments which a file does not take.
+
+    Args:
+        given: Values by argument.
+        arguments: What the file takes.
+        caller: Where one is reported that comes from the command line.
+        file: The file.
+        problems: Receives the mistakes.
+    """
+    for name, value in given.items():
+        if name not in arguments:
+            problems.add(value.mark or caller, f"no argument '{name}' in {file.name}{hint(name, arguments)}")
 
 
 def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
@@ -179,7 +205,7 @@ def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
     where = given.mark or argument.mark
     shown = show(given.value)
     if type(value) not in _KINDS or (kind is not None and type(value) is not kind):
-        wanted = _KINDS.get(kind or object, "text, a number, true or false")
+        wanted = _KINDS.get(kind or object, "text, a number, true or false, or a mapping")
         choices = f" (one of {', '.join(map(show, argument.choices))})" if argument.choices else ""
         is_text = " (text)" if isinstance(given.value, str) else ""
         problems.add(

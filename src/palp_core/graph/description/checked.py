@@ -86,7 +86,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         clock: ``sim`` or ``wall``.
         seed: Of its random numbers.
         args: Arguments of the launch file with their values.
-        nodes: Nodes in the file's order, the included ones first.
+        nodes: Nodes in the file's order, those of an included file where ``include`` stands.
         recorders: Entries of the file that record the graph.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests

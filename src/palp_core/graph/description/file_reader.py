@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Mapping as Lookup
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from palp_core.graph.description.arguments import (
@@ -12,6 +13,7 @@ from palp_core.graph.description.arguments import (
     assign,
     declare,
     from_command_line,
+    refuse_unknown,
     unknown_keys,
 )
 from palp_core.graph.description.input_reader import read_number, read_word
@@ -45,6 +47,68 @@ def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | 
     return _Reader(find_workspace(path), os.environ if environ is None else environ).root(path, overrides)
 
 
+@dataclass
+class _File:
+    """A launch file, the root or an included one, and what is known of its arguments.
+
+    Attributes:
+        path: Where it is.
+        fields: Its keys.
+        scope: What its substitutions see.
+        own: Arguments that it declares.
+        outer: The file that includes it; None for the root.
+        given: Values given for its arguments by the include, or on the command line.
+        included: Files that it includes.
+        taken: Arguments of included files that are arguments of this one, too.
+    """
+
+    path: Path
+    fields: dict[str, Entry]
+    scope: Scope
+    own: dict[str, Argument]
+    outer: "_File | None" = None
+    given: dict[str, Given] = field(default_factory=dict)
+    included: list["_File"] = field(default_factory=list)
+    taken: dict[str, Argument] = field(default_factory=dict)
+
+    @property
+    def arguments(self) -> dict[str, Argument]:
+        """All that it takes, what came up from included files first."""
+        return {**self.taken, **self.own}
+
+    def take(self, inner: "_File") -> None:
+        """Make the arguments of an included file this one's, but those whose value the include gives."""
+        for name, argument in inner.arguments.items():
+            if name in inner.scope.values and name not in inner.given and name not in self.arguments:
+                self.taken[name] = argument
+                self.scope.values[name] = inner.scope.values[name]
+                self.scope.origins[name] = inner.scope.origins[name]
+
+    def offer(self, argument: Argument, problems: Problems) -> Given | None:
+        """Return the value that this file or one around it has for an included file's argument, if any."""
+        name = argument.name
+        if name in self.arguments:
+            ours = self.arguments[name]
+            self.scope.used.add(name)
+            if clash := ours.clash(argument):
+                problems.add(ours.mark, clash)
+            value = UNKNOWN if clash else self.scope.values[name]
+            return Given(value, ours.mark, origin=self.scope.origins[name])
+        if name in self.given:
+            return self.given[name]
+        return self.outer.offer(argument, problems) if self.outer is not None else None
+
+    def uses(self, name: str) -> bool:
+        """Tell whether this file asks for an argument, or one around it that has taken it."""
+        outer = self.outer
+        around = outer is not None and outer.taken.get(name) is self.arguments[name] and outer.uses(name)
+        return name in self.scope.used or around
+
+    def chain(self) -> "list[_File]":
+        """Return the files from the root to this one, each included by the one before it."""
+        return [*(self.outer.chain() if self.outer is not None else ()), self]
+
+
 class _Reader:
     def __init__(self, workspace: Path, environ: Lookup[str, str]) -> None:
         self.workspace = workspace
@@ -53,7 +117,6 @@ class _Reader:
         self.nodes: dict[str, list[GraphNode]] = {}
         self.marks: dict[str, Mark] = {}
         self.joined: dict[str, Mark] = {}
-        self.files: list[Path] = []
 
     def root(self, path: Path, overrides: Sequence[str]) -> LaunchFile:
         fields, mark, known = self._open(path)
@@ -61,8 +124,13 @@ class _Reader:
             if key not in fields and nearest(key, known - set(fields)) is None:
                 self.problems.add(mark, f"the launch file does not state its {key}; add {key}: {example}")
         caller = fields["args"].mark if "args" in fields else mark
-        given = from_command_line(overrides, caller, self.problems)
-        scope, arguments = self._content(path, fields, given, caller)
+        file = self._file(path, fields)
+        file.given = from_command_line(overrides, caller, self.problems)
+        assign(file.own, file.given, caller, file.scope, self.problems)
+        self._includes(file)
+        refuse_unknown(file.given, file.arguments, caller, path, self.problems)
+        self._nodes_of(file)
+        scope = file.scope
         graph, clock, seed = path.stem, "sim", 0
         if "graph" in fields:
             graph = self._name(fields["graph"].value, scope) or graph
@@ -74,12 +142,13 @@ class _Reader:
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
         for name, place in self.joined.items() if clock != "wall" else ():
             self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
-        self._unused(arguments, scope)
+        self._unused(file)
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):
             self.problems.add(place, "the graph has no nodes; add at least one under nodes")
+        values = {name: scope.values[name] for name in file.arguments}
         return LaunchFile(
-            path, self.workspace, place, graph, clock, seed, arguments, scope.values, self.nodes, report,
+            path, self.workspace, place, graph, clock, seed, file.arguments, values, self.nodes, report,
             self.problems.listed(), listen,
         )  # fmt: skip
 
@@ -91,28 +160,29 @@ class _Reader:
             raise AssertionError  # noqa: TRY004 - never reached
         return unknown_keys(tree, _KEYS, "a launch file", self.problems), tree.mark, set(tree.items)
 
-    def _content(
-        self, path: Path, fields: dict[str, Entry], given: dict[str, Given], caller: Mark
-    ) -> tuple[Scope, dict[str, Argument]]:
-        self.files.append(path.resolve())
+    def _file(self, path: Path, fields: dict[str, Entry], outer: _File | None = None) -> _File:
         scope = Scope(path, self.environ)
-        arguments = declare(fields.get("args"), scope, self.problems)
-        assign(arguments, given, caller, scope, self.problems)
-        if "include" in fields:
-            self._includes(path, fields["include"].value, scope)
-        if "nodes" in fields:
-            reader = NodeReader(scope, arguments, self.workspace, self.problems)
-            self._nodes(fields["nodes"].value, reader)
-            self.joined |= reader.joined
-        self.files.pop()
-        return scope, arguments
+        return _File(path, fields, scope, declare(fields.get("args"), scope, self.problems), outer)
 
-    def _unused(self, arguments: dict[str, Argument], scope: Scope) -> None:
-        for name, argument in arguments.items():
-            if name not in scope.used:
+    def _nodes_of(self, file: _File) -> None:
+        """Read the nodes of a file and of those it includes, in the order in which they stand."""
+        for key, entry in file.fields.items():
+            if key == "include":
+                for included in file.included:
+                    self._nodes_of(included)
+            elif key == "nodes":
+                reader = NodeReader(file.scope, file.arguments, self.workspace, self.problems)
+                self._nodes(entry.value, reader)
+                self.joined |= reader.joined
+
+    def _unused(self, file: _File) -> None:
+        for name, argument in file.own.items():
+            if not file.uses(name):
                 self.problems.add(
                     argument.mark, f"argument '{name}' is never used; use $(var {name}) or remove it"
                 )
+        for included in file.included:
+            self._unused(included)
 
     def _nodes(self, tree: Tree, reader: NodeReader) -> None:
         if not isinstance(tree, Mapping):
@@ -127,7 +197,11 @@ class _Reader:
                 self.marks[name] = entry.mark
                 self.nodes[name] = reader.read(name, entry)
 
-    def _includes(self, path: Path, tree: Tree, scope: Scope) -> None:
+    def _includes(self, outer: _File) -> None:
+        """Open what a file includes; when it is done, every argument has its value."""
+        if "include" not in outer.fields:
+            return
+        tree = outer.fields["include"].value
         if not isinstance(tree, TreeSequence):
             self.problems.add(
                 tree.mark, "include must be a list; write [{file: other.yaml, args: {name: value}}]"
@@ -141,19 +215,46 @@ class _Reader:
                 continue
             fields = unknown_keys(item, ("file", "args"), "an include", self.problems)
             if "file" in fields:
-                self._include(path, fields["file"].value, self._given(fields.get("args"), scope), scope)
+                self._include(outer, fields["file"].value, fields.get("args"))
             elif nearest("file", set(item.items) - set(fields)) is None:
                 self.problems.add(item.mark, "an include does not name its file; add file: other.yaml")
 
-    def _include(self, path: Path, tree: Tree, given: dict[str, Given], scope: Scope) -> None:
-        text = evaluate(tree, scope, self.problems)
+    def _include(self, outer: _File, tree: Tree, args: Entry | None) -> None:
+        target = self._target(outer, tree)
+        if target is None:
+            return
+        try:
+            fields, _, _ = self._open(target)
+        except GraphProblems as error:
+            for problem in error.problems:
+                self.problems.add(Mark(problem.file, problem.line, problem.column), problem.message)
+            return
+        file = self._file(target, fields, outer)
+        outer.included.append(file)
+        passed = set(args.value.items) if args is not None and isinstance(args.value, Mapping) else set()
+        free = {name: argument for name, argument in file.own.items() if name not in passed}
+        offers = {name: outer.offer(argument, self.problems) for name, argument in free.items()}
+        given = {name: offer for name, offer in offers.items() if offer is not None}
+        assign(free, given, tree.mark, file.scope, self.problems)
+        outer.take(file)  # what the include gives may ask for them
+        file.given = self._given(args, outer.scope)
+        rest = {name: argument for name, argument in file.own.items() if name in passed}
+        assign(rest, file.given, tree.mark, file.scope, self.problems)
+        self._includes(file)
+        outer.take(file)  # what came up from further down, too
+        refuse_unknown(file.given, file.arguments, tree.mark, target, self.problems)
+
+    def _target(self, outer: _File, tree: Tree) -> Path | None:
+        """Return the file to include, or None after reporting what is wrong with it."""
+        text = evaluate(tree, outer.scope, self.problems)
         if text is UNKNOWN:
-            return
-        target = Path(os.path.normpath(path.parent / str(text)))
-        if target.resolve() in self.files:
-            chain = " includes ".join(file.name for file in [*self.files, target])
+            return None
+        target = Path(os.path.normpath(outer.path.parent / str(text)))
+        paths = [file.path for file in outer.chain()]
+        if target.resolve() in [path.resolve() for path in paths]:
+            chain = " includes ".join(path.name for path in [*paths, target])
             self.problems.add(tree.mark, f"files include each other: {chain}; remove one include")
-            return
+            return None
         if not target.is_file():
             others = [p.name for p in target.parent.glob("*.yaml")] if target.parent.is_dir() else []
             match = nearest(target.name, others)
@@ -162,15 +263,8 @@ class _Reader:
                 f"no file {target} to include"
                 + (f"; did you mean '{match}'?" if match else "; check the path"),
             )
-            return
-        try:
-            fields, _, _ = self._open(target)
-        except GraphProblems as error:
-            for problem in error.problems:
-                self.problems.add(Mark(problem.file, problem.line, problem.column), problem.message)
-            return
-        inner, arguments = self._content(target, fields, given, tree.mark)
-        self._unused(arguments, inner)
+            return None
+        return target
 
     def _given(self, entry: Entry | None, scope: Scope) -> dict[str, Given]:
         if entry is None:

@@ -107,9 +107,10 @@ class LaunchFile:
         graph: Name of the graph.
         clock: ``sim`` or ``wall``.
         seed: Of the graph's random numbers.
-        arguments: Declared arguments.
+        arguments: Declared arguments, those of included files among them.
         values: Value of each argument.
-        nodes: Every assignment of each node, by its name; the included ones first, in the files' order.
+        nodes: Every assignment of each node, by its name, in the file's order; those of an included file
+            where ``include`` stands.
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.

@@ -248,7 +248,8 @@ class NodeReader:
         for name, entry in tree.items.items():
             value = self._evaluate(entry.value)
             if value is not UNKNOWN:
-                found[name] = Located(value, entry.mark)
+                argument = sole_variable(entry.value) or ""
+                found[name] = Located(value, self._scope.marks.get(argument, entry.mark))
         return found
 
     def _inputs(self, what: str, tree: Tree) -> dict[str, InputEntry]:
@@ -256,8 +257,13 @@ class NodeReader:
             if not _is_empty(tree):
                 self._problems.add(tree.mark, f"inputs of {what} must map each port to node/port")
             return {}
-        read = {port: self._input(f"input '{port}' of {what}", entry) for port, entry in tree.items.items()}
+        wired = {port: entry for port, entry in tree.items.items() if not self._is_left_open(entry)}
+        read = {port: self._input(f"input '{port}' of {what}", entry) for port, entry in wired.items()}
         return {port: wire for port, wire in read.items() if wire is not None}
+
+    def _is_left_open(self, entry: Entry) -> bool:
+        """Tell whether an argument's empty value leaves an input without a source."""
+        return sole_variable(entry.value) is not None and self._evaluate(entry.value) == ""
 
     def _input(self, what: str, entry: Entry) -> InputEntry | None:
         wire = read_input(entry, what, self._scope, self._problems)

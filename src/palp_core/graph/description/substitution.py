@@ -33,6 +33,7 @@ class Scope:
         values: Value of each argument.
         origins: For each argument, the name under which the root file's caller decides it.
         used: Arguments that the file has asked for.
+        marks: Where an include states the value of an argument.
     """
 
     file: Path
@@ -40,6 +41,7 @@ class Scope:
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
+    marks: dict[str, Mark] = field(default_factory=dict)
 
 
 def sole_variable(tree: Tree) -> str | None:
@@ -90,6 +92,9 @@ def _text(scalar: Scalar, scope: Scope, problems: Problems) -> Any:
         problems.add(scalar.mark, f"{message}; write $(name ...) without nesting")
         return UNKNOWN
     if any(piece is UNKNOWN for piece in pieces):
+        return UNKNOWN
+    if any(isinstance(piece, dict) for piece in pieces):
+        problems.add(scalar.mark, f"'{scalar.text}': a mapping cannot be a piece of a text; use it alone")
         return UNKNOWN
     return "".join(str(piece).lower() if isinstance(piece, bool) else str(piece) for piece in pieces)
 
