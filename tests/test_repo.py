@@ -21,6 +21,7 @@ LAUNCH_FILES = [
     *sorted((ROOT / "launch").glob("*.yaml")),
     *sorted((ROOT / "examples").rglob("launch/*.yaml")),
 ]
+PARTS = sorted((ROOT / "launch" / "parts").glob("*.yaml"))  # of launch files, checked with them
 TEXT = {".py", ".yaml", ".yml", ".toml", ".md", ".txt", ".cfg", ".json", ".csv", ".html", ".sh", ""}
 OUTSIDE = {".git", "build", "dist", "results"}
 
@@ -88,8 +89,15 @@ def test_each_node_has_a_test(stem: str) -> None:
 @pytest.mark.parametrize("stem", CONCRETE)
 def test_each_node_has_a_place_in_a_launch_file(stem: str) -> None:
     run = f"nodes.{stem}:{NODES[stem].name}"
-    used = [p for p in LAUNCH_FILES if re.search(rf"\b{re.escape(run)}\b", p.read_text(encoding="utf-8"))]
+    files = [*LAUNCH_FILES, *PARTS]
+    used = [p for p in files if re.search(rf"\b{re.escape(run)}\b", p.read_text(encoding="utf-8"))]
     assert used, f"no launch file runs {run}"
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.stem)
+def test_each_part_is_included_by_a_launch_file(part: Path) -> None:
+    include = f"  - file: parts/{part.name}\n"
+    assert [p for p in LAUNCH_FILES if include in p.read_text(encoding="utf-8")], f"nothing includes {part}"
 
 
 def test_each_launch_file_passes_the_check(graphs: dict[str, CheckedGraph]) -> None:

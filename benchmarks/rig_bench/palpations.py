@@ -58,7 +58,7 @@ def palpations(
 def workspace(folder: Path, path_m: tuple[float, float]) -> None:
     """Write both launch files, with rings that land where they are sent, and one path."""
     (folder / "launch").mkdir()
-    for link in ("nodes", "msgs"):
+    for link in ("nodes", "msgs", "launch/parts"):
         (folder / link).symlink_to(ROOT / link)
     for name, (old, new) in RINGS_EXACT.items():
         text = (ROOT / "launch" / f"{name}.yaml").read_text(encoding="utf-8")

@@ -32,6 +32,7 @@ LIFT_M = 0.005
 FROM_M, TO_M = -0.015, 0.020
 PATIENCE_S = 60.0
 LAUNCHER = "launcher"
+LAUNCH_FILES = ("rig.yaml", "parts/experiment.yaml")
 DEVICES = "aerotech,maestro,ati,noraxon"
 
 
@@ -75,7 +76,7 @@ class RunningRig:
     Args:
         folder: For the launch file, the record and what the launcher says.
         arguments: Of the launch file, ``name:=value``.
-        edit: Changes to the launch file's text, old to new.
+        edit: Changes to the text of the launch file and of what it includes, old to new.
         home_s: How long each axis takes to home.
         single_line: The stage on one RS-232 of 115200 bit/s, moved in segments of 2 mm; none for safety.
         python_path: Folder that every process of the graph has on its path, too.
@@ -125,7 +126,7 @@ class RunningRig:
         self._end()
 
     def _launch(self) -> None:
-        text = (ROOT / "launch" / "rig.yaml").read_text(encoding="utf-8")
+        texts = {name: (ROOT / "launch" / name).read_text(encoding="utf-8") for name in LAUNCH_FILES}
         options = self.emulator.options
         can, emg = options["ati"]["options"], options["noraxon"]
         stage, ring, verified = options["aerotech"]["url"], options["maestro"]["url"], 'verified: ["*"]'
@@ -144,14 +145,15 @@ class RunningRig:
             "{host: 192.168.1.20, port: 9220}": f"{{host: {emg['host']}, port: {emg['port']}, {verified}}}",
         }
         for old, new in {**addresses, **self._edit}.items():
-            if old not in text:
-                raise GraphError(f"launch/rig.yaml has no '{old}' to replace")
-            text = text.replace(old, new)
+            if not any(old in text for text in texts.values()):
+                raise GraphError(f"launch/rig.yaml and what it includes have no '{old}' to replace")
+            texts = {name: text.replace(old, new) for name, text in texts.items()}
         for name in ("nodes", "msgs"):
             (self.folder / name).symlink_to(ROOT / name)
-        (self.folder / "launch").mkdir()
+        (self.folder / "launch" / "parts").mkdir(parents=True)
+        for name, text in texts.items():
+            (self.folder / "launch" / name).write_text(text, encoding="utf-8")
         launch_file = self.folder / "launch" / "rig.yaml"
-        launch_file.write_text(text, encoding="utf-8")
         given = [f"from_m:={FROM_M}", f"to_m:={TO_M}", f"lift_mm:={LIFT_M * 1e3}"]
         environment = {
             **os.environ,

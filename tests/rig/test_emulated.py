@@ -16,10 +16,14 @@ import yaml
 
 from palp_core.graph.bag.reader import read
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import resolved_yaml
+from palp_core.graph.description.file_reader import read as describe
+from palp_core.graph.launch.graph import check_file
 from tests.support.palp import PATIENCE_S, Palp
 
 ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
+SHARED = ROOT / "launch" / "parts" / "experiment.yaml"
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
 SMALL = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.015", "to_m:=0.02", "lift_mm:=5.0")
 # What depends on how fast the machine is: a busy one is no fault of the rig.
@@ -27,8 +31,13 @@ LENIENT = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_
 SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.012", "to_m:=0.012", "lift_mm:=5.0")
 
 
-def tree(path: Path) -> dict[str, Any]:
-    loaded: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+def arguments(path: Path) -> dict[str, tuple[Any, ...]]:
+    found = describe(path).arguments.values()
+    return {known.name: (known.default, known.choices, known.help) for known in found}
+
+
+def resolved(path: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load(resolved_yaml(check_file(path)))
     return loaded
 
 
@@ -50,15 +59,16 @@ def rows_of(out: Path) -> list[dict[str, str]]:
 
 
 def test_it_takes_the_arguments_of_the_simulated_rig() -> None:
-    theirs = tree(SIM)["args"]
+    theirs = arguments(SIM)
     for path in (EMULATED, RIG):
-        ours = tree(path)["args"]
+        ours = arguments(path)
         assert {name: ours[name] for name in theirs} == theirs
 
 
 def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
-    emulated, rig = tree(EMULATED), tree(RIG)
-    del emulated["args"]["host"]
+    emulated, rig = resolved(EMULATED), resolved(RIG)
+    assert arguments(EMULATED).keys() - arguments(RIG) == {"host"}
+    assert {name: known for name, known in arguments(EMULATED).items() if name != "host"} == arguments(RIG)
     assert emulated["nodes"]["experiment"]["inputs"].pop("guard") == "phantom/guard"  # a real one has none
     for graph in (emulated, rig):
         del graph["nodes"]["phantom"]
@@ -69,7 +79,7 @@ def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
 
 
 def test_the_window_is_the_path_of_the_experiment() -> None:
-    nodes = tree(RIG)["nodes"]
+    nodes = yaml.safe_load(SHARED.read_text(encoding="utf-8"))["nodes"]
     for end in ("from_m", "to_m"):
         assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
 

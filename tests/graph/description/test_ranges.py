@@ -16,6 +16,7 @@ from palp_core.graph.problems import GraphProblems
 
 ROOT = Path(__file__).parents[3]
 LAUNCH = ROOT / "launch"
+SHARED = "parts/experiment.yaml"  # of rig.yaml and emulated.yaml
 PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else is a size, a rate or a count
 
 
@@ -23,9 +24,10 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     """Return the text that each mistake points at, and what it says."""
     with pytest.raises(GraphProblems) as caught:
         load(path, arguments, inspect_classes)
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert {problem.file for problem in caught.value.problems} == {str(path)}
-    return [(lines[p.line - 1][p.column - 1 :], p.message) for p in caught.value.problems]
+    problems = caught.value.problems
+    assert {problem.file for problem in problems} <= {str(path), str(path.parent / SHARED)}
+    lines = {p.file: Path(p.file).read_text(encoding="utf-8").splitlines() for p in problems}
+    return [(lines[p.file][p.line - 1][p.column - 1 :], p.message) for p in problems]
 
 
 @pytest.mark.parametrize(
@@ -38,7 +40,7 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
         ("sim", "max_probes:=0", ["Estimator"]),
         ("sim", "stop_value:=-1.0", ["Estimator"]),
         ("emulated", "height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
-        ("rig", "height_sd_mm:=-1.0", ["Operator", "Information", "Estimator"]),
+        ("rig", "height_sd_mm:=-1.0", ["Information", "Estimator", "Operator"]),
         ("rig", "lift_mm:=-5.0", ["Safety", "RigStage"]),
         ("rig", "stale_ms:=1e9", ["Safety"]),
         ("rig", "beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
@@ -66,8 +68,8 @@ def test_an_argument_out_of_its_range_is_a_mistake_at_each_parameter_that_takes_
         (["lift_mm:=6.0", "scene:=DEEP"], "lift_mm: $(var", "enters by 6 mm where it scans; raise it"),
         (["range_n_mm:=90.0"], "nodes.safety:Safety", "can never trip; lower it, or state the range"),
         (["range_n:=9.0"], "nodes.safety:Safety", "stop_force_n = 10 is above the sensor's range of 9"),
-        (["answer_s:=-1.0"], "options:", "stage: stale_s = -1 must lie in [0.001, 600]"),
-        (["answer_s:=-1.0"], "options:", "ring: stale_s = -1 must lie in [0.001, 60]"),
+        (["answer_s:=-1.0"], "stage: {url:", "stage: stale_s = -1 must lie in [0.001, 600]"),
+        (["answer_s:=-1.0"], "actuator: {url:", "ring: stale_s = -1 must lie in [0.001, 60]"),
         (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
         (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
         (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
@@ -93,9 +95,9 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
         ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
         ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
         ("uniform: {}", "uniform: {rings_mm: [4.0, -8.0]}", "Expected `float` >= 0.0 - at `$[1]`"),
-        ("stop_url:", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never trip"),
-        ("stop_url:", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
-        ("stop_url:", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
+        ("stop_url: $", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never trip"),
+        ("stop_url: $", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
+        ("stop_url: $", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
         ("device: ati", "device: ait", "no torque device 'ait'; known: ati, netft, sim"),
         ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
         ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
@@ -113,15 +115,16 @@ def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
 ) -> None:
     for folder in ("nodes", "msgs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    path = tmp_path / "launch" / "rig.yaml"
-    path.parent.mkdir()
-    text = (LAUNCH / "rig.yaml").read_text(encoding="utf-8")
-    assert old in text
-    changed = f"{new}\n      {old}" if old == "stop_url:" else new
-    path.write_text(text.replace(old, changed, 1), encoding="utf-8")
-    ((place, message),) = found(path)
+    (tmp_path / "launch" / "parts").mkdir(parents=True)
+    texts = {name: (LAUNCH / name).read_text(encoding="utf-8") for name in ("rig.yaml", SHARED)}
+    file = next(name for name in (SHARED, "rig.yaml") if old in texts[name])
+    changed = f"{new}\n      {old}" if old == "stop_url: $" else new
+    texts[file] = texts[file].replace(old, changed, 1)
+    for name, text in texts.items():
+        (tmp_path / "launch" / name).write_text(text, encoding="utf-8")
+    ((place, message),) = found(tmp_path / "launch" / "rig.yaml")
     assert words in message
-    assert place.startswith((new.partition(":")[0], "options:", "rings_mm:"))
+    assert place.startswith((new.partition(":")[0], "stage: {", "torque: {", "rings_mm:"))
 
 
 def numbers() -> Iterator[tuple[str, ParamDescription]]:

@@ -20,11 +20,11 @@ def test_a_bad_scene_file_is_a_mistake_at_the_parameter_that_names_it(name: str,
     with pytest.raises(GraphProblems) as caught:
         load(LAUNCH / f"{name}.yaml", [f"scene:={scene}"], inspect_classes)
     lines = str(caught.value).splitlines()
-    launch = (LAUNCH / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     assert any("(Estimator)" in line for line in lines)
     for line in lines:
         assert f"{scene}:1:23: modulus_pa: -5 is not in" in line
-        assert "scene: $(var scene)" in launch[int(line.split(":")[1]) - 1]
+        file, number = line.split(":")[:2]
+        assert "scene: $(var scene)" in Path(file).read_text(encoding="utf-8").splitlines()[int(number) - 1]
 
 
 def test_files_of_scene_and_phantoms_are_each_checked_and_good_ones_pass(tmp_path: Path) -> None:
