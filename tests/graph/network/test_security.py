@@ -158,7 +158,7 @@ def test_strangers_get_nothing_whatever_they_send(home: Host, away: Host) -> Non
                 pass
             assert len(received) <= 64  # the greeting that every ZeroMQ socket sends
     plain = Raw(graph.address)
-    plain.say("hello", protocol=1)
+    plain.say("hello", protocol=PROTOCOL)
     for _ in range(3):
         graph.said("refused a stranger")
     assert not plain.socket.poll(0)
@@ -242,7 +242,7 @@ def test_the_secret_is_seen_nowhere(home: Host, away: Host) -> None:
 
 def test_a_guest_speaks_for_itself_only(guest: tuple[Launched, Raw]) -> None:
     graph, raw = guest
-    raw.say("hello", protocol=1)
+    raw.say("hello", protocol=PROTOCOL)
     view = raw.until("graph")["view"]
     assert "/ticker/tick" in view["topics"]
     request = {"name": "guest", "run": "x:Y", "host": "away", "pid": 1}
@@ -269,7 +269,7 @@ def test_a_guest_speaks_for_itself_only(guest: tuple[Launched, Raw]) -> None:
 
 def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(guest: tuple[Launched, Raw]) -> None:
     graph, raw = guest
-    raw.say("hello", protocol=1)
+    raw.say("hello", protocol=PROTOCOL)
     raw.until("graph")
     for ticket, op in enumerate(("stop", "swap", "graph")):
         raw.say("request", ticket=ticket, node="graph", body=msgpack.packb({"op": op, "node": "graph"}))
