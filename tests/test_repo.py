@@ -171,10 +171,10 @@ def is_module_or_in_one(name: str) -> bool:
 
 
 def nodes_amiss(text: str) -> set[str]:
-    """Return each ``nodes.module:Class`` that a text states and no workspace of the repository has."""
+    """Return each class of a module in ``nodes`` that a text names and no workspace of the repository has."""
     return {
         f"nodes.{module}:{name}"
-        for module, name in re.findall(r"\bnodes\.(\w+):(\w+)", text)
+        for module, name in re.findall(r"\bnodes\.(\w+)(?::| import )(\w+)", text)
         if not any(
             f"\nclass {name}(" in file.read_text(encoding="utf-8")
             for folder in ("", "examples/*/", "benchmarks/*/")

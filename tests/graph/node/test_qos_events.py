@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -11,6 +11,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.qos import EventKind
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
@@ -203,3 +204,9 @@ def test_events_and_calls_survive_a_hand_over() -> None:
     heir.wait(300 * MS)
     assert heir.log[-3:] == ["word 9", "message_lost 1 of 5", "call_timeout 1"]
     assert len(heir.resent) == 2
+
+
+@pytest.mark.parametrize("kind", get_args(EventKind))
+def test_each_kind_of_event_has_its_words(kind: EventKind) -> None:
+    event = QosEvent(kind=kind, port="load", topic="/sensor/load", total_count=3, count_change=1)
+    assert event.text.startswith(("input 'load' (/sensor/load): ", "client 'load' (/sensor/load): "))

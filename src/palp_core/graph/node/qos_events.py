@@ -7,7 +7,7 @@ import msgspec
 from palp_core.graph.messages.qos import EventKind
 from palp_core.graph.node.owner import Owner
 
-_TEXT = {
+_TEXT: dict[EventKind, str] = {
     "deadline": "no message within its deadline",
     "lifespan": "a message was older than its lifespan and was dropped",
     "message_lost": "messages were lost",
