@@ -115,6 +115,6 @@ def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path)
     said, errors = process.communicate(timeout=900.0)
     assert process.returncode == 0, said + errors
     result = json.loads((out / "result.json").read_text())
-    assert result["trials"] == 3
+    assert result["trials_done"] == 3
     assert (out / "report.html").exists()
     assert len(rows_of(out)) >= 15 + 3

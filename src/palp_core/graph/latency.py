@@ -9,6 +9,8 @@ SUB_BUCKETS = 16
 BATCH = 1024
 RECENT = 10_000
 """How many of the last durations are known one by one."""
+LONGEST_NS = 2**63 - 1
+"""What a longer duration counts as: a stamp is what a stranger wrote."""
 
 _SHIFT = SUB_BUCKETS.bit_length() - 1
 
@@ -34,7 +36,8 @@ class Latency:
 
     def _sort(self) -> None:
         """Put what is new into its buckets: in batches, away from the message's way."""
-        new, self._new = self._new, []
+        new = [min(max(duration_ns, 0), LONGEST_NS) for duration_ns in self._new]
+        self._new = []
         self._count += len(new)
         self._max_ns = max(self._max_ns, max(new, default=0))
         for duration_ns in new:

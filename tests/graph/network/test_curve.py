@@ -11,7 +11,7 @@ import zmq
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network import curve_caller, curve_listener
+from palp_core.graph.network import curve_listener
 from palp_core.graph.network.curve_caller import CurveCaller
 from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
 from palp_core.graph.network.event_loop import EventLoop
@@ -206,8 +206,7 @@ def test_a_call_that_somebody_takes_is_told_from_one_that_nobody_takes(ends: End
 def test_a_call_that_is_taken_and_not_answered_is_given_up_with_a_hint(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (curve_listener, curve_caller):
-        monkeypatch.setattr(module, "HANDSHAKE_MS", 200)
+    monkeypatch.setattr(curve_listener, "HANDSHAKE_MS", 200)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
         ends.call(None)

@@ -139,9 +139,9 @@ def test_a_large_message_crosses_whole(home: Host, away: Host) -> None:
 
 def test_two_guests_hear_each_other(open_home: Host, open_graph: Launched, visitor: Host) -> None:
     graph, book = open_graph, visitor.book()
-    visitor.start(*joining(open_home, graph, "nodes.toys:Ticker", "--name", "metronome"))
-    graph.said("/metronome has joined")
-    wires = ("-r", "tick:=/metronome/tick", "-p", f"notes:={book.path}")
+    visitor.start(*joining(open_home, graph, "nodes.toys:Ticker", "--name", "drummer"))
+    graph.said("/drummer has joined")
+    wires = ("-r", "tick:=/drummer/tick", "-p", f"notes:={book.path}")
     visitor.start(*joining(open_home, graph, "nodes.toys:Keeper", "--name", "second", *wires))
     book.until("tick")
 

@@ -58,3 +58,11 @@ def test_no_more_than_so_many_are_kept() -> None:
         latency.add(duration_ns)
     found = latency.recent_s(10**9)
     assert (found["messages"], found["min"]) == (RECENT, 4 * RECENT / 1e9)
+
+
+def test_a_duration_that_no_clock_can_show_is_counted_as_the_longest() -> None:
+    latency = Latency()
+    for duration_ns in (2**80, -(2**80), 5):
+        latency.add(duration_ns)
+    assert latency.count == 3
+    assert latency.max_ns == 2**63 - 1

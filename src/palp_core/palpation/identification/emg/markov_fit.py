@@ -85,7 +85,7 @@ def source_of(word: str) -> EmgRecordingPath:
     """Return what a word of the command line names: ``FILE`` or ``MM=FILE``.
 
     >>> source_of("2=trial.csv")
-    Source(path=PosixPath('trial.csv'), depth_m=0.002)
+    EmgRecordingPath(path=PosixPath('trial.csv'), depth_m=0.002)
     """
     stated = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(?:mm)?=(.+)", word)
     return (
