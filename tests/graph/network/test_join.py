@@ -6,7 +6,9 @@ import json
 import os
 import re
 import signal
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import psutil
 import pytest
@@ -20,14 +22,14 @@ from tests.support.palp import PATIENCE_S, finished
 
 @pytest.fixture
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     yield host
     host.close()
 
 
 @pytest.fixture
 def away(tmp_path_factory: pytest.TempPathFactory, home: Host) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     trusting(home, host)
     yield host
     host.close()
@@ -36,7 +38,7 @@ def away(tmp_path_factory: pytest.TempPathFactory, home: Host) -> Iterator[Host]
 @pytest.fixture(scope="module")
 def open_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
     """The host of a graph that every guest leaves as it was."""
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     host.keys.generate("home")
     yield host
     host.close()
@@ -52,7 +54,7 @@ def visitor(
     tmp_path_factory: pytest.TempPathFactory, open_home: Host, open_graph: Launched
 ) -> Iterator[Host]:
     """A host that the open graph lets in, whose guests have left when the next one comes."""
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     open_home.keys.allow(host.keys.generate("away").public, host.folder.name)
     yield host
     host.close()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -65,7 +67,7 @@ def cable() -> Iterator[Cable]:
 
 @pytest.fixture
 def home(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     host.prefix = ["ip", "netns", "exec", cable.home]
     yield host
     host.close()
@@ -73,7 +75,7 @@ def home(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Hos
 
 @pytest.fixture
 def away(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     host.prefix = ["ip", "netns", "exec", cable.away]
     yield host
     host.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import socket
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,14 @@ PATIENCE_NS = 60_000_000_000
 
 @pytest.fixture
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     yield host
     host.close()
 
 
 @pytest.fixture
 def away(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(tmp_path_factory.mktemp("r"))
+    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     yield host
     host.close()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ class Office:
 @pytest.fixture(scope="module", params=["wall", "sim"])
 def office(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Office]:
     """One office for all the tests that leave it as it was."""
-    palp = Palp(tmp_path_factory.mktemp("r"))
+    palp = Palp(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
     yield Office(Post(palp, tmp_path_factory.mktemp("office")), f"clock:={request.param}")
     palp.close()
 
