@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import psutil
 
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.transport.requester_socket import ask
-from tests.support.palp import PATIENCE_S, Palp
+from tests.support.palp import PATIENCE_S, Palp, short_folder
 
 TOYS = '''
 from palp_core import Message, Node, Params, Pub, Srv, State, Sub, every, on, serve
@@ -192,6 +194,17 @@ class Host(Palp):
         super().close()
         while self.books:
             self.books.pop().close()
+
+
+@contextlib.contextmanager
+def own_host() -> Iterator[Host]:
+    """A host with a short folder of its own."""
+    with short_folder() as folder:
+        host = Host(folder)
+        try:
+            yield host
+        finally:
+            host.close()
 
 
 class Launched:

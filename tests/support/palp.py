@@ -159,13 +159,20 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 @contextlib.contextmanager
 def own_palp() -> Iterator[Palp]:
-    """The command line with a runtime folder of its own, short enough for the paths of sockets."""
-    with tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as runtime:
-        command = Palp(Path(runtime))
+    """The command line with a runtime folder of its own."""
+    with short_folder() as runtime:
+        command = Palp(runtime)
         try:
             yield command
         finally:
             command.close()
+
+
+@contextlib.contextmanager
+def short_folder() -> Iterator[Path]:
+    """A folder whose path is short enough for those of sockets in it, which pytest's own is not."""
+    with tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
 
 
 @pytest.fixture

@@ -6,9 +6,7 @@ import json
 import os
 import re
 import signal
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import psutil
 import pytest
@@ -16,32 +14,29 @@ import pytest
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
-from tests.support.hosts import Host, Launched, NoteBook, joining, trusting
+from tests.support.hosts import Host, Launched, NoteBook, joining, own_host, trusting
 from tests.support.palp import PATIENCE_S, finished
 
 
 @pytest.fixture
-def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    yield host
-    host.close()
+def home() -> Iterator[Host]:
+    with own_host() as host:
+        yield host
 
 
 @pytest.fixture
-def away(tmp_path_factory: pytest.TempPathFactory, home: Host) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    trusting(home, host)
-    yield host
-    host.close()
+def away(home: Host) -> Iterator[Host]:
+    with own_host() as host:
+        trusting(home, host)
+        yield host
 
 
 @pytest.fixture(scope="module")
-def open_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+def open_home() -> Iterator[Host]:
     """The host of a graph that every guest leaves as it was."""
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    host.keys.generate("home")
-    yield host
-    host.close()
+    with own_host() as host:
+        host.keys.generate("home")
+        yield host
 
 
 @pytest.fixture(scope="module")
@@ -50,14 +45,11 @@ def open_graph(open_home: Host) -> Launched:
 
 
 @pytest.fixture
-def visitor(
-    tmp_path_factory: pytest.TempPathFactory, open_home: Host, open_graph: Launched
-) -> Iterator[Host]:
+def visitor(open_home: Host, open_graph: Launched) -> Iterator[Host]:
     """A host that the open graph lets in, whose guests have left when the next one comes."""
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    open_home.keys.allow(host.keys.generate("away").public, host.folder.name)
-    yield host
-    host.close()
+    with own_host() as host:
+        open_home.keys.allow(host.keys.generate("away").public, host.folder.name)
+        yield host
     while open_graph.ask("gateway", op="guests")["guests"]:
         pass
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from tests.support.hosts import Host, joining, trusting
+from tests.support.hosts import Host, joining, own_host, trusting
 from tests.support.palp import finished
 
 
@@ -66,19 +64,17 @@ def cable() -> Iterator[Cable]:
 
 
 @pytest.fixture
-def home(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    host.prefix = ["ip", "netns", "exec", cable.home]
-    yield host
-    host.close()
+def home(cable: Cable) -> Iterator[Host]:
+    with own_host() as host:
+        host.prefix = ["ip", "netns", "exec", cable.home]
+        yield host
 
 
 @pytest.fixture
-def away(tmp_path_factory: pytest.TempPathFactory, cable: Cable) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    host.prefix = ["ip", "netns", "exec", cable.away]
-    yield host
-    host.close()
+def away(cable: Cable) -> Iterator[Host]:
+    with own_host() as host:
+        host.prefix = ["ip", "netns", "exec", cable.away]
+        yield host
 
 
 def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import socket
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,24 +17,22 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.network.join_protocol import PROTOCOL
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
-from tests.support.hosts import Host, Launched, joining, trusting
+from tests.support.hosts import Host, Launched, joining, own_host, trusting
 from tests.support.palp import finished
 
 PATIENCE_NS = 60_000_000_000
 
 
 @pytest.fixture
-def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    yield host
-    host.close()
+def home() -> Iterator[Host]:
+    with own_host() as host:
+        yield host
 
 
 @pytest.fixture
-def away(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
-    host = Host(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    yield host
-    host.close()
+def away() -> Iterator[Host]:
+    with own_host() as host:
+        yield host
 
 
 class Raw:

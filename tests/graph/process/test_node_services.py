@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import pytest
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.transport.requester_socket import ask
-from tests.support.palp import PATIENCE_S, Palp
+from tests.support.palp import PATIENCE_S, Palp, own_palp
 from tests.support.post import Post
 
 
@@ -50,9 +49,8 @@ class Office:
 @pytest.fixture(scope="module", params=["wall", "sim"])
 def office(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Office]:
     """One office for all the tests that leave it as it was."""
-    palp = Palp(Path(tempfile.mkdtemp(prefix="palp-", dir="/tmp")))
-    yield Office(Post(palp, tmp_path_factory.mktemp("office")), f"clock:={request.param}")
-    palp.close()
+    with own_palp() as palp:
+        yield Office(Post(palp, tmp_path_factory.mktemp("office")), f"clock:={request.param}")
 
 
 def test_parameters_are_set_as_a_whole_or_not_at_all(office: Office) -> None:

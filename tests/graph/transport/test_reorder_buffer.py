@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -123,6 +126,37 @@ def test_a_publisher_that_does_not_answer_is_waited_for_and_then_the_gap_is_coun
     edge.wait(1)
     assert edge.taken == [1, 4]
     assert edge.account.lost == 2
+
+
+@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
+def test_what_a_place_could_not_deliver_before_it_died_is_asked_of_its_successor(
+    reliability: Literal["reliable", "best_effort"],
+) -> None:
+    edge = Edge(Qos(depth=5, reliability=reliability), answers=False)
+    edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1))
+    edge.buffer.begin_move()
+    edge.arrive(frame(3))
+    edge.wait(FILL_NS)
+    assert edge.asked == [(2, 2)]
+    edge.arrive(frame(4))
+    assert edge.taken == [1]
+    edge.kept, edge.answers = [frame(2)], True
+    edge.answer()
+    assert edge.taken == [1, 2, 3, 4]
+    assert edge.account.lost == 0
+
+
+def test_a_best_effort_reader_that_the_successor_cannot_help_goes_on() -> None:
+    edge = Edge(Qos(depth=5, reliability="best_effort"), answers=False)
+    edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1))
+    edge.buffer.begin_move()
+    edge.arrive(frame(3))
+    edge.buffer.end_move(edge.now_ns, 4)
+    edge.wait(FILL_NS)
+    assert edge.taken == [1, 3]
+    edge.arrive(frame(6))
+    assert edge.taken == [1, 3, 6]
+    assert edge.account.lost == 3
 
 
 def test_a_reader_that_was_away_still_waits_for_the_answer_and_blames_nobody() -> None:

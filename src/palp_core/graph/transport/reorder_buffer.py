@@ -123,7 +123,7 @@ class ReorderBuffer:
             if self._accounted != self.epoch or frame.kind == Kind.IDLE:
                 self._deliver(frame)  # nothing new: it starts the account of the epoch
             self._accounted = self.epoch
-        elif self._fills or self._moving:
+        elif self._fills or self._moving or self.give_up_ns is not None:
             self._advance(now_ns)
         else:
             self._skip_to(self._last)
@@ -168,7 +168,7 @@ class ReorderBuffer:
         self.give_up_ns = None
         if self.next not in self._held:  # the publisher no longer has it
             self._skip_to(min(self._held, default=self._asked_to + 1) - 1)
-        self._advance(now_ns)
+        self._go_on(now_ns)
 
     def expire(self, now_ns: int) -> None:
         """Give up a gap that was not filled in time."""
@@ -178,7 +178,14 @@ class ReorderBuffer:
                 return
             self.give_up_ns = None
             self._skip_to(min(self._held, default=self._last + 1) - 1)
+            self._go_on(now_ns)
+
+    def _go_on(self, now_ns: int) -> None:
+        """Go on after an answer, or without: a best-effort reader asks for one gap at most."""
+        if self._fills:
             self._advance(now_ns)
+        else:
+            self._skip_to(self._last)
 
     def excuse_absence(self, away_ns: int, now_ns: int) -> None:
         """Let time in which this process was away count neither as silence nor as waiting for an answer.
@@ -197,15 +204,16 @@ class ReorderBuffer:
         self._moving = True
 
     def end_move(self, now_ns: int, last: int = 0) -> None:
-        """Take the first place's word that it has published its last, or that it stays the only one."""
+        """Take the first place's word that it has published its last, or that it stays the only one.
+
+        If it died before all of it was here, the successor is asked, whatever the quality of service: it was
+        handed what its predecessor had published.
+        """
         if not self._moving:
             return
         self._moving, self.give_up_ns = False, None
         self._last = max(self._last, last)
-        if self._fills:
-            self._advance(now_ns)
-        else:
-            self._skip_to(self._last)
+        self._advance(now_ns)
 
     def continue_from(self, epoch: int, last: int) -> None:
         """Go on where a predecessor of the reader was: it has received everything up to ``last``.
