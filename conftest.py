@@ -1,4 +1,4 @@
-"""Before any test is found: one thread for linear algebra, and which files of the source hold tests."""
+"""Before any test is found: how many at a time, threads of linear algebra, files of the source with tests."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ SOURCE = Path(__file__).parent / "src"
 # matrices take nearly twice the time on two threads.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Take one worker more than there are cores: tests of processes wait more than they compute."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
