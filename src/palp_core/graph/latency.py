@@ -1,11 +1,14 @@
 """A histogram of latencies that costs a list index per message and holds any number of them."""
 
 import bisect
-import itertools
 import math
 from array import array
 
+import numpy as np
+from numpy.typing import NDArray
+
 SUB_BUCKETS = 16
+BUCKETS = SUB_BUCKETS * 64
 BATCH = 1024
 RECENT = 10_000
 """How many of the last durations are known one by one."""
@@ -23,7 +26,7 @@ class Latency:
 
     def __init__(self) -> None:
         self._recent = array("q")
-        self._counts = [0] * (SUB_BUCKETS * 64)
+        self._counts = np.zeros(BUCKETS, dtype=np.int64)
         self._new: list[int] = []
         self._max_ns = 0
         self._count = 0
@@ -36,13 +39,16 @@ class Latency:
 
     def _sort(self) -> None:
         """Put what is new into its buckets: in batches, away from the message's way."""
-        new = [min(max(duration_ns, 0), LONGEST_NS) for duration_ns in self._new]
-        self._new = []
+        new, self._new = self._new, []
+        if not new:
+            return
+        if min(new) < 0 or max(new) > LONGEST_NS:
+            new = [min(max(duration_ns, 0), LONGEST_NS) for duration_ns in new]
+        durations_ns = np.array(new, dtype=np.int64)
         self._count += len(new)
-        self._max_ns = max(self._max_ns, max(new, default=0))
-        for duration_ns in new:
-            self._counts[_bucket(duration_ns)] += 1
-        self._recent.extend(new)
+        self._max_ns = max(self._max_ns, int(durations_ns.max()))
+        self._counts += np.bincount(_buckets(durations_ns), minlength=BUCKETS)
+        self._recent.frombytes(durations_ns.tobytes())
         if len(self._recent) > 2 * RECENT:
             del self._recent[:-RECENT]
 
@@ -60,7 +66,7 @@ class Latency:
     def percentile_s(self, percent: float) -> float:
         """Return the duration in s that so many per cent do not exceed; 0 when none was added."""
         self._sort()
-        return self._percentile_s(list(itertools.accumulate(self._counts)), percent)
+        return self._percentile_s(np.cumsum(self._counts).tolist(), percent)
 
     def _percentile_s(self, up_to: list[int], percent: float) -> float:
         if not self.count:
@@ -73,7 +79,7 @@ class Latency:
     def summary_s(self) -> dict[str, float]:
         """Return p50, p90, p99 and the maximum, in s."""
         self._sort()
-        up_to = list(itertools.accumulate(self._counts))
+        up_to = np.cumsum(self._counts).tolist()
         percentiles = {f"p{percent}": self._percentile_s(up_to, percent) for percent in (50, 90, 99)}
         return percentiles | {"max": self.max_ns / 1e9}
 
@@ -100,8 +106,8 @@ class Latency:
         return {"messages": count, **{name: value / 1e9 for name, value in found.items()}}
 
 
-def _bucket(duration_ns: int) -> int:
-    if duration_ns < SUB_BUCKETS:
-        return max(duration_ns, 0)
-    octave = duration_ns.bit_length() - _SHIFT - 1
-    return (octave << _SHIFT) + (duration_ns >> octave)
+def _buckets(durations_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    bit_length = np.frexp(durations_ns.astype(np.float64))[1]
+    octave = np.maximum(bit_length.astype(np.int64) - _SHIFT - 1, 0)
+    buckets: NDArray[np.int64] = (octave << _SHIFT) + (durations_ns >> octave)
+    return buckets
