@@ -44,7 +44,7 @@ from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import pack

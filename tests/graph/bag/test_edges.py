@@ -166,7 +166,7 @@ def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_bag_flushed_by_hand_and_closed_twice_is_whole(tmp_path: Path, kit: Any) -> None:
-    from palp_core.graph.bag.topic import Stream
+    from palp_core.graph.bag.stream import Stream
 
     writer = BagWriter(tmp_path / "run", custom={"operator": "x"})
     number = writer.stream(Stream(topic=Topic(name="/a")))

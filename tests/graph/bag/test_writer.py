@@ -17,7 +17,7 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.file_writer import FileWriter
 from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.replay.streams import LATE_NS, OrderedMessages, RecordedInputs, key_of

@@ -8,7 +8,7 @@ from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 from msgspec import Meta
 
 from palp_core.errors import BagError, SchemaMismatch
-from palp_core.graph.bag.topic import MESSAGE_ENCODING
+from palp_core.graph.bag.stream import MESSAGE_ENCODING
 from palp_core.graph.bag.values import type_from_schema
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.message import Message

@@ -9,7 +9,7 @@ import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
 from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse

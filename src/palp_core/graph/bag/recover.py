@@ -11,7 +11,7 @@ from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.mcap.salvage import Salvage, salvage
 from palp_core.graph.bag.metadata import bag_files, in_order
 from palp_core.graph.bag.recorder import SUMMARY_NAME
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import BagError, SchemaMismatch
-from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
+from palp_core.graph.bag.stream import MESSAGE_ENCODING, Stream
 from palp_core.graph.messages import schema_reader
 from palp_core.units import Float64Array
 

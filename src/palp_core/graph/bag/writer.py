@@ -13,7 +13,7 @@ from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, CHUNK_NS, FileWriter
 from palp_core.graph.bag.mcap.records import Attachment, Metadata
 from palp_core.graph.bag.metadata import FilePart, write_metadata
-from palp_core.graph.bag.topic import Stream
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.messages.topic import Topic
 
 _NEVER = 1 << 63

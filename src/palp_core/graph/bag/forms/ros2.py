@@ -11,7 +11,7 @@ import numpy as np
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.topic import MESSAGE_ENCODING, Stream
+from palp_core.graph.bag.stream import MESSAGE_ENCODING, Stream
 from palp_core.graph.bag.values import decoder_for
 from palp_core.graph.messages import schema_reader
 
