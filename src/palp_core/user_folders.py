@@ -6,6 +6,7 @@ https://specifications.freedesktop.org/basedir-spec/, with a variable of palp's 
 import functools
 import hashlib
 import os
+import stat
 import sys
 from pathlib import Path
 
@@ -56,6 +57,41 @@ def runtime_folder() -> Path:
         )
         return short
     return SHORT / own
+
+
+def folder_mistake(folder: Path) -> str | None:
+    """Return why a folder may hold what another user has put there, as in /tmp anybody can; None if not.
+
+    A link is not followed: it leads where its owner likes.
+
+    Raises:
+        FileNotFoundError: There is nothing.
+    """
+    found = folder.lstat()
+    kind = "a symbolic link" if stat.S_ISLNK(found.st_mode) else "a file"
+    if not stat.S_ISDIR(found.st_mode):
+        return f"{folder} is not a folder of this user but {kind}"
+    if found.st_uid != os.getuid():
+        return f"{folder} is not a folder of this user but of user {found.st_uid}"
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"{folder} can be written to by others (mode {stat.S_IMODE(found.st_mode):03o})"
+    return None
+
+
+def own_folder(folder: Path) -> str | None:
+    """Make a folder that none but this user can enter, or shut one that is there already.
+
+    Returns:
+        Why it is not this user's, as :func:`folder_mistake` does; None if it is.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
+        folder.chmod(0o700)
+    return folder_mistake(folder)
 
 
 @functools.cache

@@ -8,6 +8,9 @@ from typing import Any, BinaryIO
 
 import msgspec
 
+PRIVATE = 0o600
+"""The mode of what is this user's alone."""
+
 
 @contextlib.contextmanager
 def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Iterator[BinaryIO]:
@@ -55,13 +58,22 @@ def write_whole(path: Path, content: str | bytes, *, mode: int = 0o666, durable:
         file.write(content.encode() if isinstance(content, str) else content)
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write a value as indented JSON; NaN becomes null.
+def write_json(path: Path, value: Any, *, mode: int = 0o666) -> None:
+    """Write a value as indented JSON; NaN becomes null. The mode is that of :func:`whole_file`.
 
     Raises:
         OSError: It cannot be written.
     """
-    write_whole(path, msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
+    write_whole(path, msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n", mode=mode)
+
+
+def open_private(path: str, flags: int) -> int:
+    """Open a file, as the ``opener`` of ``open``: a new one is this user's alone, and no link is followed.
+
+    Raises:
+        OSError: It cannot be opened, or is a link.
+    """
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, PRIVATE)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -316,7 +316,9 @@ def test_who_looks_for_graphs_trusts_no_folder_of_another(
     theirs = tmp_path / "theirs"
     (theirs / "a" / "log").mkdir(parents=True)
     (palp.runtime_dir / "palp").symlink_to(theirs)
-    with pytest.raises(GraphError, match="palp is not a folder of this user; set XDG_RUNTIME_DIR"):
+    with pytest.raises(
+        GraphError, match="palp is not a folder of this user but a symbolic link; set XDG_RUNTIME_DIR"
+    ):
         running()
     (palp.runtime_dir / "palp").unlink()
     (palp.runtime_dir / "palp" / "a" / "log").mkdir(parents=True)

@@ -1,14 +1,15 @@
 """What earlier runs have left: processes without a supervisor, run directories of runs that are over."""
 
+import contextlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 
-from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark
+from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, runs
-from palp_core.user_folders import runtime_folder
+from palp_core.user_folders import folder_mistake, runtime_folder
 
 
 def examine_runs() -> Iterator[Diagnostic]:
@@ -16,6 +17,7 @@ def examine_runs() -> Iterator[Diagnostic]:
     over = {str(folder): record.graph for folder, record, lives in runs() if not lives}
     orphans = list(_orphans(over))
     yield from orphans
+    yield from _foreign()
     if not orphans:
         yield fine("processes", "no orphans: every process of a run has its launcher")
     if over:
@@ -25,6 +27,15 @@ def examine_runs() -> Iterator[Diagnostic]:
             f"{len(over)} run directories of runs that are over, kept for their logs: {names}",
             f"remove those that are read; the latest {KEEP_ENDED} stay, older ones go with the next launch",
         )
+
+
+def _foreign() -> Iterator[Diagnostic]:
+    """Find what stands among the run directories and may be another user's: no verb looks into it."""
+    base = runtime_folder()
+    for folder in sorted(base.iterdir()) if base.is_dir() else ():
+        with contextlib.suppress(FileNotFoundError):  # a run has just ended
+            if mistake := folder_mistake(folder):
+                yield warning(str(base), f"{mistake}; it is passed over", "find out who put it there")
 
 
 def _orphans(over: dict[str, str]) -> Iterator[Diagnostic]:

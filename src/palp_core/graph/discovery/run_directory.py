@@ -5,7 +5,6 @@ import fcntl
 import os
 import re
 import shutil
-import stat
 import tempfile
 from pathlib import Path
 
@@ -15,10 +14,11 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
-from palp_core.user_folders import runtime_folder
-from palp_core.whole_file import write_json
+from palp_core.user_folders import folder_mistake, own_folder, runtime_folder
+from palp_core.whole_file import PRIVATE, open_private, write_json
 
 KEEP_ENDED = 10
+RECORD = "graph.json"
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
@@ -45,19 +45,11 @@ class RunRecord(msgspec.Struct, frozen=True):
     listen: str = ""
 
 
-def _is_own(base: Path) -> bool:
-    """Tell whether the folder is there, and refuse what another may have put there: in /tmp anybody can.
+class _NotOwn(GraphError):
+    """The folder of all runs may be another's work."""
 
-    Raises:
-        GraphError: It is another user's, or a link, or no folder.
-    """
-    try:
-        found = base.lstat()
-    except FileNotFoundError:
-        return False
-    if found.st_uid != os.getuid() or not stat.S_ISDIR(found.st_mode):
-        raise GraphError(f"{base} is not a folder of this user; set XDG_RUNTIME_DIR to a folder of your own")
-    return True
+    def __init__(self, mistake: str) -> None:
+        super().__init__(f"{mistake}; set XDG_RUNTIME_DIR to a folder of your own")
 
 
 class RunDirectory:
@@ -70,15 +62,14 @@ class RunDirectory:
     def __init__(self, graph: str) -> None:
         base = runtime_folder()
         try:
-            base.mkdir(mode=0o700, parents=True, exist_ok=True)
-            _is_own(base)
-            base.chmod(0o700)
+            if (mistake := own_folder(base)) is not None:
+                raise _NotOwn(mistake)
             _prune()
             prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
             self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
             self._lock = os.open(self.path, os.O_RDONLY)
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-            (self.path / "log").mkdir()
+            (self.path / "log").mkdir(mode=0o700)
         except OSError as error:
             raise GraphError(
                 f"no run directory in {base}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of your own"
@@ -90,7 +81,7 @@ class RunDirectory:
 
     def write(self, record: RunRecord) -> None:
         """Make the graph visible to the command line."""
-        write_json(self.path / "graph.json", record)
+        write_json(self.path / RECORD, record, mode=PRIVATE)
 
     def remove(self) -> None:
         """Remove the folder with its logs."""
@@ -112,9 +103,11 @@ def record_for(
 
 
 def _read(folder: Path) -> RunRecord | None:
-    with contextlib.suppress(OSError, msgspec.MsgspecError):
-        return msgspec.json.decode((folder / "graph.json").read_bytes(), type=RunRecord)
-    return None
+    try:
+        with open(folder / RECORD, "rb", opener=open_private) as file:
+            return msgspec.json.decode(file.read(), type=RunRecord)
+    except (OSError, msgspec.MsgspecError):
+        return None
 
 
 def runs() -> list[tuple[Path, RunRecord, bool]]:
@@ -145,8 +138,25 @@ def find_running(name: str | None = None) -> RunRecord:
 
 
 def _folders() -> list[Path]:
+    """Return the folders of runs.
+
+    Raises:
+        GraphError: Another may have put there what is in them.
+    """
     base = runtime_folder()
-    return [folder for folder in base.iterdir() if (folder / "log").is_dir()] if _is_own(base) else []
+    try:
+        mistake = folder_mistake(base)
+    except FileNotFoundError:
+        return []
+    if mistake is not None:
+        raise _NotOwn(mistake)
+    return [folder for folder in base.iterdir() if _is_run(folder)]
+
+
+def _is_run(folder: Path) -> bool:
+    with contextlib.suppress(FileNotFoundError):  # it may be removed just now
+        return folder_mistake(folder) is None and (folder / "log").is_dir()
+    return False
 
 
 def _prune() -> None:
@@ -163,7 +173,7 @@ def _prune() -> None:
 def locked(folder: Path) -> bool:
     """Tell whether a run holds its folder: the lock goes with the process that has it, however that ends."""
     try:
-        descriptor = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError:
         return False
     try:

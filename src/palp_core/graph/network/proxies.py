@@ -18,6 +18,7 @@ from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, Turns
+from palp_core.graph.transport.private_endpoint import bind_private
 
 HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10
@@ -48,10 +49,10 @@ class NodeProxy:
         self._publish = event_loop.socket(zmq.XPUB)
         self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
         self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
-        self._publish.bind(endpoints[0])
+        bind_private(self._publish, endpoints[0])
         self._serve = event_loop.socket(zmq.ROUTER)
         self._serve.setsockopt(zmq.MAXMSGSIZE, LARGEST_REQUEST_BYTES)
-        self._serve.bind(endpoints[1])
+        bind_private(self._serve, endpoints[1])
         event_loop.receive(self._publish, self._on_subscription)
         event_loop.receive(self._serve, self._on_request)
 

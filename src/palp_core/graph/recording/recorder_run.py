@@ -18,6 +18,7 @@ from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_messages import RecordOptions
+from palp_core.whole_file import open_private
 
 FOLDER = "recorders"
 ANSWER_NS = 30_000_000_000
@@ -182,9 +183,9 @@ class _NoteFile:
 @contextlib.contextmanager
 def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_NoteFile]:
     folder = graph.folder / FOLDER
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
     path = folder / f"{os.getpid()}.json"
-    with path.open("w") as lock:
+    with open(path, "w", opener=open_private) as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
         told.write()

@@ -13,6 +13,7 @@ import msgspec
 
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.process.control_messages import FromNode, Hello, ToNode, supervisor_end
+from palp_core.whole_file import PRIVATE
 
 
 class ChannelServer:
@@ -31,6 +32,7 @@ class ChannelServer:
         self._index_of: dict[int, int] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
+        path.chmod(PRIVATE)  # nobody gets in before it listens
         self._listener.listen(len(self._names) + 8)
         self._handlers: dict[int, Callable[[], None]] = {}
         self._poll = select.poll()

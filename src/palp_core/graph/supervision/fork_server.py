@@ -36,7 +36,7 @@ from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_ser
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import PRIVATE, write_whole
 
 GRACE_NS = 600_000_000
 CLOSE_TIMEOUT_S = 5.0
@@ -226,7 +226,7 @@ class _Server:
             os.close(write_end)
             self._poll.register(read_end, select.POLLIN)
         else:
-            said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+            said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE)
             self._fork(INSPECTING, said, lambda: self._inspect(request))
             os.close(said)
 
@@ -249,7 +249,7 @@ class _Server:
     def _inspect(self, request: InspectClasses) -> int:
         ImportAnnouncer(self._announce).install()
         answer = inspect_classes(request.requests, Path(request.workspace))
-        write_whole(Path(request.answer), encode_any(answer))
+        write_whole(Path(request.answer), encode_any(answer), mode=PRIVATE)
         return 0
 
     def _send_event(self, event: ChildEvent) -> None:

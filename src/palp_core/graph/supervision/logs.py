@@ -12,6 +12,7 @@ from pathlib import Path
 
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.node.spec import MERGED_LOG
+from palp_core.whole_file import open_private
 
 KEEP_BYTES = 16 << 20  # of a file before it becomes the old one; assumed: a day of a talkative node
 LONGEST_LINE = 1 << 16  # bytes; a longer one is merged in pieces
@@ -136,7 +137,7 @@ def note(log: Path, level: str, text: str) -> None:
     """Write a line of the supervisor's into a node's log and into the merged one."""
     line = f"[{level}] [supervisor]: {text}\n"
     for path, head in ((log, ""), (log.with_name(f"{MERGED_LOG}.log"), f"{_now()} {log.stem}: ")):
-        with contextlib.suppress(OSError), path.open("a", encoding="utf-8") as file:
+        with contextlib.suppress(OSError), open(path, "a", encoding="utf-8", opener=open_private) as file:
             file.write(head + line)
 
 

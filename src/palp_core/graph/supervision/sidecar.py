@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import msgspec
 
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
+from palp_core.whole_file import open_private
 
 CLOSE_TIMEOUT_S = 2.0
 Received = TypeVar("Received")
@@ -30,7 +31,7 @@ class Sidecar(Generic[Received]):
 
     def __init__(self, module: str, decoder: msgspec.msgpack.Decoder[Received], log: Path) -> None:
         ours, theirs = socket.socketpair()
-        with theirs, log.open("ab") as output:
+        with theirs, open(log, "ab", opener=open_private) as output:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],

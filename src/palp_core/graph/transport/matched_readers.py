@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import PRIVATE, write_whole
 
 READER = b"~"
 WAIT_NS = 1_000_000_000
@@ -54,5 +54,5 @@ class MatchedReaders:
             return
         present = set(self._present())
         if present != self._noted:
-            write_whole(self._file, msgspec.json.encode(sorted(present)))
+            write_whole(self._file, msgspec.json.encode(sorted(present)), mode=PRIVATE)
             self._noted = present

@@ -9,6 +9,8 @@ import struct
 from collections.abc import Sequence
 from pathlib import Path
 
+from palp_core.whole_file import open_private
+
 ReceivedOffsets = dict[str, tuple[int, int]]
 """Epoch and sequence by input topic: received, with all that came before."""
 
@@ -26,7 +28,7 @@ class Offsets:
     def __init__(self, path: Path, topics: Sequence[str]) -> None:
         size = max(_SLOT.size * len(topics), 1)
         self._slot = {topic: i * _SLOT.size for i, topic in enumerate(topics)}
-        with path.open("a+b") as file:
+        with open(path, "a+b", opener=open_private) as file:
             file.truncate(size)
             self._map = mmap.mmap(file.fileno(), size)
 

@@ -12,6 +12,7 @@ import zmq
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.matched_readers import READER
+from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
 COPY_BELOW = 512 * 1024
@@ -37,7 +38,7 @@ class PublisherSocket:
         self._socket.setsockopt(zmq.XPUB_VERBOSER, 1)  # every reader that comes and goes is counted
         self._socket.setsockopt(zmq.SNDHWM, SEND_QUEUE)
         self._socket.setsockopt(zmq.LINGER, 200)
-        self._socket.bind(endpoint)
+        bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
         self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda publisher: [publisher.heartbeat()]

@@ -8,6 +8,7 @@ import msgpack
 import zmq
 
 from palp_core.errors import GraphError, NodeError, in_words
+from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
 Operation = Callable[[dict[str, Any]], dict[str, Any]]
@@ -34,7 +35,7 @@ class RequestServer:
         self._socket = context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
-        self._socket.bind(endpoint)
+        bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
         self._operations: dict[str, Mapping[str, Operation]] = {}

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.mechanics import Probe, contact_model, solve
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
 
+LINK = "is not a folder of this user but a symbolic link"
 RNG = np.random.default_rng(0)
 S = 1_000_000_000
 
@@ -44,6 +46,19 @@ def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: flo
     world.axes["z"].move(0.02, 0.05, 60 * S)
     assert world.true_wrench(120 * S).tolist() == [0.0] * 6
     world.close()
+
+
+def test_terminals_are_laid_in_no_folder_that_a_link_leads_to(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "ours").symlink_to(tmp_path / "theirs")
+    rig = EmulatedRig(RigSettings(folder=str(tmp_path / "ours")), ("maestro",))
+    with pytest.raises(DeviceError, match=f"{tmp_path}/ours {LINK}; choose another folder"):
+        rig.start()
+    assert list((tmp_path / "theirs").iterdir()) == []
+    rig = EmulatedRig(RigSettings(folder=str(tmp_path / "theirs" / "new")), ("maestro",))
+    with rig:
+        assert (tmp_path / "theirs" / "new").stat().st_mode & 0o777 == 0o700
+        assert (tmp_path / "theirs" / "new" / "maestro").is_symlink()
 
 
 def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(

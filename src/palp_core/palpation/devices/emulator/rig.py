@@ -24,6 +24,7 @@ from palp_core.palpation.devices.emulator.settings import RigSettings
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
 from palp_core.palpation.devices.wire import spikershield as spikershield_wire
+from palp_core.user_folders import own_folder
 
 DEVICES = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
 _FOR_EVER = 1 << 60
@@ -40,6 +41,23 @@ class Plug(Protocol):
 
     def plug(self) -> None: ...
     def unplug(self) -> None: ...
+
+
+def _own(folder: Path) -> Path:
+    """Return a folder that is there and this user's: a terminal in another's leads where that one likes.
+
+    Raises:
+        DeviceError: It is another user's, a link or no folder, or cannot be made.
+    """
+    try:
+        mistake = own_folder(folder)
+    except OSError as error:
+        mistake = f"{folder} cannot be made: {error.strerror}"
+    if mistake is not None:
+        raise DeviceError(
+            f"emulator: {mistake}; choose another folder (of launch/emulated.yaml: another host:=)"
+        )
+    return folder
 
 
 class EmulatedRig:
@@ -72,8 +90,7 @@ class EmulatedRig:
         """Plug everything in; afterwards ``addresses`` and ``options`` (of the drivers) are known."""
         with ExitStack() as undo:
             if self.settings.folder:
-                self._folder = Path(self.settings.folder)
-                self._folder.mkdir(parents=True, exist_ok=True)
+                self._folder = _own(Path(self.settings.folder))
             else:
                 self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
                 undo.callback(shutil.rmtree, self._folder)
