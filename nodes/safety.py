@@ -16,7 +16,7 @@ from msgs.safety import (
     StopRequest,
     Trip,
 )
-from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
+from palp_core import DiagnosticStatus, Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
@@ -50,6 +50,7 @@ from palp_core.units import (
 
 SEARCH_NS = 1_000_000_000
 KEEP_NS = 1_000_000_000
+ADVICE = "motion is stopped; when all is well, type: palp safety ack"
 ONE_LINK = (
     "one link only (stop_url is empty): a stop reaches the stage through its node alone, and homing is "
     "stopped by nothing but the emergency stop: keep a hand on it; give the stage segment_m: 0.002 and "
@@ -207,6 +208,7 @@ class Safety(Node):
     ring = Sub(RingReport)
     beat = Pub(SafetyBeat)
     trip = Pub(Trip, qos=Qos(durability="transient_local", depth=20))
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
     stop = Srv(StopRequest, StatusReply)
     acknowledge = Srv(AcknowledgeRequest, AcknowledgeReply)
     status = Srv(StatusRequest, StatusReply)
@@ -228,6 +230,7 @@ class Safety(Node):
         self.link = self._new_link() if self.params.stop_url else None
         if self.link is None:
             self.log.warning("%s", ONE_LINK)
+        self._publish_status()
 
     on_resume = on_activate
 
@@ -344,6 +347,7 @@ class Safety(Node):
             now_ns, cause, text = self.now_ns(), str(self.machine.cause), self.machine.text
             self.log.error("tripped: %s: %s", cause, text)
             times = {"cause_ns": cause_ns or now_ns, "written_ns": written_ns, "disabled_ns": disabled_ns}
+            self._publish_status()
             self.trip.publish(self.memory.trip(now_ns, cause, text, **times))
         if disabled_ns:
             self._handle(Event.STOPPED)
@@ -407,6 +411,7 @@ class Safety(Node):
         if done := not self.machine.tripped:
             self.watchdog.arm()
             self._publish_beat()
+            self._publish_status()
             self.log.warning("acknowledged; motion is permitted once everything is heard again")
         text = persisting[0].text if persisting else "" if done else "the stop is not confirmed yet"
         return AcknowledgeReply(done=done, state=self.machine.state.value, text=text)
@@ -414,6 +419,15 @@ class Safety(Node):
     @property
     def _warning(self) -> str:
         return self.watchdog.warning or ("" if self.params.stop_url else ONE_LINK)
+
+    def _publish_status(self) -> None:
+        """Say what a person is to see, wherever he looks."""
+        now_ns, tripped = self.now_ns(), f"tripped: {self.state.cause}: {self.state.text}"
+        self.diagnostics.publish(
+            DiagnosticStatus(stamp_ns=now_ns, level="error", text=tripped, advice=ADVICE)
+            if self.machine.tripped
+            else DiagnosticStatus(stamp_ns=now_ns)
+        )
 
     def _publish_beat(self) -> None:
         machine = self.machine

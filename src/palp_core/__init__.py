@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palp_core.graph.bag.reader import Bag, read, to_numpy
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.graph.messages.builtin import NodeEvent, Progress, Swap
+    from palp_core.graph.messages.builtin import DiagnosticStatus, NodeEvent, Progress, Swap
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
     from palp_core.graph.node.bench import Bench
@@ -32,6 +32,7 @@ __all__ = [
     "Bag",
     "Bench",
     "Client",
+    "DiagnosticStatus",
     "Graph",
     "Message",
     "Node",
@@ -59,6 +60,7 @@ __all__ = [
 _HOME = dict.fromkeys(__all__, "node.ports") | {
     "Bag": "bag.reader",
     "Bench": "node.bench",
+    "DiagnosticStatus": "messages.builtin",
     "Graph": "launch.graph",
     "Message": "messages.message",
     "Node": "node.node",

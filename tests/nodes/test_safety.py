@@ -149,6 +149,17 @@ def test_a_load_over_the_limit_aborts_and_disables_within_the_handler(watched: W
     assert (beat.permits, beat.cause) == (False, "torque")
 
 
+def test_a_trip_is_a_diagnostic_until_it_is_acknowledged(watched: Watched) -> None:
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest(reason="a test"))
+    tripped = watched.bench.sent(Safety.diagnostics)[-1]
+    assert (tripped.text, "palp safety ack" in tripped.advice) == ("tripped: operator: a test", True)
+    watched.moving = False
+    watched.run(0.5)
+    watched.bench.call(Safety.acknowledge, AcknowledgeRequest())
+    assert [status.level for status in watched.bench.sent(Safety.diagnostics)] == ["ok", "error", "ok"]
+
+
 def test_a_trip_is_published_with_its_cause_and_the_last_second(watched: Watched) -> None:
     watched.run(2.0)
     watched.load(torque_n_m=0.101)

@@ -30,14 +30,15 @@ def doctor(
 
     It only looks: a healthy run does not notice. Status 1 if there is an error.
     """
-    from palp_core.cli.doctor.graph import examine_graph
+    from palp_core.cli.doctor.graph import examine_graph, examine_standing
     from palp_core.cli.doctor.host import examine_host
     from palp_core.cli.doctor.runs import examine_runs
     from palp_core.graph.discovery.run_directory import running
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     records = running() if graph is None else [RunningGraph.find(graph).record]
-    findings = [*examine_host(), *examine_runs()]
+    findings = [found for record in records for found in examine_standing(RunningGraph(record))]
+    findings += [*examine_host(), *examine_runs()]
     for record in records:
         findings += examine_graph(RunningGraph(record))
     counts = {level: sum(finding.level == level for finding in findings) for level in _ORDER}

@@ -11,6 +11,7 @@ from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, war
 from palp_core.cli.doctor.health import HealthReader
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
+from palp_core.graph.discovery.standing import standing
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
@@ -26,6 +27,14 @@ OVERRUNS_PART = 1e-4
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused")
 EVENTS = "/graph/events"
 QOS_EVENTS: tuple[str, ...] = get_args(EventKind)
+
+
+def examine_standing(graph: RunningGraph) -> Iterator[Diagnostic]:
+    """Yield what nodes of a running graph say is wrong: a trip of a safety node, before all else."""
+    for found in standing(graph, ASK_S):
+        say = error if found.level == "error" else warning
+        where, _, what = str(found).partition(": ")
+        yield say(where, what, found.advice)
 
 
 def examine_graph(graph: RunningGraph) -> Iterator[Diagnostic]:

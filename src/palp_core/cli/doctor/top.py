@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from palp_core.cli.doctor.health import EdgeRow, NodeRow
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.discovery.standing import Standing
 
 HEALTH_TIMEOUT_S = 2.5
 NODE_TITLES = ("NODE", "STATE", "CPU %", "MEMORY", "RATE Hz", "P99 ms", "LOST", "OVERRUNS", "MISSED", "PID")
@@ -25,7 +26,8 @@ EDGE_TITLES = (
     "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
     "P50 ms", "P99 ms", "MAX ms",
 )  # fmt: skip
-Sample = tuple["list[NodeRow]", "list[EdgeRow]"]
+ASK_S = 0.5
+Sample = tuple["list[NodeRow]", "list[EdgeRow]", "list[Standing]"]
 
 
 def top(
@@ -40,7 +42,8 @@ def top(
     """Show live how the nodes of a graph do: state, processor, memory, rate, latency, what is lost.
 
     RATE counts a node's timer ticks and the messages that it handled. Below, each edge with its reader's own
-    account. In a graph composed into one process, processor and memory are that process's.
+    account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
+    that process's.
     """
     running = find_graph(graph)
     with until_ctrl_c():
@@ -48,10 +51,8 @@ def top(
         if as_json or once or not sys.stdout.isatty():
             sample = next(samples)
             if as_json:
-                clock = running.record.clock
-                print_json(
-                    {"graph": running.record.graph, "clock": clock, "nodes": sample[0], "edges": sample[1]}
-                )
+                named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
+                print_json({"graph": running.record.graph, "clock": running.record.clock, **dict(named)})
             else:
                 _print(sample)
             return
@@ -64,6 +65,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     from threading import Event
 
     from palp_core.cli.doctor.health import HealthReader, rows, sample_health
+    from palp_core.graph.discovery.standing import standing
 
     reader = HealthReader(graph)
     try:
@@ -78,7 +80,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
                 after = None
             by_topic = after is not None
             after = after or sample_health(graph)
-            yield rows(before, after)
+            yield *rows(before, after), standing(graph, ASK_S)
             before = after
     finally:
         reader.close()
@@ -88,7 +90,7 @@ def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]
     nodes: list[tuple[str, ...]] = [
         (
             node.name,
-            node.state if node.responsive else "SILENT",
+            _state(node, sample[2]),
             _number(node.cpu_percent, 1),
             f"{node.memory_bytes / 1e6:.1f} MB",
             _number(node.rate_hz, 1),
@@ -119,6 +121,13 @@ def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]
     return nodes, edges
 
 
+def _state(node: NodeRow, found: list[Standing]) -> str:
+    """Return the state of a node's lifecycle, or what is worse."""
+    if not node.responsive:
+        return "SILENT"
+    return next((one.level.upper() for one in found if f"/{one.node}" == node.name), node.state)
+
+
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
@@ -129,10 +138,16 @@ def _milliseconds(value_s: float | None) -> str:
 
 def _print(sample: Sample) -> None:
     nodes, edges = _cells(sample)
+    for found in sample[2]:
+        print_text(_line(found))
     print_table([NODE_TITLES, *nodes])
     if edges:
         print_text("")
         print_table([EDGE_TITLES, *edges])
+
+
+def _line(found: Standing) -> str:
+    return f"{found} -> {found.advice}" if found.advice else str(found)
 
 
 def _show_live(graph: RunningGraph, samples: Iterator[Sample]) -> None:
@@ -149,6 +164,7 @@ def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType
     from rich.text import Text
 
     tables = []
+    troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
     for titles, lines in zip((NODE_TITLES, EDGE_TITLES), _cells(sample), strict=True):
         table = Table(box=None, header_style="bold", pad_edge=False)
         for title in titles:
@@ -156,8 +172,11 @@ def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType
                 title, justify="left" if title in ("NODE", "STATE", "TOPIC", "READER") else "right"
             )
         for line in lines:
-            bad = "SILENT" in line or (line[titles.index("LOST")] != "0")
+            bad = "SILENT" in line or line[0] in troubled or line[titles.index("LOST")] != "0"
             table.add_row(*line, style="red" if bad else "")
         tables.append(table)
     head = f"{graph.record.graph}  ({graph.record.clock} clock, process {graph.record.pid})   Ctrl-C ends"
-    return Group(Text(head, style="bold"), Text(""), tables[0], Text(""), tables[1])
+    wrong = [
+        Text(_line(found), style="bold red" if found.level == "error" else "yellow") for found in sample[2]
+    ]
+    return Group(Text(head, style="bold"), *wrong, Text(""), tables[0], Text(""), tables[1])

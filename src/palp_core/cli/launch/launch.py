@@ -105,6 +105,7 @@ def _run(
         listen=listen,
         record=record,
     )
+    graph.diagnostics.on_change = view.stand
     try:
         with _recorders_said(graph), graph:
             if graph.gateway is not None:
@@ -112,18 +113,25 @@ def _run(
             with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
                 summary = graph.run()
     except Interrupted as stop:
-        note(f"{stop}; every node has ended")
+        note(f"{stop}; every node has ended{_incidents(graph)}")
         return 128 + int(stop.signal)
     except NodeError as error:
-        note(str(error))
+        note(f"{error}{_incidents(graph)}")
         return 1
     except PalpError as error:
-        note(str(error))
+        note(f"{error}{_incidents(graph)}")
         return 2
     _print_summary(summary)
+    if graph.diagnostics.incidents:
+        note(_incidents(graph).lstrip())
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
+
+
+def _incidents(graph: Graph) -> str:
+    """Return lines of what nodes said was wrong, for the end of what is said of a run."""
+    return "".join(f"\n{incident}" for incident in graph.diagnostics.incidents)
 
 
 def _check_writable(digest: Path) -> None:

@@ -8,15 +8,16 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.launch.diagnostics import time_of_day
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import parse, topic_of
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 
 if TYPE_CHECKING:
-    import rich.progress
-
+    from palp_core.cli.launch.bars import Bars
     from palp_core.graph.description.checked import CheckedGraph
+    from palp_core.graph.launch.diagnostics import Incident
 
 REDRAW_NS = 100_000_000
 PLAIN_NS = 5_000_000_000
@@ -27,8 +28,7 @@ class LaunchView:
 
     def __init__(self) -> None:
         self._topics: set[bytes] = set()
-        self._bars: rich.progress.Progress | None = None
-        self._tasks: dict[str, rich.progress.TaskID] = {}
+        self._bars: Bars | None = None
         self._start_ns = monotonic_ns()
         self._next_ns = 0
         self._phase = ""
@@ -50,16 +50,9 @@ class LaunchView:
         self._start_ns = monotonic_ns()
         self._lockstep = graph.clock == "sim"
         if sys.stdout.isatty():
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as Bars
+            from palp_core.cli.launch.bars import Bars
 
-            self._bars = Bars(
-                TextColumn("{task.description:<12}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[note]}"),
-                TimeElapsedColumn(),
-            )
+            self._bars = Bars()
             self._bars.start()
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
@@ -93,8 +86,16 @@ class LaunchView:
             )
             sys.stdout.flush()
             return
-        task = self._tasks.get(progress.phase)
-        if task is None:
-            task = self._bars.add_task(progress.phase, total=progress.total_count, note=note)
-            self._tasks[progress.phase] = task
-        self._bars.update(task, completed=progress.done_count, total=progress.total_count, note=note)
+        self._bars.show(progress.phase, progress.done_count, progress.total_count, note)
+
+    def stand(self, topic: str, incident: Incident | None) -> None:
+        """Show what is wrong with a node for as long as it is; on no terminal say when it begins and ends."""
+        line = ""
+        if incident is not None:
+            advice = f" -> {incident.advice}" if incident.advice else ""
+            line = f"{incident.at} /{incident.node}: {incident.text}{advice}"
+        if self._bars is not None:
+            self._bars.stand(topic, line, "bold red" if incident and incident.level == "error" else "yellow")
+            return
+        sys.stdout.write((line or f"{time_of_day(0)} {topic}: ok again") + "\n")
+        sys.stdout.flush()

@@ -20,6 +20,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.process.control_messages import Done
@@ -92,6 +93,7 @@ class Graph:
         self.path = Path(path)
         self._listen, self._record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
+        self.diagnostics = Diagnostics()
         self.gateway: GatewayHandle | None = None
         self._started = started
         self._compose = compose
@@ -118,6 +120,7 @@ class Graph:
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
                 self.recorders = Recorders(self.checked, self._record)
+                self.diagnostics.follow(self.checked)
                 self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
@@ -221,6 +224,7 @@ class Graph:
             clock_s=clock_s,
             wall_s=(monotonic_ns() - begin_ns) / 1e9,
             activation_count=activations,
+            incidents=self.diagnostics.incidents,
         )
         if exit_code == 0 and checked.report and until_s is None:
             said = report_function(checked.report, checked.workspace)(self.summary)
@@ -242,6 +246,7 @@ class Graph:
 
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
+        self.diagnostics.observe(now_ns, frame)
         self.swaps.observe(now_ns, frame)
         self.recorders.observe(now_ns, frame)
 
@@ -263,6 +268,7 @@ class Graph:
     def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one."""
         self.checked = checked
+        self.diagnostics.follow(checked)
         self._announce()
         if self._conductor is not None and done is not None:
             self._conductor.rewire(checked.readers)

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.node.loading import load_module
 
 
@@ -21,6 +22,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep.
+        incidents: What nodes said was wrong, in time's order.
         report: What the launch file's report function says in words; "" if there is none.
     """
 
@@ -37,6 +39,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     clock_s: float
     wall_s: float
     activation_count: int
+    incidents: list[Incident] = []
     report: str = ""
 
 

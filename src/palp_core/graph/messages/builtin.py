@@ -32,6 +32,20 @@ class Swap(Message):
     params: str = "{}"
 
 
+class DiagnosticStatus(Message):
+    """How a node stands, as ROS 2's message of that name: said at its start and whenever it changes.
+
+    ``level`` is ``ok``, ``warn`` or ``error``: what is not ``ok`` stays in view until it is, in the launch
+    view, ``palp top`` and ``palp doctor``. ``text`` says what is wrong, ``advice`` what to do or type about
+    it. A port for it is ``transient_local`` with ``depth=1``: whoever asks later gets the latest.
+    """
+
+    stamp_ns: Nanoseconds
+    level: str = "ok"
+    text: str = ""
+    advice: str = ""
+
+
 class Order(Message):
     """What a node consumed and in which order: enough to drive it again to the same outputs.
 

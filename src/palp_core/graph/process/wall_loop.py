@@ -1,10 +1,12 @@
 """A node's process on the machine's clock: take in, work, answer, in short slices."""
 
 import select
+from collections import deque
+from functools import partial
 from pathlib import Path
 
 from palp_core.graph.clock import WallClock, monotonic_ns
-from palp_core.graph.messages.builtin import Progress, Swap
+from palp_core.graph.messages.builtin import DiagnosticStatus, Progress, Swap
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints, load_class
@@ -64,12 +66,13 @@ class WallLoop:
             depart=self.receiver.close,
             successor=order.successor,
         )
+        self._unshown: deque[bytes] = deque()
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
-            shown = publisher.message in (Progress, Swap)
+            shown = publisher.message in (Progress, Swap, DiagnosticStatus)
             self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
-                publisher.send_through(self._send_progress)
+                publisher.send_through(partial(self._send_shown, passing=publisher.message is Progress))
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -86,11 +89,17 @@ class WallLoop:
         """Return the time since the graph's start; the start is known at activation."""
         return self.clock.now_ns()
 
-    def _send_progress(self, frame: bytes) -> None:
-        """Show a message to the launch view too."""
+    def _send_shown(self, frame: bytes, *, passing: bool) -> None:
+        """Show a message to the launcher too; while it does not keep up, later, or not if others follow."""
         self.sockets.publisher.send(frame)
-        if self._heard():
-            self.channel.send(control_messages.Relay(frame, None))
+        if not passing or (not self._unshown and self._heard()):
+            self._unshown.append(frame)
+        self._show()
+
+    def _show(self) -> None:
+        """Hand the launcher what it has not been shown."""
+        while self._unshown and self._heard():
+            self.channel.send(control_messages.Relay(self._unshown.popleft(), None))
 
     def _report(self, event: QosEvent) -> None:
         action = self.executor.spec.actions.get(event.port, "warn")
@@ -134,6 +143,7 @@ class WallLoop:
             if not self.participant.silent:
                 self.sockets.publisher.send_heartbeats()
             self._matched_readers.write_down()
+            self._show()
             self.receiver.tick(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)

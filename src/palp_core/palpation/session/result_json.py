@@ -99,6 +99,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "clock": summary.clock,
         "sim_time_s": summary.clock_s,
         "palpations": len(session.rows),
+        "incidents": msgspec.to_builtins(summary.incidents),
         "sweep_s": sweep_s,
         "activations": summary.activation_count,
         "wall_time_s": summary.wall_s,

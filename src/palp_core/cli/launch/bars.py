@@ -1,0 +1,45 @@
+"""The bars of the launch view on a terminal, and what stands below them."""
+
+from collections.abc import Iterable
+
+from rich.console import RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+
+class Bars(Progress):
+    """A bar per phase; while a node says that something is wrong, that too, and the bars' time stands."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, Text] = {}
+        self._phases: dict[str, TaskID] = {}
+        super().__init__(
+            TextColumn("{task.description:<12}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
+            TimeElapsedColumn(),
+        )
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """Return the bars, and below them the lines that stand."""
+        yield from super().get_renderables()
+        yield from list(self._lines.values())
+
+    def show(self, phase: str, done: int, total: int, note: str) -> None:
+        """Show how far a phase is."""
+        if phase not in self._phases:
+            self._phases[phase] = self.add_task(phase, total=total, note=note)
+        self.update(self._phases[phase], completed=done, total=total, note=note)
+
+    def stand(self, key: str, line: str, style: str) -> None:
+        """Show a line at once, until another or none ("") of that key comes."""
+        self._lines.pop(key, None)
+        if line:
+            self._lines[key] = Text(line, style=style)
+        for task in self.tasks:  # a stopped task's time stands; it goes on as if it had not stood
+            if self._lines and task.stop_time is None:
+                self.stop_task(task.id)
+            elif not self._lines and not task.finished:
+                task.stop_time = None
+        self.refresh()

@@ -1,0 +1,99 @@
+"""What the nodes of a run say of how they stand, and what of it a person is to see."""
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+
+import msgspec
+
+from palp_core.graph.clock import unix_ns
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.messages.builtin import DiagnosticStatus
+from palp_core.graph.messages.frame import parse, topic_of
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import schema_of
+
+
+class Incident(msgspec.Struct, frozen=True, kw_only=True):
+    """What a node said was not ``ok``.
+
+    Attributes:
+        node: Who said it.
+        level: ``warn`` or ``error``.
+        text: What was wrong.
+        advice: What to do about it.
+        at: Time of day.
+        at_s: When, on the graph's clock.
+        until_s: When it was over; None if it never was.
+    """
+
+    node: str
+    level: str
+    text: str
+    advice: str
+    at: str
+    at_s: float
+    until_s: float | None = None
+
+    def __str__(self) -> str:
+        end = "until the end" if self.until_s is None else f"for {self.until_s - self.at_s:.1f} s"
+        return f"{self.at} /{self.node}: {self.text} ({end})"
+
+
+class Diagnostics:
+    """Collects the incidents of a run from its nodes' :class:`DiagnosticStatus` messages.
+
+    Attributes:
+        incidents: In the order in which they began.
+        on_change: Is told which topic says otherwise than before, and the incident; None if it is over.
+    """
+
+    def __init__(self) -> None:
+        self.incidents: list[Incident] = []
+        self.on_change: Callable[[str, Incident | None], None] = lambda *_: None
+        self._nodes: Mapping[bytes, str] = {}
+        self._standing: dict[bytes, int] = {}
+
+    def follow(self, checked: CheckedGraph) -> None:
+        """Know which topics of a graph to look at."""
+        type_hash = schema_of(DiagnosticStatus).hash_text
+        self._nodes = {
+            name.encode(): topic.node
+            for name, topic in checked.topics.items()
+            if topic.type_hash == type_hash
+        }
+
+    def observe(self, now_ns: int, frame: bytes) -> None:
+        """Look at one frame of the graph, which comes at this time on its clock."""
+        topic = topic_of(frame)
+        node = self._nodes.get(topic)
+        if node is None:
+            return
+        status, now = decode(DiagnosticStatus, parse(frame).payload), self._standing.get(topic)
+        before = None if now is None else self.incidents[now]
+        if before is not None and before.level == status.level and before.text == status.text:
+            return  # said again, by a successor
+        if before is None and status.level == "ok":
+            return
+        if now is not None and before is not None:
+            self.incidents[now] = msgspec.structs.replace(before, until_s=status.stamp_ns / 1e9)
+            del self._standing[topic]
+        if status.level != "ok":
+            self._standing[topic] = len(self.incidents)
+            self.incidents.append(_incident(node, status, now_ns))
+        self.on_change(topic.decode(), self.incidents[-1] if status.level != "ok" else None)
+
+
+def _incident(node: str, status: DiagnosticStatus, now_ns: int) -> Incident:
+    return Incident(
+        node=node,
+        level=status.level,
+        text=status.text,
+        advice=status.advice,
+        at=time_of_day(max(now_ns - status.stamp_ns, 0)),
+        at_s=status.stamp_ns / 1e9,
+    )
+
+
+def time_of_day(age_ns: int) -> str:
+    """Return the time of day that was so long ago."""
+    return datetime.fromtimestamp((unix_ns() - age_ns) / 1e9).astimezone().strftime("%H:%M:%S")

@@ -1,0 +1,209 @@
+"""What nodes say of how they stand is in view while it is so, and in what is said of the run at its end."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import os
+import re
+import select
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from palp_core.cli.doctor.graph import examine_standing
+from palp_core.cli.launch.bars import Bars
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.standing import standing
+from palp_core.graph.launch.diagnostics import Incident
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.builtin import DiagnosticStatus
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.topic import topic_of
+from tests.support.palp import PATIENCE_S, Palp, finished, wait_for_line
+
+TOYS = """
+from pathlib import Path
+
+from palp_core import DiagnosticStatus, Node, Params, Progress, Pub, Qos, State, every
+
+
+class GuardParams(Params):
+    rate_hz: float = 50.0
+
+
+class Ticks(State):
+    count: int = 0
+
+
+class Guard(Node):
+    params: GuardParams
+    state: Ticks
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
+
+    def say(self, **status):
+        self.diagnostics.publish(DiagnosticStatus(stamp_ns=self.now_ns(), **status))
+
+    @every("rate_hz")
+    def tick(self):
+        self.state.count += 1
+        if self.state.count in (2, 3, 9):
+            self.say(level="error", text=f"tripped at {self.state.count > 5}", advice="type: ack")
+        if self.state.count in (1, 6):
+            self.say()
+        if self.state.count == 10:
+            self.finish()
+
+
+class CrierParams(Params):
+    rate_hz: float = 50.0
+    folder: str = ""
+
+
+class Crier(Node):
+    # Says more than a stopped launcher can take, then that something is wrong.
+
+    params: CrierParams
+    progress = Pub(Progress)
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
+
+    @every("rate_hz")
+    def tick(self):
+        folder = Path(self.params.folder)
+        if (folder / "said").exists():
+            self.report("after", done=1)
+            return
+        self.report("")
+        if (folder / "go").exists():
+            for _ in range(500):
+                self.report("x" * 10_000)
+            self.diagnostics.publish(DiagnosticStatus(stamp_ns=self.now_ns(), level="error", text="tripped"))
+            (folder / "said").touch()
+
+    def report(self, text, done=0):
+        self.progress.publish(Progress(stamp_ns=0, phase="a", done_count=done, total_count=1, text=text))
+"""
+LAUNCH = """
+graph: guarded
+clock: $(var clock)
+args:
+  clock: {default: wall, choices: [sim, wall]}
+nodes:
+  guard: {run: nodes.guard_toys:Guard, on_exit: shutdown}
+"""
+
+
+CRIER = """
+graph: crier
+clock: wall
+args:
+  folder: {default: "", help: "where it is told when, and says that it has said it"}
+nodes:
+  crier: {run: nodes.guard_toys:Crier, params: {folder: $(var folder)}}
+"""
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Path:
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "nodes" / "guard_toys.py").write_text(TOYS)
+    (tmp_path / "launch").mkdir()
+    path = tmp_path / "launch" / "guarded.yaml"
+    path.write_text(LAUNCH)
+    path.with_name("crier.yaml").write_text(CRIER)
+    return path
+
+
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path, clock: str) -> None:
+    changes: list[tuple[str, Incident | None]] = []
+    with Graph(guarded, clock=clock) as graph:
+        graph.diagnostics.on_change = lambda topic, incident: changes.append((topic, incident))
+        summary = graph.run()
+    first, last = summary.incidents
+    assert {topic for topic, _ in changes} == {"/guard/diagnostics"}
+    assert [incident and incident.text for _, incident in changes] == [first.text, None, last.text]
+    assert (first.node, first.level, first.advice) == ("guard", "error", "type: ack")
+    assert first.until_s is not None
+    assert first.at_s < first.until_s < last.at_s
+    assert last.until_s is None
+
+
+def test_a_launch_says_it_when_it_is_so_and_in_its_last_lines(palp: Palp, guarded: Path) -> None:
+    done = palp.run("launch", guarded)
+    said = [re.sub(r"^\d\d:\d\d:\d\d ", "", line) for line in done.stdout.splitlines()]
+    assert said[:3] == [
+        "/guard: tripped at False -> type: ack",
+        "/guard/diagnostics: ok again",
+        "/guard: tripped at True -> type: ack",
+    ]
+    first, last = done.stderr.splitlines()[-2:]
+    assert re.fullmatch(r"\d\d:\d\d:\d\d /guard: tripped at False \(for 0\.\d s\)", first)
+    assert re.fullmatch(r"\d\d:\d\d:\d\d /guard: tripped at True \(until the end\)", last)
+
+
+def test_it_is_said_by_a_launcher_that_did_not_keep_up_when_it_came(
+    palp: Palp, guarded: Path, tmp_path: Path
+) -> None:
+    process = palp.start("launch", guarded.with_name("crier.yaml"), f"folder:={tmp_path}")
+    wait_for_line(process, "a: 0/1")
+    process.send_signal(signal.SIGSTOP)
+    (tmp_path / "go").touch()
+    end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
+    while not (tmp_path / "said").exists():
+        assert monotonic_ns() < end_ns
+        select.select((), (), (), 0.02)
+    process.send_signal(signal.SIGCONT)
+    assert process.stdout is not None
+    until_after = itertools.takewhile(lambda line: "a: 1/1 after" not in line, process.stdout)
+    assert [line for line in until_after if "/crier: tripped" in line]
+    process.send_signal(signal.SIGINT)
+    assert finished(process)[0] == 130
+
+
+def test_below_the_bars_a_line_stands_in_red_and_their_time_with_it() -> None:
+    bars, seen = Bars(), io.StringIO()
+    bars.live.console = Console(file=seen, force_terminal=True, width=100)
+    now_s = 10.0
+    bars.get_time = lambda: now_s
+    bars.show("training", 12, 15, "3 right")
+    bars.stand("/a/d", "12:00:00 /a: tripped", "bold red")
+    bars.console.print(*bars.get_renderables(), sep="\n")
+    assert "\x1b[1;31m12:00:00 /a: tripped" in seen.getvalue()
+    (task,) = bars.tasks
+    now_s = 70.0
+    assert task.elapsed == 0.0
+    bars.stand("/a/d", "", "")
+    assert task.elapsed == 60.0
+    seen.truncate(0)
+    bars.console.print(*bars.get_renderables(), sep="\n")
+    assert "tripped" not in seen.getvalue()
+
+
+def test_a_running_graph_is_asked_and_a_silent_node_is_no_obstacle() -> None:
+    nodes = [NodeEntry(name, "", os.getpid(), f"{name}.pub", f"{name}.srv") for name in ("a", "b", "c")]
+    topics = [topic_of(f"/{node.name}/d", DiagnosticStatus, node.name, node.publish) for node in nodes]
+    record = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///nowhere/graph.srv", nodes, topics)
+    said = {
+        "a.srv": DiagnosticStatus(stamp_ns=0),
+        "c.srv": DiagnosticStatus(stamp_ns=10**9, level="error", text="tripped", advice="palp safety ack"),
+    }
+
+    def answer(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+        if request["op"] == "clock":
+            return {"now_ns": 113 * 10**9}
+        if endpoint not in said:
+            return None
+        return {"frames": [pack(b"/c/d", Kind.DATA, 0, 1, 0, 0, encode(said[endpoint]))]}
+
+    (found,) = standing(RunningGraph(record, answer), 1.0)
+    assert str(found) == "/c: tripped (112 s ago)"
+    (finding,) = examine_standing(RunningGraph(record, answer))
+    assert (finding.level, finding.where, finding.what) == ("error", "/c", "tripped (112 s ago)")
+    assert finding.advice == "palp safety ack"
