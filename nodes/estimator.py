@@ -22,13 +22,17 @@ from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.stopping import decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import TrialFilter, TrialReading, require_likelihood
+from palp_core.palpation.perception.belief.trial_filter import (
+    DepthCount,
+    TrialFilter,
+    TrialReading,
+    require_likelihood,
+)
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
-    Count,
     CountPositive,
     Float64Array,
     HertzPositive,
@@ -58,7 +62,7 @@ class EstimatorParams(Params):
     feature: str = "peak"
     likelihood: str = "normal"
     filter: str = "naive"
-    depths: Count = 0
+    depths: DepthCount = 0
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17
     height_sd_mm: MillimetresNonNegative = 0.1

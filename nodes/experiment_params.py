@@ -1,10 +1,16 @@
 """What the experiment is set to do, and what a replacement of its node inherits."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+import msgspec
 
 from msgs.estimation import Belief, Palpation
 from palp_core import Params, State
+from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.units import Count, CountPositive, Metres, Seconds
+
+TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
+"""Of trials, or of palpations in training: what a rig can do in its lifetime."""
 
 
 class ExperimentParams(Params):
@@ -24,13 +30,13 @@ class ExperimentParams(Params):
     policy: str = ""
     swaps: str = ""
     seed: Count = 0
-    trials: Count = 100
-    training: Count = 25
+    trials: TrialCount = 100
+    training: TrialCount = 25
     training_order: Literal["randomised", "blocked"] = "randomised"
     rehome: Literal["palpation", "trial", "condition"] = "trial"
     training_mounts: CountPositive = 1
     estimation_mounts: CountPositive = 1
-    depths: Count = 0
+    depths: DepthCount = 0
     stop: str = ""
     from_m: Metres = -0.03
     to_m: Metres = 0.05

@@ -8,12 +8,12 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import independent_model, noise_of
-from palp_core.palpation.perception.belief.trial_filter import TrialReading, belief_after
+from palp_core.palpation.perception.belief.trial_filter import DepthCount, TrialReading, belief_after
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.units import Count, Float64Array, MillimetresNonNegative
+from palp_core.units import Float64Array, MillimetresNonNegative
 
 
 class InformationParams(Params):
@@ -32,7 +32,7 @@ class InformationParams(Params):
     height_sd_mm: MillimetresNonNegative = 0.1
     scene: str = ""
     feature: str = "peak"
-    depths: Count = 0
+    depths: DepthCount = 0
     per_second: bool = False
     start_mm: RingMillimetres = 16.0
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
-from palp_core.graph.description.yaml_tree import Mapping, Scalar, Sequence, read_tree
+from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, read_tree
 from palp_core.graph.problems import GraphProblems, Problems
 
 

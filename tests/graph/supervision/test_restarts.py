@@ -11,7 +11,7 @@ import pytest
 from palp_core.errors import NodeError
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import encode
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
 from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision import restarts
 from palp_core.graph.supervision.interrupt import KILL_NS
@@ -207,6 +207,14 @@ def test_the_back_off_doubles(tmp_path: Path) -> None:
         waits.append((process.respawn_at_ns - S) / S)
         process.reset(S)
     assert waits == [0.5, 1.0, 2.0]
+
+
+def test_the_back_off_ends_at_an_hour_however_often_a_node_fell(tmp_path: Path) -> None:
+    process = ManagedProcess(restarted("a", max_restarts=1_000_000, backoff_s=0.5), tmp_path / "a.log")
+    process.activate(0)
+    process.restart_count = 100_000
+    process.plan_restart(S, "fell")
+    assert process.respawn_at_ns == S + LONGEST_BACKOFF_S * S
 
 
 def test_a_node_that_was_never_at_work_is_not_restarted(tmp_path: Path) -> None:

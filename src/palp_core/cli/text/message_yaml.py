@@ -24,7 +24,7 @@ def parse_yaml(text: str, source: str) -> Any:
     from palp_core.graph.description.yaml_tree import parse_tree, plain_tree
 
     problems = Problems()
-    tree = parse_tree(text, source, problems)
+    tree = parse_tree(text, source, problems, wide=True)
     problems.raise_any()
     return None if tree is None else plain_tree(tree)
 

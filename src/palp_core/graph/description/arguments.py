@@ -1,12 +1,13 @@
 """Arguments of a launch file: declared under ``args``, given as ``name:=value`` or by an including file."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
-from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, parse_scalar
+from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Scalar, parse_scalar, shortened
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
@@ -102,6 +103,7 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
             message = f"the default of argument '{name}' must be text, a number, true or false, or a mapping"
             problems.add(fields["default"].value.mark, message)
             default = UNKNOWN
+    unread = "default" in fields and default is UNKNOWN
     choices = _choices(name, default, fields.get("choices"), scope, problems)
     text = ""
     if "help" in fields:
@@ -110,7 +112,7 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
     if default is not UNKNOWN and choices and default not in choices:
         message = f"the default {show(default)} of argument '{name}' is not one of its choices"
         problems.add(fields["default"].value.mark, message + hint(str(default), map(str, choices)))
-    return Argument(name, entry.mark, default, choices, text, sound=len(problems) == before)
+    return Argument(name, entry.mark, default, choices, text, sound=len(problems) == before and not unread)
 
 
 def _choices(
@@ -207,7 +209,7 @@ def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
     if type(value) not in _KINDS or (kind is not None and type(value) is not kind):
         wanted = _KINDS.get(kind or object, "text, a number, true or false, or a mapping")
         choices = f" (one of {', '.join(map(show, argument.choices))})" if argument.choices else ""
-        is_text = " (text)" if isinstance(given.value, str) else ""
+        is_text = f" ({_what_text(given.value)})" if isinstance(given.value, str) else ""
         problems.add(
             where, f"argument '{argument.name}' is given as {shown}{is_text}; it must be {wanted}{choices}"
         )
@@ -223,6 +225,12 @@ def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
     return value
 
 
+def _what_text(value: str) -> str:
+    """Say what a text is that was not read as a number."""
+    digits = re.fullmatch(r"[-+]?[0-9]{19,}|0o[0-7]{21,}|0x[0-9a-fA-F]{16,}", value)
+    return "more than 64 bits" if digits else "text"
+
+
 def show(value: Any) -> str:
     """Return a value as a launch file's author writes it, text in quotes."""
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+    return str(value).lower() if isinstance(value, bool) else shortened(repr(value))

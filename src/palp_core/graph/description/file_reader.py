@@ -19,13 +19,14 @@ from palp_core.graph.description.arguments import (
 from palp_core.graph.description.input_reader import read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
-from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate, sole_variable
-from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree, read_tree
+from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, read_tree
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
 _KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen")
+_MOST_FILES = 64
 _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _REPORT = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
@@ -117,6 +118,8 @@ class _Reader:
         self.nodes: dict[str, list[GraphNode]] = {}
         self.marks: dict[str, Mark] = {}
         self.joined: dict[str, Mark] = {}
+        self.trees: dict[Path, Tree] = {}
+        self.file_count = 0
 
     def root(self, path: Path, overrides: Sequence[str]) -> LaunchFile:
         fields, mark, known = self._open(path)
@@ -153,7 +156,8 @@ class _Reader:
         )  # fmt: skip
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:
-        tree = read_tree(path, self.problems)
+        tree = self.trees.get(path) or read_tree(path, self.problems)
+        self.trees[path] = tree
         if not isinstance(tree, Mapping):
             self.problems.add(tree.mark, f"a launch file must be a mapping with the keys {', '.join(_KEYS)}")
             self.problems.raise_any()
@@ -251,6 +255,11 @@ class _Reader:
             return None
         target = Path(os.path.normpath(outer.path.parent / str(text)))
         paths = [file.path for file in outer.chain()]
+        self.file_count += 1
+        if self.file_count > _MOST_FILES:
+            if self.file_count == _MOST_FILES + 1:
+                self.problems.add(tree.mark, f"more than {_MOST_FILES} files are included; write fewer")
+            return None
         if target.resolve() in [path.resolve() for path in paths]:
             chain = " includes ".join(path.name for path in [*paths, target])
             self.problems.add(tree.mark, f"files include each other: {chain}; remove one include")

@@ -1,11 +1,12 @@
 """Read one wire of a launch file: whence, what it asks for, and what happens if it does not get it."""
 
+import math
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from palp_core.graph.description.arguments import unknown_keys
 from palp_core.graph.description.launch_file import InputEntry
-from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate
-from palp_core.graph.description.yaml_tree import Entry, Mapping, Tree
+from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, shortened
 from palp_core.graph.messages.qos import POLICIES, Qos
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import Problems, nearest
@@ -25,23 +26,26 @@ def read_word(tree: Tree, what: str, words: tuple[str, ...], scope: Scope, probl
     return None
 
 
-def read_number(tree: Tree, what: str, kind: type[T], low: int, scope: Scope, problems: Problems) -> T | None:
-    """Return a value that must be a number of a kind and at least ``low``, or None after reporting it."""
+def read_number(
+    tree: Tree, what: str, kind: type[T], low: int, scope: Scope, problems: Problems, high: float = math.inf
+) -> T | None:
+    """Return a value that must be a finite number of a kind within bounds, or None after reporting it."""
     value = evaluate(tree, scope, problems)
     if value is UNKNOWN:
         return None
     if kind is float and type(value) is int:
         value = float(value)
-    if type(value) is kind and value >= low:
+    if type(value) is kind and low <= value <= high and math.isfinite(value):
         return value
     noun = "a whole number" if kind is int else "a number"
-    problems.add(tree.mark, f"{what} is '{flat(value)}'; it must be {noun} of at least {low}, without quotes")
+    bounds = f"of at least {low}" if high == math.inf else f"from {low} to {high:,}"
+    problems.add(tree.mark, f"{what} is '{flat(value)}'; it must be {noun} {bounds}, without quotes")
     return None
 
 
 def flat(value: object) -> str:
     """Return a value as YAML writes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return str(value).lower() if isinstance(value, bool) else shortened(str(value))
 
 
 def read_flag(tree: Tree, what: str, scope: Scope, problems: Problems) -> bool:
@@ -103,6 +107,6 @@ def _qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) 
         if words := get_args(_POLICIES[name]):
             stated[name] = read_word(entry.value, f"{name} of {what}", words, scope, problems)
         else:
-            kind, least = _POLICIES[name], POLICIES[name].least
-            stated[name] = read_number(entry.value, f"{name} of {what}", kind, least, scope, problems)
+            kind, least, most = _POLICIES[name], POLICIES[name].least, POLICIES[name].most
+            stated[name] = read_number(entry.value, f"{name} of {what}", kind, least, scope, problems, most)
     return {name: value for name, value in stated.items() if value is not None}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.description.arguments import Argument, show
-from palp_core.graph.description.substitution import UNKNOWN
+from palp_core.graph.description.yaml_tree import UNKNOWN
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import Mark, Problem

@@ -11,7 +11,7 @@ import pkgutil
 import sys
 import traceback
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -90,9 +90,16 @@ def inspect_classes(requests: Sequence[NodeClassRequest], workspace: Path) -> li
 
     What modules print while they are imported goes to standard error.
     """
+    return list(inspected(requests, workspace))
+
+
+def inspected(requests: Sequence[NodeClassRequest], workspace: Path) -> Iterator[NodeClass]:
+    """Yield what :func:`inspect_classes` returns, one by one: a module may end the process."""
     enter_workspace(str(workspace))
-    with contextlib.redirect_stdout(sys.stderr):
-        return [_inspect(request, workspace) for request in requests]
+    for request in requests:
+        with contextlib.redirect_stdout(sys.stderr):
+            answer = _inspect(request, workspace)
+        yield answer
 
 
 class _Refusal(Exception):
@@ -109,7 +116,7 @@ def _inspect(request: NodeClassRequest, workspace: Path) -> NodeClass:
         return _node(_class(module, module_name, name).shaped(request.name, request.params), request)
     except (_Refusal, BagError) as refusal:
         return NodeClass(run=request.run, error=str(refusal))
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - a workspace's module may raise anything
+    except BaseException as error:  # noqa: BLE001 - a workspace's module may raise anything
         return NodeClass(run=request.run, error=_located(error, workspace))
 
 
@@ -219,7 +226,7 @@ def _located(error: BaseException, workspace: Path) -> str:
     if isinstance(error, SystemExit):
         text = f"the module ends the process when it is imported (exit status {error.code}); remove that call"
     else:
-        text = f"{type(error).__name__}: {error}"
+        text = f"{type(error).__name__}: {error}".removesuffix(": ")
     if isinstance(error, SyntaxError) and error.filename:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"

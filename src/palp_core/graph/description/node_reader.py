@@ -4,6 +4,7 @@ An argument may select a part of it: ``{select: $(var policy), fixed: ..., marko
 """
 
 import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -15,9 +16,9 @@ import msgspec
 from palp_core.graph.description.arguments import Argument, unknown_keys
 from palp_core.graph.description.input_reader import flat, read_flag, read_input, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located
-from palp_core.graph.description.substitution import UNKNOWN, Scope, evaluate, sole_variable
-from palp_core.graph.description.yaml_tree import Entry, Mapping, Scalar, Tree
-from palp_core.graph.node.spec import NodeSpec, name_mistake
+from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Scalar, Tree
+from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec, name_mistake
 from palp_core.graph.problems import Mark, Problems, hint, nearest
 from palp_core.moved import present_name
 
@@ -62,6 +63,15 @@ def assignments(selections: Iterable[Selection[Part]]) -> Iterator[tuple[dict[st
     for names in itertools.product(*branches.values()):
         assignment = dict(zip(branches, names, strict=True))
         yield assignment, assignment == present
+
+
+def _branch_counts(selections: Iterable[Selection[Tree]]) -> list[int]:
+    """Return how many branches each selecting argument has."""
+    names: dict[str, set[str]] = {}
+    for selection in selections:
+        if selection.choice is not None:
+            names.setdefault(selection.choice.argument, set()).update(selection.branches)
+    return [len(branches) for branches in names.values()]
 
 
 def read_selection(
@@ -115,6 +125,8 @@ _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<na
 _KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
 _RESTART = ("never", "on_failure")
 HIGHEST_PRIORITY = 99
+MOST_RESTARTS = 1_000_000
+MOST_VARIANTS = 1000
 T = TypeVar("T", int, float)
 
 
@@ -182,6 +194,10 @@ class NodeReader:
         runs = {b: self._run(f"run of {what}", t) for b, t in run.branches.items()}
         values = {b: self._params(what, t) for b, t in params.branches.items()}
         wires = {b: self._inputs(what, t) for b, t in inputs.branches.items()}
+        if (count := math.prod(_branch_counts([run, params, inputs]))) > MOST_VARIANTS:
+            message = f"{what} has {count} variants, more than {MOST_VARIANTS}; select by fewer arguments"
+            self._problems.add(mark, message)
+            return []
         nodes = []
         for assignment, is_present in assignments([run, params, inputs]):
             target = Selection(run.choice, runs).under(assignment)
@@ -296,10 +312,14 @@ class NodeReader:
         if "when" in fields:
             rule["restart"] = self._word(fields["when"].value, f"when in {what}", _RESTART) or "never"
         if "max_restarts" in fields:
-            limit = self._number(fields["max_restarts"].value, f"max_restarts in {what}", int, 0)
+            limit = self._number(
+                fields["max_restarts"].value, f"max_restarts in {what}", int, 0, MOST_RESTARTS
+            )
             rule["max_restarts"] = limit or 0
         if "backoff_s" in fields:
-            backoff = self._number(fields["backoff_s"].value, f"backoff_s in {what}", float, 0)
+            backoff = self._number(
+                fields["backoff_s"].value, f"backoff_s in {what}", float, 0, LONGEST_BACKOFF_S
+            )
             rule["backoff_s"] = backoff or 0.0
         return rule
 
@@ -312,8 +332,8 @@ class NodeReader:
     def _word(self, tree: Tree, what: str, words: tuple[str, ...]) -> str | None:
         return read_word(tree, what, words, self._scope, self._problems)
 
-    def _number(self, tree: Tree, what: str, kind: type[T], low: int) -> T | None:
-        return read_number(tree, what, kind, low, self._scope, self._problems)
+    def _number(self, tree: Tree, what: str, kind: type[T], low: int, high: float = math.inf) -> T | None:
+        return read_number(tree, what, kind, low, self._scope, self._problems, high)
 
 
 def _is_empty(tree: Tree) -> bool:

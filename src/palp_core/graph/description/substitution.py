@@ -4,20 +4,10 @@ import re
 from collections.abc import Mapping as Lookup
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from palp_core.graph.description.yaml_tree import Mapping, Scalar, Sequence, Tree, parse_scalar
+from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, Tree, parse_scalar
 from palp_core.graph.problems import Mark, Problems, hint
-
-
-class _Unknown:
-    """Stands for a value whose mistake has been reported already."""
-
-    def __repr__(self) -> str:
-        return "UNKNOWN"
-
-
-UNKNOWN: Final = _Unknown()
 
 _FORMS = ("var", "env", "dirname", "filename")
 _CALL = re.compile(r"\$\(([^()]*)\)")

@@ -2,6 +2,9 @@
 
 Plain scalars are read by YAML 1.2's core rules: only ``true`` and ``false`` are booleans (``on`` and ``no``
 are text) and ``1e-3`` is a number. A key that is given twice is an error.
+
+Whatever the text, reading it takes little time and memory: size, depth and the number of values are bounded,
+those that an alias repeats among them.
 """
 
 from __future__ import annotations
@@ -9,13 +12,33 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import yaml
 
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
 
 Plain: TypeAlias = str | int | float | bool | None
+
+LARGEST_BYTES = 256 * 1024
+DEEPEST = 50
+MOST_VALUES = 10_000
+INT_BITS = 64
+"""What a file may hold: its size, how far values nest, how many there are, and what a whole number takes."""
+
+_TOO_WIDE = f"a whole number has at most {INT_BITS} bits"
+_LONGEST_NUMBER = 1000
+_TEXT_AS_VALUES = 64  # so many letters count for one value more: an alias may repeat a long text
+
+
+class _Unknown:
+    """Stands for a value whose mistake has been reported already."""
+
+    def __repr__(self) -> str:
+        return "UNKNOWN"
+
+
+UNKNOWN: Final[Any] = _Unknown()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +87,45 @@ Tree: TypeAlias = Scalar | Mapping | Sequence
 _TAG = "tag:yaml.org,2002:"
 
 
+class _TooMuch(yaml.YAMLError):
+    """The text is YAML, and no graph is described like that; the event is where it becomes too much."""
+
+    def __init__(self, message: str, event: Any) -> None:
+        super().__init__(message)
+        self.line, self.column = event.start_mark.line + 1, event.start_mark.column + 1
+
+
 class _Loader(yaml.SafeLoader):
-    """PyYAML's composer with the scalar rules of YAML 1.2's core schema."""
+    """PyYAML's composer with the scalar rules of YAML 1.2's core schema, and with bounds."""
 
     yaml_implicit_resolvers = {}
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = self._count = 0
+        self._counts: dict[int, int] = {}  # of what an alias may repeat, by the node's id
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Compose a value unless it is one too many, or too deep."""
+        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        before = self._count
+        if isinstance(event, yaml.AliasEvent):
+            node = super().compose_node(parent, index)
+            self._add(self._counts.get(id(node), 1), event)
+            return node
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise _TooMuch(f"more than {DEEPEST} values lie in each other", event)
+        self._add(1 + len(getattr(event, "value", "")) // _TEXT_AS_VALUES, event)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        self._counts[id(node)] = self._count - before
+        return node
+
+    def _add(self, count: int, event: yaml.Event) -> None:
+        self._count += count
+        if self._count > MOST_VALUES:
+            raise _TooMuch(f"more than {MOST_VALUES} values, those that an alias repeats among them", event)
 
 
 for _name, _pattern, _first in (
@@ -88,6 +146,8 @@ def _plain(tag: str, text: str) -> Plain:
         case "str":
             return text
         case "int":
+            if len(text) > _LONGEST_NUMBER:
+                raise ValueError(_TOO_WIDE)
             return int(text, 0) if text[:2] in ("0o", "0x") else int(text)
         case "float":
             return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
@@ -98,10 +158,22 @@ def _plain(tag: str, text: str) -> Plain:
     raise ValueError(f"the tag {tag} has no meaning here")
 
 
+def _in_bounds(value: Plain) -> Plain:
+    """Return a value that every part of a graph can take: messages carry whole numbers of 64 bits.
+
+    Raises:
+        ValueError: A whole number of more.
+    """
+    if isinstance(value, int) and not -(1 << INT_BITS - 1) <= value < 1 << INT_BITS:
+        raise ValueError(_TOO_WIDE)
+    return value
+
+
 class _Converter:
-    def __init__(self, file: str, problems: Problems) -> None:
+    def __init__(self, file: str, problems: Problems, *, wide: bool) -> None:
         self.file = file
         self.problems = problems
+        self.wide = wide
         self._open: set[int] = set()
 
     def mark(self, node: yaml.Node) -> Mark:
@@ -111,7 +183,7 @@ class _Converter:
         mark = self.mark(node)
         if id(node) in self._open:
             self.problems.add(mark, "an alias refers to itself; write the value out")
-            return Scalar(mark, None, "")
+            return Scalar(mark, UNKNOWN, "")
         self._open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):
@@ -125,10 +197,11 @@ class _Converter:
     def _scalar(self, node: yaml.Node, mark: Mark) -> Scalar:
         quoted = getattr(node, "style", None) is not None
         try:
-            return Scalar(mark, _plain(node.tag, node.value), node.value, quoted)
+            value = _plain(node.tag, node.value)
+            return Scalar(mark, value if self.wide else _in_bounds(value), node.value, quoted)
         except ValueError as error:
-            self.problems.add(mark, f"'{node.value}' cannot be read: {error}")
-            return Scalar(mark, None, node.value, quoted)
+            self.problems.add(mark, f"'{shortened(node.value)}' cannot be read: {error}")
+            return Scalar(mark, UNKNOWN, node.value, quoted)
 
     def _mapping(self, node: yaml.MappingNode, mark: Mark) -> Mapping:
         items: dict[str, Entry] = {}
@@ -158,23 +231,29 @@ def read_tree(path: Path, problems: Problems) -> Tree:
     """
     file = str(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        with path.open("rb") as opened:
+            data = opened.read(LARGEST_BYTES + 1)
+        text = data.decode("utf-8") if len(data) <= LARGEST_BYTES else ""
     except OSError as error:
         raise GraphProblems(
             [Problem(file, 1, 1, f"cannot be read: {error.strerror}; check the path")]
         ) from error
     except UnicodeDecodeError as error:
         raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
+    if len(data) > LARGEST_BYTES:
+        message = f"has more than {LARGEST_BYTES // 1024} KiB; is this the launch file?"
+        raise GraphProblems([Problem(file, 1, 1, message)])
     tree = parse_tree(text, file, problems)
     if tree is None:
         raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])
     return tree
 
 
-def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
+def parse_tree(text: str, file: str, problems: Problems, *, wide: bool = False) -> Tree | None:
     """Read YAML from a text that came from ``file``; None if there is nothing in it.
 
-    Duplicate keys are added to ``problems``; the first of them counts.
+    Duplicate keys are added to ``problems``; the first of them counts. So are whole numbers of more than
+    64 bits, unless they are wanted (``wide``).
 
     Raises:
         GraphProblems: It is not YAML.
@@ -186,6 +265,9 @@ def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
         column = error.position - before.rfind("\n")
         message = f"character {error.character!r} is not allowed in YAML; remove it"
         raise GraphProblems([Problem(file, before.count("\n") + 1, column, message)]) from error
+    except _TooMuch as error:
+        message = f"{error}; describe less in one file"
+        raise GraphProblems([Problem(file, error.line, error.column, message)]) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
@@ -195,7 +277,7 @@ def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
         raise GraphProblems(
             [Problem(file, line, column, message + "; check indentation, quotes, colons")]
         ) from error
-    return None if root is None else _Converter(file, problems).convert(root)
+    return None if root is None else _Converter(file, problems, wide=wide).convert(root)
 
 
 def plain_tree(tree: Tree) -> Plain | list[Any] | dict[str, Any]:
@@ -207,6 +289,15 @@ def plain_tree(tree: Tree) -> Plain | list[Any] | dict[str, Any]:
     return tree.value
 
 
+def shortened(text: str) -> str:
+    """Return a text of any length as a message can show it.
+
+    >>> shortened("short"), len(shortened("long" * 1000))
+    ('short', 60)
+    """
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def parse_scalar(text: str) -> Plain:
     """Return what YAML reads a text as; what is not a single YAML value stays text.
 
@@ -215,6 +306,6 @@ def parse_scalar(text: str) -> Plain:
     """
     try:
         node = _Loader(text).get_single_node()
-        return _plain(node.tag, node.value) if isinstance(node, yaml.ScalarNode) else text
+        return _in_bounds(_plain(node.tag, node.value)) if isinstance(node, yaml.ScalarNode) else text
     except (yaml.YAMLError, ValueError):
         return text

@@ -49,6 +49,7 @@ class Policy(NamedTuple):
         on_edge: Returns what holds between the two.
         shared: Returns what serves all inputs that read one topic; None: each input sees to its own.
         least: Smallest number that can be stated.
+        most: Largest; times of over eleven days guard nothing, and depths of millions fill the memory.
         event: What a reader is told when a stated policy is not kept.
     """
 
@@ -56,6 +57,7 @@ class Policy(NamedTuple):
     on_edge: Callable[[Any, Any], Any] = lambda requested, _offered: requested
     shared: Callable[[list[Any]], Any] | None = None
     least: int = 0
+    most: int = 1_000_000_000
     event: EventKind | None = None
 
 
@@ -92,7 +94,7 @@ def _shorter(requested_ms: float, offered_ms: float) -> float:
 POLICIES: dict[str, Policy] = {
     "reliability": Policy(_needs("reliable"), shared=_strongest("reliable")),
     "durability": Policy(_needs("transient_local"), shared=_strongest("transient_local")),
-    "depth": Policy(shared=max, least=1),
+    "depth": Policy(shared=max, least=1, most=1_000_000),
     "deadline_ms": Policy(_no_longer("deadline"), event="deadline"),
     "lifespan_ms": Policy(on_edge=_shorter, event="lifespan"),
     "lease_ms": Policy(_no_longer("lease"), event="liveliness"),

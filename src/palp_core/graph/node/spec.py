@@ -10,6 +10,9 @@ from palp_core.graph.messages.qos import Qos
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 """What a graph, a node and a port may be called."""
 
+LONGEST_BACKOFF_S = 3600
+"""What a node waits at most before it is started again, however often that was in vain."""
+
 LAUNCHER, GATEWAY, COMPOSITION, MERGED_LOG = "graph", "gateway", "composition", "merged"
 RESERVED_NAMES = {
     LAUNCHER: "/graph/events and /graph/health are its topics",

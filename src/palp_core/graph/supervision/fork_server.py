@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
+import re
 import select
 import signal
 import socket
@@ -26,7 +27,7 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspected
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.control_messages import Spawn
@@ -36,10 +37,14 @@ from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_ser
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
-from palp_core.whole_file import PRIVATE, write_whole
+from palp_core.whole_file import PRIVATE, open_private
 
 GRACE_NS = 600_000_000
 CLOSE_TIMEOUT_S = 5.0
+_LENGTH_BYTES = 4
+_CRASH_PLACE = re.compile(
+    r'Fatal Python error.*?most recent call first.*?File "([^"]+)", line (\d+)', re.DOTALL
+)
 INSPECTING = ""
 """Name of an inspecting child."""
 
@@ -138,28 +143,36 @@ class ForkServer:
     ) -> list[NodeClass]:
         """Let a forked child import node classes and say what they are.
 
+        If one ends the child, that is what is said of it, and another child goes on with the next.
+
         Raises:
-            GraphError: The child died before it could answer.
+            GraphError: The fork server is gone.
             Interrupted: The user asked for the end.
         """
         answer = folder / "descriptions"
-        self.send(InspectClasses(list(requests), str(workspace), str(answer)))
+        found: list[NodeClass] = []
+        ended: dict[str, str] = {}  # what ended a child once is not imported again
+        while len(found) < len(requests):
+            request = requests[len(found)]
+            if request.run in ended:
+                found.append(NodeClass(run=request.run, error=ended[request.run]))
+                continue
+            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), str(answer)))
+            status = self._wait_for_inspector()
+            found += answers_in(answer)
+            if len(found) < len(requests):
+                ended[requests[len(found)].run] = death_in_words(status, answer)
+        return found
+
+    def _wait_for_inspector(self) -> int:
+        """Return the exit status of the inspecting child, once it has ended."""
         while True:
             if self._interrupt is not None:
                 select.select((self.descriptor, self._interrupt.descriptor), (), ())
                 self._interrupt.check()
             for item in self.read_events():
-                if isinstance(item, Started):
-                    continue
-                assert isinstance(item, Exited)
-                if not answer.exists():
-                    said = Path(f"{answer}.log").read_text(errors="replace").strip().splitlines()[-3:]
-                    raise GraphError(
-                        f"looking at the node classes ended with status {item.status}: " + " | ".join(said)
-                    )
-                inspected = decode_any(list[NodeClass], answer.read_bytes())
-                answer.unlink()
-                return inspected
+                if isinstance(item, Exited):
+                    return item.status
 
     def wake(self) -> None:
         """Let it go on, should it have been stopped: the end needs it."""
@@ -173,6 +186,38 @@ class ForkServer:
         except subprocess.TimeoutExpired:  # stopped, perhaps; its death is that of its children
             self._process.kill()
             self._process.wait()
+
+
+def answers_in(file: Path) -> list[NodeClass]:
+    """Take what an inspecting child has written, each answer behind its length; fewer if it died."""
+    data = file.read_bytes() if file.exists() else b""
+    file.unlink(missing_ok=True)
+    answers, start = [], 0
+    while start < len(data):
+        end = start + _LENGTH_BYTES + int.from_bytes(data[start : start + _LENGTH_BYTES])
+        if end > len(data):
+            break
+        answers.append(decode_any(NodeClass, data[start + _LENGTH_BYTES : end]))
+        start = end
+    return answers
+
+
+def death_in_words(status: int, answer: Path) -> str:
+    """Say how the inspecting child ended that was to write ``answer``, with its last words."""
+    log = Path(f"{answer}.log")
+    said = log.read_text(errors="replace").strip() if log.exists() else ""
+    log.unlink(missing_ok=True)
+    crash = _CRASH_PLACE.search(said)
+    words = f'in "{crash[1]}", line {crash[2]}' if crash else " | ".join(said.splitlines()[-3:])
+    return f"the process that imported it {exit_in_words(status)}" + (f": {words}" if words else "")
+
+
+def exit_in_words(status: int) -> str:
+    """Say in words how a process ended."""
+    if status < 0:
+        named = -status in {int(number) for number in signal.Signals}
+        return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
+    return f"ended with status {status}"
 
 
 class _Server:
@@ -248,8 +293,10 @@ class _Server:
 
     def _inspect(self, request: InspectClasses) -> int:
         ImportAnnouncer(self._announce).install()
-        answer = inspect_classes(request.requests, Path(request.workspace))
-        write_whole(Path(request.answer), encode_any(answer), mode=PRIVATE)
+        with open(request.answer, "wb", buffering=0, opener=open_private) as file:
+            for answer in inspected(request.requests, Path(request.workspace)):
+                data = encode_any(answer)
+                file.write(len(data).to_bytes(_LENGTH_BYTES) + data)
         return 0
 
     def _send_event(self, event: ChildEvent) -> None:

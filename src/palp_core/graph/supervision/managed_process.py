@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
 from palp_core.graph.process.control_messages import Spawn
 from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.logs import note, tail
@@ -70,7 +70,8 @@ class ManagedProcess:
         spec = self.spec
         self.restart_count += 1
         self.spec = msgspec.structs.replace(spec, epoch=spec.epoch + 1)
-        backoff_s = spec.backoff_s * 2 ** (self.restart_count - 1)
+        doubled = 2.0 ** min(self.restart_count - 1, 64)
+        backoff_s = min(spec.backoff_s * doubled, LONGEST_BACKOFF_S)
         self.respawn_at_ns = now_ns + round(backoff_s * 1e9)
         text = f"{cause}; restart {self.restart_count} of {spec.max_restarts} in {backoff_s:g} s"
         note(self.log, "WARNING", f"{spec.name} {text}")
@@ -107,11 +108,3 @@ class ProcessLauncher:
         """Send signals to a node's process."""
         for number in numbers:
             self._server.signal(process.pid, number)
-
-
-def exit_in_words(status: int) -> str:
-    """Say in words how a process ended."""
-    if status < 0:
-        named = -status in {int(number) for number in signal.Signals}
-        return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
-    return f"ended with status {status}"

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
-from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched, ToNode
@@ -17,8 +16,11 @@ from palp_core.graph.supervision.fork_server import (
     ForkServer,
     InspectClasses,
     Started,
+    answers_in,
+    death_in_words,
+    exit_in_words,
 )
-from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
+from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 
 
 class Standby:
@@ -100,15 +102,9 @@ class Standbys:
         self._inspector_pid = 0
 
     def _on_inspected(self, status: int) -> None:
-        log = Path(f"{self._answer}.log")
-        if self._answer.exists():
-            self.inspected = decode_any(list[NodeClass], self._answer.read_bytes())
-        else:
-            said = log.read_text(errors="replace").strip().splitlines()[-3:]
-            text = f"looking at the class ended with status {status}: " + " | ".join(said)
-            self.inspected = [NodeClass(run="", error=text)]
-        for file in (self._answer, log):
-            file.unlink(missing_ok=True)
+        found = answers_in(self._answer)
+        self.inspected = found or [NodeClass(run="", error=death_in_words(status, self._answer))]
+        Path(f"{self._answer}.log").unlink(missing_ok=True)
 
     def exchange(self, index: int, process: ManagedProcess, standby: Standby) -> ManagedProcess:
         """Give a standby a node's part, and the one who had it the standby's; return the new one."""

@@ -15,10 +15,10 @@ from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started
+from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started, exit_in_words
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher, exit_in_words
+from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 from palp_core.graph.supervision.restarts import READY_NS, Restarts
 from palp_core.graph.supervision.standby import Standby, Standbys
 

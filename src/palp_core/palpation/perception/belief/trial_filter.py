@@ -6,7 +6,9 @@ then the list of probes, and the same list gives the same belief to the last bit
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from palp_core.errors import PerceptionError
@@ -17,6 +19,9 @@ from palp_core.palpation.perception.belief.rig_noise import RigNoise, latent_mod
 from palp_core.units import Float64Array
 
 NAIVE = "naive"
+MOST_DEPTHS = 1000
+DepthCount = Annotated[int, msgspec.Meta(ge=0, le=MOST_DEPTHS)]
+"""Depths of a grid: a thousand over the trained range are finer than any phantom is made."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,12 @@ def classes_of(depths_m: Sequence[float], count: int) -> Float64Array:
         count: Number of depths; 0 for the trained ones.
 
     Raises:
-        PerceptionError: A grid of one depth, or over a single trained depth.
+        PerceptionError: A grid of one depth or of too many, or over a single trained depth.
     """
     if count == 0:
         return np.array(depths_m, dtype=np.float64)
+    if count > MOST_DEPTHS:
+        raise PerceptionError(f"a grid of {count} depths: it has at most {MOST_DEPTHS}")
     if count < 2 or len(depths_m) < 2:
         raise PerceptionError(
             f"a grid of {count} depths over {len(depths_m)} trained: at least two of both are needed"

@@ -1,0 +1,159 @@
+"""A launch file may be written by an attacker: each is refused at its place, soon, in little memory."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.yaml_tree import LARGEST_BYTES, MOST_VALUES, parse_tree, read_tree
+from palp_core.graph.problems import GraphProblems, Problems
+from tests.support.palp import PATIENCE_S, ROOT
+
+HEAD = "graph: a\nclock: sim\n"
+NODE = "    run: nodes.torque:TorqueSensor\n"
+NODES = f"nodes:\n  one:\n{NODE}"
+HUGE = "1" + "0" * 30
+LAUGHS = "".join(f"  a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 9))
+RESTART = NODES + "    restart: {{when: on_failure, {}}}\n"
+WIRE = NODES + "  two:\n    run: nodes.record:Record\n    inputs: {{truth: {{from: one/truth, {}}}}}\n"
+TWENTY = [f"c{i}" for i in range(20)]
+SELECTED = "".join(f"  s{i}: {{default: c0, choices: [{', '.join(TWENTY)}]}}\n" for i in range(3))
+VARIANTS = (
+    f"args:\n{SELECTED}nodes:\n  one:\n"
+    + f"    run: {{select: $(var s0), {', '.join(f'{c}: nodes.torque:TorqueSensor' for c in TWENTY)}}}\n"
+    + f"    params: {{select: $(var s1), {', '.join(f'{c}: {{}}' for c in TWENTY)}}}\n"
+    + f"    inputs: {{select: $(var s2), {', '.join(f'{c}: {{}}' for c in TWENTY)}}}\n"
+)
+
+# the text behind HEAD, the place within the file, words of the message
+FILES: dict[str, tuple[str, str, str]] = {
+    "an alias bomb": (f"x:\n  a0: &a0 [1]\n{LAUGHS}{NODES}", "8:27", f"more than {MOST_VALUES} values"),
+    "a long text, repeated": (f"x: [&a {'x' * 60_000}, {'*a, ' * 20}]\n", "3:60046", "an alias repeats"),
+    "5,000 brackets": (f"seed: {'[' * 5000}{']' * 5000}\n{NODES}", "3:56", "values lie in each other"),
+    "2,000 braces": (f"seed: {'{a: ' * 2000}1{'}' * 2000}\n{NODES}", "3:200", "values lie in each other"),
+    "700 indents": ("".join(" " * i + "a:\n" for i in range(700)), "52:50", "values lie in each other"),
+    "too long a file": ("#" * LARGEST_BYTES, "1:1", f"more than {LARGEST_BYTES // 1024} KiB"),
+    "2**70 as a seed": (f"seed: {2**70}\n{NODES}", "3:7", "at most 64 bits"),
+    "5,000 digits": (
+        f"seed: {'1' * 5000}\n{NODES}",
+        "3:7",
+        "...' cannot be read: a whole number has at most",
+    ),
+    "an octal number of 120 bits": (f"seed: 0o{'7' * 40}\n{NODES}", "3:7", "at most 64 bits"),
+    "2**70 as a parameter": (f"{NODES}    params: {{samples: {2**70}}}\n", "6:23", "at most 64 bits"),
+    "a default of 10**30": (
+        f"args: {{x: {{default: {HUGE}}}}}\n{NODES}    params: {{samples: $(var x)}}\n",
+        "3:21",
+        "at most 64 bits",
+    ),
+    "cpus of 10**30": (f"{NODES}    cpus: [{HUGE}]\n", "6:12", "at most 64 bits"),
+    "a seed of infinity": (f"seed: .inf\n{NODES}", "3:7", "must be a whole number"),
+    "10**30 restarts": (RESTART.format(f"max_restarts: {HUGE}"), "6:47", "at most 64 bits"),
+    "10**18 restarts": (RESTART.format(f"max_restarts: {10**18}"), "6:47", "from 0 to 1,000,000"),
+    "a back-off of infinity": (RESTART.format("backoff_s: .inf"), "6:44", "from 0 to 3,600"),
+    "a back-off of 1e30": (RESTART.format("backoff_s: 1e30"), "6:44", "from 0 to 3,600"),
+    "a depth of 10**30": (WIRE.format(f"depth: {HUGE}"), "8:46", "at most 64 bits"),
+    "a depth of 10**18": (WIRE.format(f"depth: {10**18}"), "8:46", "from 1 to 1,000,000"),
+    "a deadline of infinity": (WIRE.format("deadline_ms: .inf"), "8:52", "from 0 to 1,000,000,000"),
+    "8,000 variants of a node": (VARIANTS, "8:3", "has 8000 variants"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_hostile_file_is_refused_once_and_at_its_place(workspace: Any, name: str) -> None:
+    text, place, words = FILES[name]
+    with pytest.raises(GraphProblems) as caught:
+        workspace.load(HEAD + text)
+    (problem,) = caught.value.problems
+    assert str(problem).startswith(f"{workspace.root}/launch/graph.yaml:{place}: ")
+    assert words in problem.message
+    assert len(problem.message) < 200
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        ("seed:=1" + "0" * 30, "(more than 64 bits); it must be a whole number"),
+        ("seed:=1e30", "a whole number"),
+    ],
+)
+def test_an_argument_that_fits_no_message_is_refused(workspace: Any, word: str, words: str) -> None:
+    text = f"graph: a\nclock: sim\nseed: $(var seed)\nargs: {{seed: {{default: 1}}}}\n{NODES}"
+    with pytest.raises(GraphProblems) as caught:
+        workspace.load(text, word)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.column) == (4, 8)
+    assert words in problem.message
+
+
+def test_files_that_include_ever_more_files_are_refused(workspace: Any) -> None:
+    for i in range(8):
+        inner = ", ".join([f"{{file: inc{i + 1}.yaml}}"] * 10)
+        workspace.write(f"launch/inc{i}.yaml", f"include: [{inner}]\n")
+    workspace.write("launch/inc8.yaml", "args: {}\n")
+    with pytest.raises(GraphProblems, match="more than 64 files are included") as caught:
+        workspace.load(f"{HEAD}include: [{{file: inc0.yaml}}]\n{NODES}")
+    assert len(caught.value.problems) == 1
+
+
+def test_a_launch_file_without_end_is_not_read_to_its_end() -> None:
+    with pytest.raises(GraphProblems, match="/dev/zero:1:1: has more than 256 KiB"):
+        read_tree(Path("/dev/zero"), Problems())
+
+
+@pytest.mark.parametrize("text", ["a: [1, &b [2, *b]]\n", "a: &a 5\nb: [*a, *a]\n"])
+def test_a_few_aliases_are_no_bomb(text: str) -> None:
+    assert parse_tree(text, "a.yaml", Problems()) is not None
+
+
+ENDINGS = {
+    "os._exit": ("import os; os._exit(0)", "the process that imported it ended with status 0"),
+    "SIGSEGV": (
+        "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+        'the process that imported it was killed by SIGSEGV: in "{module}", line 1',
+    ),
+    "SIGKILL": (
+        "import os, signal; print('so long', flush=True); os.kill(os.getpid(), signal.SIGKILL)",
+        "the process that imported it was killed by SIGKILL: so long",
+    ),
+    "BaseException": ("raise BaseException('b')", "nodes/odd.py:1: BaseException: b"),
+    "KeyboardInterrupt": ("raise KeyboardInterrupt", "nodes/odd.py:1: KeyboardInterrupt"),
+    "GeneratorExit": ("raise GeneratorExit", "nodes/odd.py:1: GeneratorExit"),
+}
+GUEST = "from palp_core import Node\nclass Odd(Node): ...\n"
+GRAPH = "graph: a\nclock: sim\nnodes:\n  odd: {run: nodes.odd:Odd}\n  fine: {run: nodes.fine:Odd}\n"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", [*FILES, *ENDINGS])
+def test_each_is_refused_within_2_s_and_200_mib(workspace: Any, name: str) -> None:
+    text, place, words = (HEAD + FILES[name][0], *FILES[name][1:]) if name in FILES else (GRAPH, "4:14", "")
+    if name in ENDINGS:
+        workspace.write("nodes/odd.py", f"{ENDINGS[name][0]}\n{GUEST}")
+        workspace.write("nodes/fine.py", GUEST)
+        words = ENDINGS[name][1].format(module=workspace.root / "nodes/odd.py")
+    file: Path = workspace.write("launch/graph.yaml", text)
+    best_s = PATIENCE_S
+    for _ in range(3):  # others may use the machine meanwhile
+        begun_ns = monotonic_ns()
+        done = subprocess.run(
+            [sys.executable, "-m", "palp_core", "launch", file, "--check"],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+            cwd=ROOT,
+        )
+        best_s = min(best_s, (monotonic_ns() - begun_ns) / 1e9)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1, done.stderr
+        assert f"{file}:{place}: " in done.stderr
+        assert words in done.stderr
+    assert best_s < 2.0
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 200 * 1024
