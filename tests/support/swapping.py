@@ -76,10 +76,11 @@ class Relay(Node):
     ask = Srv(Num, Num)
     out = Pub(Num, qos=Qos(depth=1000))
     other = Pub(Num)
+    strict = True
 
     @on(num)
     def pass_on(self, num):
-        if self.state.total and num.index != self.state.total + 1:
+        if self.strict and self.state.total and num.index != self.state.total + 1:
             raise ValueError(f"{num.index} came after {self.state.total}")
         self.state.total = num.index
         self.out.publish(Num(index=num.index, by=type(self).__name__))
@@ -90,6 +91,16 @@ class Relay(Node):
 
 
 class Other(Relay):
+    pass
+
+
+class Loose(Relay):
+    """What it missed while it was not there is no fault."""
+
+    strict = False
+
+
+class LooseOther(Loose):
     pass
 
 
@@ -179,6 +190,10 @@ class Faulty(Relay):
             do(self.params)
 
 
+class LooseFaulty(Faulty):
+    strict = False
+
+
 class SinkParams(Params):
     out: str = ""
 
@@ -259,6 +274,17 @@ class Asker(Node):
         self.state.answers.append(num.index)
 '''
 
+RESTARTING = """
+graph: restarting
+clock: wall
+nodes:
+  source: {run: "swap_toys:Source", params: {rate_hz: 500.0}}
+  relay:
+    run: "swap_toys:Loose"
+    restart: {when: on_failure, backoff_s: 0.001, max_restarts: 1000}
+    inputs: {num: source/out}
+  sink: {run: "swap_toys:Sink", inputs: {num: relay/out}}
+"""
 LAUNCH = """
 graph: swapping
 clock: {clock}
@@ -288,6 +314,13 @@ def workspace(folder: Path) -> Path:
     (folder / "launch/wall.yaml").write_text(LAUNCH.format(clock="wall", more="", args=""))
     (folder / "launch/sim.yaml").write_text(LAUNCH.format(clock="sim", more=PLANNER, args=PLANNED))
     return folder / "launch"
+
+
+def restarting_workspace(folder: Path) -> Path:
+    """Write one whose middle node is restarted and does not mind what it misses; return its launch folder."""
+    launch = workspace(folder)
+    (launch / "wall.yaml").write_text(RESTARTING)
+    return launch
 
 
 class Stage(Running):

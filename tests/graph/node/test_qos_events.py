@@ -16,6 +16,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.subscription import FEW_REPEATS
 
 MS = 1_000_000
 
@@ -210,3 +211,18 @@ def test_events_and_calls_survive_a_hand_over() -> None:
 def test_each_kind_of_event_has_its_words(kind: EventKind) -> None:
     event = QosEvent(kind=kind, port="load", topic="/sensor/load", total_count=3, count_change=1)
     assert event.text.startswith(("input 'load' (/sensor/load): ", "client 'load' (/sensor/load): "))
+
+
+def test_a_reader_that_drops_one_repeat_after_the_other_says_so_and_a_few_are_no_news() -> None:
+    drive = Drive()
+    drive.word(100)
+    for n in range(1, FEW_REPEATS):
+        drive.word(n)
+    drive.word(101)
+    drive.word(101)
+    assert "message_repeated" not in drive.said()
+    for n in range(1, 100):
+        drive.word(n)
+    assert drive.said().count("message_repeated") == 4  # the 8th, 16th, 32nd and 64th
+    assert drive.executor.ends.accounts["/p/word"].repeated == FEW_REPEATS + 99
+    assert drive.log == ["word 100", "word 101"]

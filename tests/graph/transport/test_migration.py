@@ -6,7 +6,7 @@ from collections import defaultdict
 
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import encode_any
-from palp_core.graph.transport.migration import Migration, Move, Unordered
+from palp_core.graph.transport.migration import GIVE_UP_NS, Migration, Move, Unordered
 
 TOPIC = "/a/b"
 
@@ -61,3 +61,39 @@ def test_the_run_directory_tells_nothing_new_to_who_has_followed() -> None:
     found.relocate(TOPIC, "ipc://1")
     found.follow(moved("stay", "1"), 0)
     assert ear.at == {"ipc://0"}
+
+
+def test_a_slow_reader_that_hears_of_the_next_change_first_leaves_nobody_who_speaks() -> None:
+    ear = Ear()
+    found = following(ear)
+    found.follow(moved("prepare", "1"), 0)
+    found.follow(moved("here", "1"), 0)
+    found.follow(moved("prepare", "2"), 0)  # of the second place; the first has said more than was read
+    assert ear.at == {"ipc://0", "ipc://1", "ipc://2"}
+    found.follow(moved("here", "2"), 0)
+    found.follow(moved("gone", "2"), 0)
+    assert {"ipc://0", "ipc://2"} <= ear.at
+    found.follow(moved("gone", "1"), 0)
+    found.follow(moved("gone", "1"), 0)  # as it is said ten times a second
+    assert ear.at == {"ipc://2"}
+    assert found.servers[TOPIC] == "ipc://2.srv"
+
+
+def test_a_place_that_was_prepared_and_never_spoke_holds_nothing_up() -> None:
+    ear = Ear()
+    found = following(ear)
+    found.follow(moved("prepare", "1"), 0)  # both processes died before they could say that it is off
+    found.follow(moved("prepare", "2"), 0)
+    found.follow(moved("gone", "2"), 0)
+    assert ear.at == {"ipc://2"}
+
+
+def test_an_old_place_that_dies_without_a_word_is_given_up() -> None:
+    ear = Ear()
+    found = following(ear)
+    found.follow(moved("prepare", "1"), 0)
+    found.follow(moved("here", "1"), 0)
+    found.tick(GIVE_UP_NS)
+    assert ear.at == {"ipc://0", "ipc://1"}
+    found.tick(GIVE_UP_NS + 1)
+    assert ear.at == {"ipc://1"}

@@ -86,5 +86,5 @@ def _section(title: str, lines: dict[str, str]) -> None:
 
 
 def _reader(account: dict[str, Any]) -> str:
-    parts = [f"{account[name]} {name}" for name in ("received", "lost", "late", "dropped", "filled")]
-    return ", ".join([f"port '{account['port']}'", *parts])
+    counts = ("received", "lost", "repeated", "late", "dropped", "filled")
+    return ", ".join([f"port '{account['port']}'", *(f"{account[name]} {name}" for name in counts)])

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "call_timeout"]
+EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "message_repeated", "call_timeout"]
 
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -98,6 +98,12 @@ class Bindings:
             self._subscribe(subscription)
             kinds: list[EventKind] = ["message_lost", *events_of(qos)]
             subscription.attach({kind: self._event(kind, name, source, declared) for kind in kinds})
+            subscription.tell_repeats = functools.partial(self._tell_repeats, name, source)
+
+    def _tell_repeats(self, port: str, name: str, count: int) -> None:
+        """Say it, but hand it to no handler: that would be one more thing that a replay must ring again."""
+        event = QosEvent(kind="message_repeated", port=port, topic=name, total_count=count, count_change=1)
+        self._owner.events.publish_qos_event(event)
 
     def _bind_services(self, declared: Declaration) -> None:
         """A client's requests are a topic of its own; the replies to it are a topic of the server's."""

@@ -11,6 +11,7 @@ _TEXT: dict[EventKind, str] = {
     "deadline": "no message within its deadline",
     "lifespan": "a message was older than its lifespan and was dropped",
     "message_lost": "messages were lost",
+    "message_repeated": "messages come that were here already, or of a process that is over, and are dropped",
     "call_timeout": "a call was not answered",
 }
 FIRST_FEW = 8
@@ -22,7 +23,8 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         kind: ``deadline``: nothing came within the deadline; ``lifespan``: a message was too old and was
             dropped; ``liveliness``: the publisher fell silent for longer than its lease (odd counts) or is
-            back (even ones); ``message_lost``: a gap that nobody could fill; ``call_timeout``: a service did
+            back (even ones); ``message_lost``: a gap that nobody could fill; ``message_repeated``: so many
+            in a row were here already, which is said and handed to nobody; ``call_timeout``: a service did
             not answer, after all retries.
         port: Name of the input or client.
         topic: What it reads.

@@ -15,6 +15,8 @@ from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
 
 _DATA = int(Kind.DATA)  # an enum costs a comparison in Python
+FEW_REPEATS = 8
+"""So many in a row may come of a question asked twice; of more, something is wrong with the publisher."""
 
 
 class Subscription:
@@ -32,6 +34,7 @@ class Subscription:
         account: What has been taken up.
         index: Number of the source in the node's journal.
         is_plain: No time limit holds on the edge, and its messages are neither requests nor replies.
+        tell_repeats: Is told how many in a row have been dropped as repeats, when they are not few.
     """
 
     ordered = True
@@ -53,6 +56,8 @@ class Subscription:
         self.handler = handler
         self.qos = qos
         self.account = SequenceAccount()
+        self.tell_repeats: Callable[[int], None] = lambda _: None
+        self._repeats = (0, 0)  # how many in a row, and what had been taken up before
         self.attach({})
         self._type_hash = schema_of(message).type_hash
         self._decode = decoder_of(message)
@@ -109,6 +114,14 @@ class Subscription:
             self._message_lost.count(account.lost - lost_before, now_ns)
         return taken
 
+    def _note_repeat(self) -> None:
+        """Count a repeat; a reader that drops everything must not look like one to whom nothing is said."""
+        taken = self.account.received + self.account.dropped
+        count = self._repeats[0] + 1 if self._repeats[1] == taken else 1
+        self._repeats = count, taken
+        if count >= FEW_REPEATS:
+            self.tell_repeats(count)
+
     def expects(self, frame: Frame) -> bool:
         """Tell whether a frame was not taken up yet, where its sequence alone does not say so."""
         return True
@@ -130,6 +143,7 @@ class Subscription:
                 self._lifespan.count(1, now_ns)
             return False
         if not self.account.accept(epoch, sequence):
+            self._note_repeat()
             return False
         if self._deadline is not None:
             if now_ns - stamp_ns > self._deadline_ns:

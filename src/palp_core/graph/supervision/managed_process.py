@@ -77,6 +77,13 @@ class ManagedProcess:
         note(self.log, "WARNING", f"{spec.name} {text}")
         return text
 
+    def successor_spec(self, spec: NodeSpec) -> NodeSpec:
+        """Return what a process that takes over from this one runs.
+
+        It counts on from this one's epoch: to a reader nothing is restarted, and no epoch ever comes twice.
+        """
+        return msgspec.structs.replace(spec, epoch=self.spec.epoch)
+
     def log_tail(self) -> str:
         """Return where the log is and its last lines."""
         return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))

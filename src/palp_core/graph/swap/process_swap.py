@@ -121,7 +121,8 @@ class _ProcessSwap:
         if why := unfit(running, self._swap):
             self._fail(why)
         self._step = "configure"
-        supervisor, new_spec = self._supervisor, self._swap.new
+        supervisor = self._supervisor
+        new_spec = self._old.successor_spec(self._swap.new)
         self._new = supervisor.standbys.start(new_spec, self._old.log, fresh=True)
         new = self._new.process
         self._wait_for(lambda: new.configured, "it was not configured")

@@ -1,5 +1,6 @@
 """Follow a publisher that goes on at another place: two endpoints for a while, one order all the time."""
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 
@@ -15,6 +16,9 @@ PATIENCE_NS = 5_000_000_000
 
 GIVE_UP_NS = 90_000_000_000
 """Longer than an old place stays for a slow reader."""
+
+PLACES_REMEMBERED = 16
+"""Places that were left and may still be spoken of, by what has arrived from them and was not read."""
 
 Item = TypeVar("Item")
 
@@ -116,6 +120,87 @@ class Turns(Generic[Item]):
             self._pass(True, point, self._held.pop(point))
 
 
+class Route:
+    """Where one topic is published: the place where it is heard now, and those where it goes on, in order.
+
+    Whoever reads slowly may hear of the next change of hands before it has had all of the last: then there
+    are three.
+
+    Args:
+        publish: Where it is published.
+        serve: Where its publisher answers.
+    """
+
+    def __init__(self, publish: str, serve: str) -> None:
+        self.places = [publish]
+        self._serve = {publish: serve}
+        self._finished: set[str] = set()
+        self._spoke: dict[str, int] = {}
+        self._left: deque[str] = deque(maxlen=PLACES_REMEMBERED)
+
+    @property
+    def serve(self) -> str:
+        """Where the latest of them that is at work answers."""
+        return next(self._serve[place] for place in reversed(self.places) if place in self._serve)
+
+    def add(self, publish: str) -> bool:
+        """Take note of a place where it is to go on; return whether that is news."""
+        if publish in self.places or publish in self._left:
+            return False
+        self.places.append(publish)
+        return True
+
+    def replace(self, publish: str) -> None:
+        """Take another's word for the first place."""
+        self._serve.setdefault(publish, self._serve[self.places[0]])
+        self.places[0] = publish
+
+    def begin(self, publish: str, serve: str, now_ns: int) -> None:
+        """Take a place's word that it speaks from now on."""
+        if publish in self.places:
+            self._serve[publish] = serve
+            self._spoke[publish] = now_ns
+
+    def finish_before(self, publish: str, serve: str) -> list[str]:
+        """Take the word that everything goes on there; return the places that are to be left.
+
+        It is that of the one before, or of one before that: what never spoke was given up.
+        """
+        if publish not in self.places[1:]:
+            return []
+        self._serve[publish] = serve
+        index = self.places.index(publish) - 1
+        while index and self.places[index] not in self._spoke:
+            self._finished.add(self.places[index])
+            index -= 1
+        self._finished.add(self.places[index])
+        return self._part()
+
+    def _part(self) -> list[str]:
+        """Leave places that have published their last, if none before them is to say anything yet."""
+        count = next(i for i, place in enumerate(self.places) if place not in self._finished)
+        parted = self.places[:count]
+        for place in parted:
+            self.forget(place)
+        return parted
+
+    def forget(self, publish: str) -> None:
+        """Remove a place for good."""
+        self.places.remove(publish)
+        self._left.append(publish)
+        self._finished.discard(publish)
+        for known in (self._serve, self._spoke):
+            known.pop(publish, None)
+
+    def overdue(self, now_ns: int) -> list[str]:
+        """Return the places before one that began to speak longer ago than an old one stays; leave them."""
+        begun = [
+            i for i, place in enumerate(self.places) if now_ns - self._spoke.get(place, now_ns) > GIVE_UP_NS
+        ]
+        self._finished.update(self.places[: max(begun, default=0)])
+        return self._part()
+
+
 class Migration:
     """Where the publishers of some topics are.
 
@@ -135,20 +220,22 @@ class Migration:
     ) -> None:
         self._listening = listening
         self._ear, self._orders = ear, orders
-        self._at = {name: publish for name, (publish, _) in publishers.items()}
-        self._next: dict[str, str] = {}
-        self._spoke: dict[str, int] = {}
-        self.servers = {name: serve for name, (_, serve) in publishers.items()}
+        self._routes = {name: Route(*ends) for name, ends in publishers.items()}
+
+    @property
+    def servers(self) -> dict[str, str]:
+        """Where each topic's publisher answers."""
+        return {name: route.serve for name, route in self._routes.items()}
 
     def add(self, name: str, publish: str, serve: str) -> None:
         """Follow one more topic."""
-        self._at[name], self.servers[name] = publish, serve
+        self._routes[name] = Route(publish, serve)
 
     def relocate(self, name: str, publish: str) -> None:
         """Take the run directory's word for where a topic is published now, if no frame has told of it."""
-        if publish not in (self._at[name], self._next.get(name)):
+        if publish not in self._routes[name].places:
             self._ear.connect(publish)
-            self._at[name] = publish  # the place before may have more to say: it is not left
+            self._routes[name].replace(publish)  # the place before may have more to say: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
         """Take a frame of kind MOVED.
@@ -157,47 +244,44 @@ class Migration:
             SchemaMismatch: It says nothing that can be followed.
         """
         move, name = read_move(frame.payload), frame.topic
+        route = self._routes[name]
         if move.phase == "here":
-            self.servers[name] = move.serve
-            self._spoke[name] = now_ns
-        elif self._at[name] == move.publish:
-            return  # it is known there already
+            route.begin(move.publish, move.serve, now_ns)
         elif move.phase == "prepare":
             self._listen_at(name, move.publish)
         elif move.phase == "stay":
-            self._forget(name)
-            self._orders[name].end_move(now_ns)
+            if move.publish in route.places[1:]:
+                route.forget(move.publish)
+                self._leave([move.publish])
+            if len(route.places) == 1:
+                self._orders[name].end_move(now_ns)
         elif move.phase == "gone":
             self._listen_at(name, move.publish)
-            self.servers[name] = move.serve
-            self._part(name, now_ns, frame.sequence)
+            self._settle(name, route.finish_before(move.publish, move.serve), now_ns, frame.sequence)
 
     def tick(self, now_ns: int) -> None:
         """Give up old places that have died before they could say that they were done."""
-        for name in [name for name, since_ns in self._spoke.items() if now_ns - since_ns > GIVE_UP_NS]:
-            if name in self._next:
-                self._part(name, now_ns, 0)
-            self._spoke.pop(name, None)
-
-    def _part(self, name: str, now_ns: int, last: int) -> None:
-        """Listen at the old place no longer."""
-        old, self._at[name] = self._at[name], self._next.pop(name)
-        self._spoke.pop(name, None)
-        if old not in self._at.values():
-            self._ear.disconnect(old)
-        self._orders[name].end_move(now_ns, last)
+        for name, route in self._routes.items():
+            if len(route.places) > 1:
+                self._settle(name, route.overdue(now_ns), now_ns, 0)
 
     def _listen_at(self, name: str, publish: str) -> None:
-        if self._next.get(name) == publish:
-            return
-        self._forget(name)
-        if publish not in {*self._next.values(), *self._at.values()}:
-            self._ear.connect(publish)
-        self._next[name] = publish
-        self._orders[name].begin_move()
-        self._listening(name, publish)
+        known = self._all_places()
+        if self._routes[name].add(publish):
+            if publish not in known:
+                self._ear.connect(publish)
+            self._orders[name].begin_move()
+            self._listening(name, publish)
 
-    def _forget(self, name: str) -> None:
-        publish = self._next.pop(name, None)
-        if publish is not None and publish not in {*self._next.values(), *self._at.values()}:
-            self._ear.disconnect(publish)
+    def _settle(self, name: str, parted: list[str], now_ns: int, last: int) -> None:
+        """Listen no longer where nothing more comes from."""
+        self._leave(parted)
+        if parted and len(self._routes[name].places) == 1:
+            self._orders[name].end_move(now_ns, last)
+
+    def _leave(self, places: list[str]) -> None:
+        for place in set(places) - self._all_places():
+            self._ear.disconnect(place)
+
+    def _all_places(self) -> set[str]:
+        return {place for route in self._routes.values() for place in route.places}

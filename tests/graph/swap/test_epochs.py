@@ -1,0 +1,259 @@
+"""Whatever happens to a node, its epochs never repeat: its readers hear every process that has its part."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+
+from palp_core import Message, Node, Pub, Qos
+from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.supervision.managed_process import ManagedProcess
+from palp_core.graph.transport.reorder_buffer import ReorderBuffer
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from tests.support.palp import PATIENCE_S, Palp, own_palp, short_folder
+from tests.support.swapping import Stage, restarting_workspace
+
+MANY = 50
+
+
+class Life(Stage):
+    """A graph whose middle node is killed and swapped."""
+
+    def __init__(self, palp: Palp, folder: Path) -> None:
+        super().__init__(palp, restarting_workspace(folder) / "wall.yaml")
+
+    @property
+    def account(self) -> dict[str, Any]:
+        """What the reader knows of the node's messages."""
+        found: dict[str, Any] = self.graph.ask("sink", "info", timeout_s=PATIENCE_S)["inputs"]["/relay/out"]
+        return found
+
+    def kill(self) -> None:
+        """Let the node die, and wait until it is at work again."""
+        process = self.process_of("relay")
+        os.kill(process, signal.SIGKILL)
+        while not self.is_at_work(process):
+            self.heartbeat()
+
+    def is_at_work(self, before: int = 0) -> bool:
+        """Tell whether the node works, in another process than before."""
+        process = self.process_of("relay")
+        if process in (0, before):
+            return False
+        info = self.graph.ask("relay", "info", timeout_s=PATIENCE_S)
+        return bool(info["pid"] == process and info["lifecycle"] == "active")
+
+    def heartbeat(self) -> None:
+        """Let a little time go by: until the source is heard."""
+        reader = SubscriberSocket({"/source/out": f"ipc://{self.folder}/source.pub"})
+        try:
+            while not any(parse(raw).kind == Kind.DATA for raw in reader.receive()):
+                assert reader.wait(PATIENCE_S)
+        finally:
+            reader.close()
+
+    def hears(self, epoch: int) -> None:
+        """Wait until the reader takes up messages of an epoch."""
+        first = self.account["received"]
+        while (account := self.account)["epoch"] != epoch or account["received"] < first + 20:
+            assert account["repeated"] < MANY, f"the reader drops what it hears: {account}"
+            self.heartbeat()
+
+
+def test_crash_swap_crash_strands_no_reader(palp: Palp, tmp_path: Path) -> None:
+    life = Life(palp, tmp_path)
+    life.kill()
+    life.hears(1)
+    assert "report" in life.swap("LooseOther")
+    life.hears(1)
+    life.kill()
+    life.hears(2)
+    assert "report" in life.swap("Loose")
+    life.hears(2)
+    assert life.account["repeated"] == 0
+
+
+# Any order of all that can happen, in memory: processes and wires are those of the graph, time is not
+
+
+class Word(Message):
+    n: int
+
+
+class Speaker(Node):
+    word = Pub(Word, qos=Qos(depth=5))
+
+
+SPEC = NodeSpec(name="p", run="m:Speaker", restart="on_failure", max_restarts=10**6)
+
+
+class EpochsInMemory(RuleBasedStateMachine):
+    """A node, whoever has its part; a reader that hears all of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.account = SequenceAccount()
+        deliver, ask = self.deliver, lambda *_: None
+        self.reader = ReorderBuffer("/p/word", Qos(), self.account, deliver, ask)
+        self.process = ManagedProcess(SPEC, Path(os.devnull))
+        self.places = 0
+        self.restarts = 0
+        self.taken: list[int] = []
+        self.spoken: list[int] = []
+        self.executor = self.begun(SPEC)
+        self.executor.transition(Transition.ACTIVATE)
+        self.process.active = True
+
+    def deliver(self, frame: Frame) -> None:
+        if frame.kind != Kind.DATA:
+            self.account.heartbeat(frame.epoch, frame.sequence)
+        elif self.account.accept(frame.epoch, frame.sequence):
+            self.taken.append(frame.stamp_ns)
+
+    def begun(self, spec: NodeSpec, unheard: list[bytes] | None = None) -> Executor:
+        """Start a process: it is heard, unless somebody else takes what it says."""
+        made = Executor(Speaker, spec, SimClock(), self.hear if unheard is None else unheard.append)
+        made.transition(Transition.CONFIGURE)
+        return made
+
+    def hear(self, raw: bytes) -> None:
+        frame = parse(raw)
+        if frame.topic == "/p/word":
+            self.reader.arrive(frame, 0)
+
+    def beside(self, unheard: list[bytes] | None) -> tuple[ManagedProcess, Executor]:
+        self.places += 1
+        spec = self.process.successor_spec(SPEC)
+        return ManagedProcess(spec, Path(os.devnull), f"+{self.places}"), self.begun(spec, unheard)
+
+    def handed_over(self) -> HandOver:
+        return self.executor.succession.copy()
+
+    @initialize()
+    def greet(self) -> None:
+        for out in self.executor.ends.publishers.values():
+            self.hear(out.heartbeat())
+
+    @rule(count=st.integers(1, 20))
+    def speak(self, count: int) -> None:
+        for _ in range(count):
+            number = len(self.spoken) + 1
+            self.spoken.append(number)
+            self.executor.set_time(number)
+            self.executor.node.word.publish(Word(n=number))  # type: ignore[attr-defined]
+
+    @rule()
+    def swap(self) -> None:
+        old = self.executor
+        process, new = self.beside(None)
+        new.succession.take_over(old.succession.hand_over())
+        old.succession.leave()
+        process.active = True
+        self.process, self.executor = process, new
+
+    @rule(count=st.integers(0, 20))
+    def shadow_or_fail(self, count: int) -> None:
+        _, unheard = self.beside([])
+        unheard.succession.take_over(self.handed_over())
+        for number in range(count):
+            unheard.node.word.publish(Word(n=number))  # type: ignore[attr-defined]
+
+    @rule()
+    def kill(self) -> None:
+        assert self.process.plan_restart(0, "killed")
+        self.process.reset(0)
+        self.process.active = True
+        self.restarts += 1
+        self.executor = self.begun(self.process.spec)
+        self.executor.transition(Transition.ACTIVATE)
+
+    @invariant()
+    def everything_was_heard_once(self) -> None:
+        assert self.taken == self.spoken
+        assert (self.account.repeated, self.account.lost) == (0, 0)
+        assert self.executor.epoch == self.process.spec.epoch == self.restarts
+
+
+TestEpochsInMemory = EpochsInMemory.TestCase
+TestEpochsInMemory.settings = settings(deadline=None, max_examples=40, stateful_step_count=30)
+
+
+# The same with processes, and with kills in the middle of a swap
+
+
+class EpochsOfProcesses(RuleBasedStateMachine):
+    """A graph for each example."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._palp = own_palp()
+        self._folder = short_folder()
+        self.life = Life(self._palp.__enter__(), self._folder.__enter__())
+        self.epoch = 0
+
+    def teardown(self) -> None:
+        self._palp.__exit__(None, None, None)
+        self._folder.__exit__(None, None, None)
+
+    @rule(run=st.sampled_from(["Loose", "LooseOther"]))
+    def swap(self, run: str) -> None:
+        assert "report" in self.life.swap(run)
+
+    @rule(run=st.sampled_from(["NoOut", "Plain"]))
+    def fail(self, run: str) -> None:
+        assert "failed" in self.life.swap(run)
+
+    @rule(shadow_s=st.sampled_from([0.0, 0.1]))
+    def try_only(self, shadow_s: float) -> None:
+        options = {"timeout_s": PATIENCE_S, "dry_run": True, "shadow_s": shadow_s}
+        assert "report" in self.life.graph.swap("relay", "swap_toys:LooseOther", **options)
+
+    @rule()
+    def kill(self) -> None:
+        self.life.kill()
+        self.epoch += 1
+
+    @rule(step=st.sampled_from(["configure", "state"]))
+    def kill_in_a_swap(self, step: str) -> None:
+        """The old one dies while the new one gets ready: it is restarted, and the swap is off."""
+        process = self.life.process_of("relay")
+        answer = self.life.swap("LooseFaulty", step=step, deed="kill_other", pid=process)
+        assert "failed" in answer
+        while not self.life.is_at_work(process):
+            self.life.heartbeat()
+        self.epoch += 1
+
+    @rule()
+    def kill_what_has_handed_over(self) -> None:
+        """The old one dies when it has handed over: the new one goes on as if nothing had been."""
+        process = self.life.process_of("relay")
+        answer = self.life.swap("LooseFaulty", step="take over", deed="kill_other", pid=process)
+        assert "report" in answer
+
+    @invariant()
+    def the_reader_hears(self) -> None:
+        self.life.hears(self.epoch)
+        assert self.life.account["repeated"] == 0
+
+
+@pytest.mark.nightly
+def test_no_order_of_swaps_and_kills_strands_a_reader() -> None:
+    run_state_machine_as_test(
+        EpochsOfProcesses,
+        settings=settings(
+            deadline=None, max_examples=10, stateful_step_count=12, suppress_health_check=list(HealthCheck)
+        ),
+    )
