@@ -49,7 +49,7 @@ class Experiment(Node):
     def on_activate(self) -> None:
         if self.state.plan_seed < 0:
             self.state.plan_seed = int(self.rng.integers(2**31))
-            self.record.start()
+            self.record.start(overwrite=self.params.overwrite)
         self._advance()
 
     def on_deactivate(self) -> None:

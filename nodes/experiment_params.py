@@ -20,10 +20,12 @@ class ExperimentParams(Params):
     re-homing and remounting were not published: ``training_order`` mixes the ring positions of a mounting
     (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's actuator is
     driven to its stop and back. ``swaps`` names policies that take over: ``30=nodes.policy_markov:Markov``.
+    ``out``, the record's folder, must hold no session, unless that is to be replaced (``overwrite``).
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     """
 
     out: str = "results"
+    overwrite: bool = False
     plan: Literal["paper", "repeatability"] = "paper"
     wait_s: Seconds = 3600.0
     phantoms: str = ""

@@ -56,6 +56,9 @@ app = lazy_app(
             f"{_CLI}.rig.analyse:analyse",
             "Pool sessions and decide their stored sweeps again with other methods.",
         ),
+        "report": Verb(
+            f"{_CLI}.rig.report:report", "Make the report of a stored session, whole or cut short."
+        ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),

@@ -14,6 +14,11 @@ def unix_ns() -> int:
     return time.time_ns()
 
 
+def local_time_name() -> str:
+    """Return the host's local time as a part of a file's name: ``2026-11-22_21-05-09``."""
+    return time.strftime("%Y-%m-%d_%H-%M-%S")
+
+
 class Clock(Protocol):
     """Time on a graph's clock."""
 

@@ -44,13 +44,16 @@ def assert_readable(out: Path) -> None:
     [*RIG_NODES[:1], *(pytest.param(name, marks=pytest.mark.nightly) for name in RIG_NODES[1:])],
 )
 def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
-    process = start_rig(palp, tmp_path / "out")
+    process = start_rig(palp, out := tmp_path / "out")
     psutil.Process(node_pid(palp, name)).kill()
-    _, errors = process.communicate(timeout=PATIENCE_S)
+    said, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert f"{name}: its process was killed by SIGKILL" in errors
     assert palp.all_gone()
-    assert_readable(tmp_path / "out")
+    assert_readable(out)
+    assert said.splitlines()[-1].startswith(f"Kept: {len(read_rows(out))} palpations")
+    unfinished = json.loads((out / "result.json").read_text())["unfinished"]
+    assert f"{name}: its process was killed by SIGKILL" in unfinished["why"]
 
 
 @pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(1.5, marks=pytest.mark.slow)])

@@ -10,6 +10,7 @@ import pytest
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session import result_json as result
+from palp_core.palpation.session import run_note
 from palp_core.palpation.session.recorded_session import read_session
 from tests.support.sessions import SMALL_STRAIN, without_times
 
@@ -193,7 +194,7 @@ def test_a_missing_or_broken_result_is_an_error(tmp_path: Path) -> None:
 def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: Path) -> None:
     nowhere = msgspec.structs.replace(summary(tmp_path), args={}, params={})
     with pytest.raises(PalpError, match="names no folder"):
-        result.out_of(nowhere)
+        run_note.out_of(nowhere)
 
 
 def test_a_label_names_the_policies_that_took_over() -> None:

@@ -114,12 +114,15 @@ def _run(
                 summary = graph.run()
     except Interrupted as stop:
         note(f"{stop}; every node has ended{_incidents(graph)}")
+        _say_report(graph)
         return 128 + int(stop.signal)
     except NodeError as error:
         note(f"{error}{_incidents(graph)}")
+        _say_report(graph)
         return 1
     except PalpError as error:
         note(f"{error}{_incidents(graph)}")
+        _say_report(graph)
         return 2
     _print_summary(summary)
     if graph.diagnostics.incidents:
@@ -166,6 +169,12 @@ def _recorders_said(graph: Graph) -> Iterator[None]:
     finally:
         if graph.recorders.text:
             print_text(graph.recorders.text)
+
+
+def _say_report(graph: Graph) -> None:
+    """Say what is kept of a run that did not come to its end."""
+    if graph.summary is not None and graph.summary.report:
+        print_text(graph.summary.report)
 
 
 def _print_summary(summary: RunSummary) -> None:

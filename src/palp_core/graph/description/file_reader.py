@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from palp_core.graph.clock import local_time_name
 from palp_core.graph.description.arguments import (
     Argument,
     Given,
@@ -114,6 +115,7 @@ class _Reader:
     def __init__(self, workspace: Path, environ: Lookup[str, str]) -> None:
         self.workspace = workspace
         self.environ = environ
+        self.now = local_time_name()  # once: a second may pass between two files
         self.problems = Problems()
         self.nodes: dict[str, list[GraphNode]] = {}
         self.marks: dict[str, Mark] = {}
@@ -165,7 +167,7 @@ class _Reader:
         return unknown_keys(tree, _KEYS, "a launch file", self.problems), tree.mark, set(tree.items)
 
     def _file(self, path: Path, fields: dict[str, Entry], outer: _File | None = None) -> _File:
-        scope = Scope(path, self.environ)
+        scope = Scope(path, self.environ, now=self.now)
         return _File(path, fields, scope, declare(fields.get("args"), scope, self.problems), outer)
 
     def _nodes_of(self, file: _File) -> None:

@@ -1,4 +1,4 @@
-"""Substitutions of launch files: ``$(var x)``, ``$(env NAME default)``, ``$(dirname)``, ``$(filename)``."""
+"""Substitutions: ``$(var x)``, ``$(env NAME default)``, ``$(dirname)``, ``$(filename)``, ``$(now)``."""
 
 import re
 from collections.abc import Mapping as Lookup
@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from palp_core.graph.clock import local_time_name
 from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, Tree, parse_scalar
 from palp_core.graph.problems import Mark, Problems, hint
 
-_FORMS = ("var", "env", "dirname", "filename")
+_FORMS = ("var", "env", "dirname", "filename", "now")
 _CALL = re.compile(r"\$\(([^()]*)\)")
 
 
@@ -24,6 +25,7 @@ class Scope:
         origins: For each argument, the name under which the root file's caller decides it.
         used: Arguments that the file has asked for.
         marks: Where an include states the value of an argument.
+        now: The host's local time at launch, as names of files have it.
     """
 
     file: Path
@@ -32,6 +34,7 @@ class Scope:
     origins: dict[str, str] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     marks: dict[str, Mark] = field(default_factory=dict)
+    now: str = field(default_factory=local_time_name)
 
 
 def sole_variable(tree: Tree) -> str | None:
@@ -112,9 +115,11 @@ def _call(inside: str, mark: Mark, scope: Scope, problems: Problems) -> Any:
             return str(scope.file.parent)
         case "filename" if not rest:
             return str(scope.file)
+        case "now" if not rest:
+            return scope.now
         case "var" | "env":
             problems.add(mark, f"$({inside}) lacks a name; write $({name} NAME)")
-        case "dirname" | "filename":
+        case "dirname" | "filename" | "now":
             problems.add(mark, f"$({name}) takes nothing after its name; write $({name})")
         case _:
             problems.add(mark, f"unknown substitution '$({inside})'{hint(name, _FORMS)}")

@@ -11,11 +11,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
 
-from palp_core.errors import GraphError, PalpError
+from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
@@ -104,6 +104,8 @@ class Graph:
         self._conductor: Conductor | None = None
         self._supervisor: Supervisor | None = None
         self._instant_count = 0
+        self._begun = False
+        self._begin_ns = 0
         self.summary: RunSummary | None = None
 
     def __enter__(self) -> Self:
@@ -119,6 +121,7 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
+                self._tell_report("prepare")
                 self.recorders = Recorders(self.checked, self._record)
                 self.diagnostics.follow(self.checked)
                 self._open_gateway(stack)
@@ -156,8 +159,51 @@ class Graph:
 
     def __exit__(self, _: type[BaseException] | None, error: BaseException | None, *__: object) -> None:
         self._stack.close()
+        if error is not None and self._begun and self.summary is None:
+            self.summary = self._cut_short(error)
         if error is None and self.summary is not None and self.summary.exit_code == 0:
             self.directory.remove()  # otherwise its logs may be wanted
+
+    def _tell_report(self, stage: Literal["prepare", "begin"]) -> None:
+        """Let the launch file's report look at the run before it begins, if it wants to."""
+        if self.checked.report:
+            tell = getattr(report_function(self.checked.report, self.checked.workspace), stage, None)
+            if tell is not None:
+                tell(self._summary())
+
+    def _summary(self, **outcome: Any) -> RunSummary:
+        return summary_of(
+            self.checked,
+            self.path,
+            run=self.directory.path.name,
+            composed=self._compose,
+            incidents=self.diagnostics.incidents,
+            **outcome,
+        )
+
+    def _cut_short(self, error: BaseException) -> RunSummary:
+        """Return how a run went that an error or a signal has ended; every node has ended, too."""
+        wall_s = (monotonic_ns() - self._begin_ns) / 1e9
+        code = 128 + int(error.signal) if isinstance(error, Interrupted) else 1
+        ended = str(error) if isinstance(error, Interrupted) else in_words(error)
+        summary = self._summary(
+            exit_code=code,
+            ended=ended,
+            clock_s=self._conductor.now_ns / 1e9 if self._conductor is not None else wall_s,
+            wall_s=wall_s,
+            activation_count=self._conductor.activation_count if self._conductor is not None else 0,
+        )
+        if not self.checked.report:
+            return summary
+        said = "No report was written: the end was asked for twice; `palp report` makes it later."
+        if not self._interrupt.insisted:
+            try:
+                said = report_function(self.checked.report, self.checked.workspace)(summary)
+            except KeyboardInterrupt:
+                pass
+            except Exception as failure:  # noqa: BLE001 - a report may raise anything; what ended the run counts
+                said = f"No report was written: {in_words(failure)}"
+        return msgspec.structs.replace(summary, report=said)
 
     def _now_ns(self) -> int:
         """Return the time on the graph's clock; 0 before it starts."""
@@ -206,28 +252,26 @@ class Graph:
         """Activate, work until the run ends (or until a time on the graph's clock), and reach the safe state.
 
         Returns:
-            How it went. The launch file's report has been written if the exit code is 0.
+            How it went. The launch file's report has been written, unless there was a time to stop at.
         """
         until_ns = None if until_s is None else round(until_s * 1e9)
-        begin_ns = monotonic_ns()
+        self._begin_ns = monotonic_ns()
+        self._tell_report("begin")
+        self._begun = True
         if self.checked.clock == "sim":
             exit_code, clock_s, activations = self._run_lockstep(until_ns)
         else:
             exit_code, activations = self._run_wall(until_ns), 0
-            clock_s = (monotonic_ns() - begin_ns) / 1e9
-        checked = self.checked
-        self.summary = summary_of(
-            checked,
-            self.path,
-            composed=self._compose,
+            clock_s = (monotonic_ns() - self._begin_ns) / 1e9
+        self.summary = self._summary(
             exit_code=exit_code,
+            ended="" if exit_code == 0 else f"a node ended the run with exit code {exit_code}",
             clock_s=clock_s,
-            wall_s=(monotonic_ns() - begin_ns) / 1e9,
+            wall_s=(monotonic_ns() - self._begin_ns) / 1e9,
             activation_count=activations,
-            incidents=self.diagnostics.incidents,
         )
-        if exit_code == 0 and checked.report and until_s is None:
-            said = report_function(checked.report, checked.workspace)(self.summary)
+        if self.checked.report and until_s is None:
+            said = report_function(self.checked.report, self.checked.workspace)(self.summary)
             self.summary = msgspec.structs.replace(self.summary, report=said)
         return self.summary
 

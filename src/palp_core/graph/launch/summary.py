@@ -15,6 +15,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     """How a run went; handed to the launch file's report function.
 
     Attributes:
+        run: Tells the runs of a host apart.
         args: The launch file's arguments as resolved.
         params: Parameters of every node, by node.
         publishes: Message type of each topic that a node publishes, by node.
@@ -22,12 +23,15 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep.
+        exit_code: 0 if the run came to its end; negative where it did not say how it ended.
+        ended: Why it did not come to its end, in words; "" where it did.
         incidents: What nodes said was wrong, in time's order.
         report: What the launch file's report function says in words; "" if there is none.
     """
 
     graph: str
     file: str
+    run: str = ""
     clock: str
     seed: int
     composed: bool
@@ -35,10 +39,11 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     params: dict[str, dict[str, Any]]
     publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]
-    exit_code: int
-    clock_s: float
-    wall_s: float
-    activation_count: int
+    exit_code: int = -1
+    ended: str = "it did not say how it ended"
+    clock_s: float = 0.0
+    wall_s: float = 0.0
+    activation_count: int = 0
     incidents: list[Incident] = []
     report: str = ""
 

@@ -152,8 +152,14 @@ def sample_noise(sweeps: Sequence[RecordedSweep]) -> Component:
     return Component(value, low, high)
 
 
-def write_repeatability(found: Repeatability, out: Path) -> dict[str, Any]:
-    """Write noise.yaml, repeatability.json and report.html, and return what the JSON holds."""
+def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -> dict[str, Any]:
+    """Write noise.yaml, repeatability.json and report.html, and return what the JSON holds.
+
+    Args:
+        found: What was measured.
+        out: The folder; made if missing.
+        unfinished: How far a session came that did not come to its end, in words.
+    """
     out.mkdir(parents=True, exist_ok=True)
     write_noise(found.noise, out / "noise.yaml")
     record = {
@@ -170,6 +176,7 @@ def write_repeatability(found: Repeatability, out: Path) -> dict[str, Any]:
         out / "report.html",
         "repeatability.html",
         sweep_count=found.sweep_count,
+        unfinished=unfinished,
         noise=found.noise,
         strongest_ring_slope=max(abs(slope) for slope in found.ring_slope.values()),
         height_slope=found.height_slope,

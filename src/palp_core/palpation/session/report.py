@@ -1,68 +1,147 @@
-"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, written when a run ended well.
+"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, however its run ended.
 
-A launch file names it: ``report: palp_core.palpation.session.report:session``.
+A launch file names it: ``report: palp_core.palpation.session.report:session``. What draws is imported when it
+is needed: the launcher asks for this module before the run begins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.reporting.charts import Chart
-from palp_core.palpation.reporting.html_page import picture
-from palp_core.palpation.session.estimation_charts import (
-    accuracy_chart,
-    belief_chart,
-    calibration_chart,
-    rings_chart,
-)
-from palp_core.palpation.session.recorded_session import RecordedSession, read_session
-from palp_core.palpation.session.recorded_sweeps import read_sweeps
-from palp_core.palpation.session.repeatability import (
-    is_repeatability,
-    measure_repeatability,
-    repeatability_headline,
-    write_repeatability,
-)
-from palp_core.palpation.session.report_page import headline, write_report
-from palp_core.palpation.session.result_json import build, out_of, write_result
+from palp_core.errors import PalpError
+from palp_core.palpation.session import run_note
 from palp_core.palpation.session.roles import Roles, roles_of
-from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
+    from palp_core.palpation.reporting.charts import Chart
+    from palp_core.palpation.session.recorded_session import RecordedSession
 
 
-def session(summary: RunSummary) -> str:
-    """Write the result, the charts and the page beside the record that a run has just left.
+class SessionReport:
+    """What a launch file's ``report`` does before, at the beginning and after the end of a run."""
+
+    def prepare(self, summary: RunSummary) -> None:
+        """Refuse a run whose session would go where one is already.
+
+        Raises:
+            PalpError: It would, or the run names no folder.
+        """
+        run_note.refuse_run(summary)
+
+    def begin(self, summary: RunSummary) -> None:
+        """Note which run the session is of.
+
+        Raises:
+            PalpError: The folder cannot be written.
+        """
+        run_note.note_begin(summary)
+
+    def __call__(self, summary: RunSummary) -> str:
+        """Write the result, the charts and the page beside the record that a run has just left.
+
+        Returns:
+            The result in words, what is kept, and where.
+
+        Raises:
+            PalpError: The run names no folder, there is no record in it, or it cannot be written.
+        """
+        folder = run_note.out_of(summary)
+        try:
+            if not run_note.note_end(summary):
+                return f"Nothing is kept: the session in '{folder}' had not begun."
+        except OSError as error:
+            raise _cannot_report(folder, error) from error
+        return write(folder, summary)
+
+
+session = SessionReport()
+
+
+def write(folder: Path, summary: RunSummary) -> str:
+    """Write the result, the charts and the page of the session in a folder.
+
+    Args:
+        folder: Where the record is now.
+        summary: How its run went.
 
     Returns:
-        The result in words, and where the page is.
+        The result in words, what is kept, and where.
 
     Raises:
-        PalpError: The run names no folder, or there is no record in it.
+        PalpError: There is no record, or the report cannot be written.
     """
-    found = read_session(out_of(summary))
+    from palp_core.palpation.session.recorded_session import read_session
+
+    found = read_session(folder)
+    if not found.rows and summary.exit_code != 0:
+        return f"Nothing is kept: '{folder}' holds no palpation."
+    try:
+        said = _write(found, summary)
+    except OSError as error:
+        raise _cannot_report(folder, error) from error
+    page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
+    return (
+        f"{said}\nKept: {len(found.rows)} palpations (trials.csv, sweeps/) and result.json in {folder}{page}"
+    )
+
+
+def _cannot_report(folder: Path, error: OSError) -> PalpError:
+    return PalpError(
+        f"the report of '{folder}' cannot be written: {error.strerror or error}; "
+        f"the record is kept there, and `palp report {folder}` makes the report of it"
+    )
+
+
+def _write(found: RecordedSession, summary: RunSummary) -> str:
+    from palp_core.palpation.reporting.html_page import picture
+    from palp_core.palpation.session.repeatability import is_repeatability
+    from palp_core.palpation.session.report_page import headline, write_report
+    from palp_core.palpation.session.result_json import build, unfinished_words, write_result
+
     result = build(found, summary)
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
-        return _repeatability(found, summary)
+        return _repeatability(found, summary, unfinished_words(result))
     pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, roles_of(summary))]
-    target = write_report(found.folder / "report.html", result, pictures)
-    return f"{headline(result)}\nReport: {target}"
+    write_report(found.folder / "report.html", result, pictures)
+    return headline(result)
 
 
-def _repeatability(found: RecordedSession, summary: RunSummary) -> str:
+def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str) -> str:
     """Write the noise file and the page of the plan ``repeatability``."""
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.session.recorded_sweeps import read_sweeps
+    from palp_core.palpation.session.repeatability import (
+        measure_repeatability,
+        repeatability_headline,
+        write_repeatability,
+    )
+
     path = roles_of(summary).params("phantom").get("scene", "")
-    measured = measure_repeatability(read_sweeps(found.folder), scene=read_scene(path) if path else None)
-    write_repeatability(measured, found.folder)
-    return f"{repeatability_headline(measured)}\nReport: {found.folder / 'report.html'}"
+    try:
+        measured = measure_repeatability(read_sweeps(found.folder), scene=read_scene(path) if path else None)
+    except PalpError as error:
+        if unfinished:  # too early to say anything
+            return f"{unfinished.capitalize()}; no page: {error}"
+        raise
+    write_repeatability(measured, found.folder, unfinished)
+    said = repeatability_headline(measured)
+    return f"{unfinished.capitalize()}. {said}" if unfinished else said
 
 
 def _charts(found: RecordedSession, roles: Roles) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
+    from palp_core.palpation.session.estimation_charts import (
+        accuracy_chart,
+        belief_chart,
+        calibration_chart,
+        rings_chart,
+    )
+    from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
+
     for chart in (
         accuracy_chart(found),
         belief_chart(found),

@@ -6,11 +6,17 @@ from typing import Any
 
 from palp_core.palpation.reporting.html_page import Picture, percent, write_page
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
-from palp_core.palpation.session.result_json import policy_label
+from palp_core.palpation.session.result_json import policy_label, unfinished_words
 
 
 def headline(result: dict[str, Any]) -> str:
-    """Return the session in a sentence."""
+    """Return the session in a sentence, or two where it is unfinished."""
+    if words := unfinished_words(result):
+        return f"{words.capitalize()}, because: {result['unfinished']['why']}. {_in_a_sentence(result)}"
+    return _in_a_sentence(result)
+
+
+def _in_a_sentence(result: dict[str, Any]) -> str:
     overall = result["accuracy"]["overall"]
     if not overall["of"]:
         return f"{result['palpations']} palpations were recorded and no trial of estimation came to an end."
@@ -38,6 +44,7 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         "session.html",
         result=result,
         label=policy_label(result),
+        unfinished=unfinished_words(result),
         headline=headline(result),
         pictures=pictures,
         published=FIXED,

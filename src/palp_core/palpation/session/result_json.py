@@ -17,12 +17,15 @@ import msgspec
 import numpy as np
 
 import palp_core
-from palp_core.errors import PalpError
+from palp_core.errors import MechanicsError, PalpError
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
+from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
+from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.whole_file import write_json
@@ -40,6 +43,8 @@ TIME_KEYS = (
 )
 """Top-level keys that depend on wall time, or on where and how the graph was run."""
 
+_WHERE = {("experiment", "out"), ("experiment", "overwrite")}
+
 INTERVAL = "95 % Wilson, this session only"
 _PACKAGES = {
     "numpy": "numpy",
@@ -48,21 +53,6 @@ _PACKAGES = {
     "msgspec": "msgspec",
     "pyzmq": "pyzmq",
 }
-
-
-def out_of(summary: RunSummary) -> Path:
-    """Return the folder that a run recorded into.
-
-    Raises:
-        PalpError: The run names none.
-    """
-    out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
-    if not out:
-        raise PalpError(
-            f"{summary.file}: the run names no folder of a record; give the launch file an argument 'out' "
-            "that the experiment records into"
-        )
-    return Path(out)
 
 
 def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
@@ -78,6 +68,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "training": experiment.get("training"),
         "trials_done": len(trials),
         "trials_unfinished": session.unfinished_count,
+        "unfinished": _unfinished(session, summary, roles),
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),
@@ -136,6 +127,15 @@ def read_result(out: str | Path) -> dict[str, Any]:
     return result
 
 
+def unfinished_words(result: dict[str, Any]) -> str:
+    """Return ``unfinished: 124 of 300 trials``; empty where the run came to its end."""
+    found = result["unfinished"]
+    if not found:
+        return ""
+    of = f" of {found['of']}" if found["of"] else ""
+    return f"unfinished: {found['done']}{of} {found['what']}"
+
+
 def policy_label(result: dict[str, Any]) -> str:
     """Return the policy's name, with its ring position where it has one, and those that took over from it."""
     ring = _of_role(result, "policy").get("ring_mm")
@@ -152,6 +152,29 @@ def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
     node = result.get("roles", {}).get(role, role)
     found: dict[str, dict[str, Any]] = result["protocol"].get(node, {})
     return found
+
+
+def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> dict[str, Any] | None:
+    """Return how far a run came that did not come to its end, and why it did not; else None."""
+    if summary.exit_code == 0:
+        return None
+    experiment, phases = roles.params("experiment"), {row.phase for row in session.rows}
+    count = _phantom_count(experiment.get("phantoms", ""))
+    training, trials = experiment.get("training", 0), experiment.get("trials", 0)
+    done, of, what = len(session.rows), training * count * len(RINGS_M), "palpations of training"
+    if experiment.get("plan") == "repeatability":
+        of, what = sweep_count(RepeatDesign("")), "palpations"
+    elif "estimation" in phases or done >= of > 0:
+        done, of, what = len(session.trials), trials * count, "trials"
+    return {"done": done, "of": of, "what": what, "why": summary.ended}
+
+
+def _phantom_count(file: str) -> int:
+    """Return how many phantoms have a bead to be found; 0 where their file is gone."""
+    try:
+        return sum(phantom.bead is not None for phantom in load_phantoms(file).values())
+    except MechanicsError:
+        return 0
 
 
 def _share(proportion: statistics.Proportion) -> dict[str, Any]:
@@ -285,7 +308,7 @@ def _protocol(params: dict[str, dict[str, Any]], roles: Roles) -> dict[str, dict
         node: {
             name: {"value": value, "basis": basis_of(roles.of.get(node, ""), name)}
             for name, value in values.items()
-            if (roles.of.get(node), name) != ("experiment", "out")
+            if (roles.of.get(node), name) not in _WHERE
         }
         for node, values in params.items()
     }

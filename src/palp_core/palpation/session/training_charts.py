@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palp_core.errors import PalpError
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.features import peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 MOST_SWEEPS = 25
 """Training sweeps per ring position that the chart of sweeps reads, the published number."""
 _ZOOM_M = 0.006
+_log = logging.getLogger("palp")
 
 
 def primitives_chart(session: RecordedSession) -> charts.Chart | None:
@@ -115,7 +118,8 @@ def sweeps_chart(
             ring_m: [read_sweep(session.folder, r.row)[0] for r in rows] for ring_m, rows in chosen.items()
         }
         rate_hz = read_sweep(session.folder, training[0].row)[1]
-    except FileNotFoundError:
+    except PalpError as error:
+        _log.warning("no chart of the sweeps: %s", error)
         return None
     length = min(len(sweep) for sweeps in raw.values() for sweep in sweeps)
     clean = {

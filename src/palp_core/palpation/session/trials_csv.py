@@ -6,15 +6,18 @@
     OUT/sweeps/000123.npz the torque of row 123 as measured
     OUT/primitives.json   the memory primitives, once training is over
 
-Rows are appended whole; other files appear under their name only when they are complete.
+A row is there whole or not at all, with its sweep; other files appear under their name only when they are
+complete. What cannot be written ends the session and is said with what is kept.
 """
 
+import contextlib
 import csv
 import fcntl
 import io
 import json
+import logging
 import os
-import shutil
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import NoneType
@@ -23,20 +26,19 @@ from typing import Any, get_args, get_type_hints
 import msgspec
 import numpy as np
 
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
+from palp_core.palpation.session.session_folder import (
+    SWEEPS,
+    TABLE,
+    cannot_write,
+    link_latest,
+    refuse_occupied,
+    take_over,
+)
 from palp_core.units import Float64Array
 from palp_core.whole_file import whole_file, write_whole
 
-OWN_FILES = (
-    "trials.csv",
-    "sweeps",
-    "primitives.json",
-    "result.json",
-    "report.html",
-    "charts",
-    "noise.yaml",
-    "repeatability.json",
-)
+_log = logging.getLogger("palp")
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,27 +100,30 @@ class SessionWriter:
         self._class_count = len(labels)
         self._lock = -1
 
-    def start(self) -> None:
-        """Make the folder and begin a new table; an earlier record in it is replaced, other files stay.
+    def start(self, *, overwrite: bool = False) -> None:
+        """Make the folder and begin a new table; other files in the folder stay.
+
+        Args:
+            overwrite: A session that is in the folder already is replaced.
 
         Raises:
-            PalpError: The folder cannot be written, or another session is writing into it.
+            PalpError: The folder holds a session, another one is writing into it, or it cannot be written.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._take()
-            for name in OWN_FILES:
-                path = self.folder / name
-                if path.is_dir():
-                    shutil.rmtree(path)
-                else:
-                    path.unlink(missing_ok=True)
-            (self.folder / "sweeps").mkdir()
-            self._append(self._columns)
+            if not overwrite:
+                refuse_occupied(self.folder)
+            take_over(self.folder)
+            (self.folder / SWEEPS).mkdir()
+            self._append(self._columns, os.O_CREAT)
+            link_latest(self.folder)
         except OSError as error:
-            raise PalpError(
-                f"cannot write the record to '{self.folder}': {error}; choose another out:="
-            ) from error
+            self.close()
+            raise cannot_write(self.folder, error) from error
+        except PalpError:
+            self.close()
+            raise
 
     def _take(self) -> None:
         """Keep other sessions out of the folder until :meth:`close`; two would mix their rows."""
@@ -126,7 +131,6 @@ class SessionWriter:
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            self.close()
             raise PalpError(
                 f"another session is writing its record into '{self.folder}'; choose another out:="
             ) from None
@@ -138,10 +142,24 @@ class SessionWriter:
         self._lock = -1
 
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
-        """Add a palpation: its sweep first, then its row, so that every row has its sweep."""
-        target = self.folder / "sweeps" / f"{row.row:06d}.npz"
-        with whole_file(target) as file:
-            np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
+        """Add a palpation: its sweep first, then its row, so that every row has its sweep.
+
+        Raises:
+            PalpError: It cannot be written: the disk is full, the folder gone. What was there is whole.
+        """
+        target = self.folder / SWEEPS / f"{row.row:06d}.npz"
+        try:
+            with whole_file(target) as file:
+                np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
+            self._append(self._cells(row))
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                target.unlink(missing_ok=True)  # a sweep without its row
+            raise self._ended(
+                error, f"palpation {row.row + 1}", f"the {row.row} palpations before"
+            ) from error
+
+    def _cells(self, row: Row) -> list[Any]:
         cells: list[Any] = []
         for name in _TYPES:
             value = getattr(row, name)
@@ -149,35 +167,81 @@ class SessionWriter:
                 cells += [*value, *([""] * (self._class_count - len(value)))]
             else:
                 cells.append(_cell(value))
-        self._append(cells)
+        return cells
 
-    def _append(self, cells: Sequence[Any]) -> None:
+    def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
+        """Write a row to the table whole, or leave the table as it was; it is made anew by nobody unasked."""
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerow(cells)
-        descriptor = os.open(self.folder / "trials.csv", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        descriptor = os.open(self.folder / TABLE, os.O_WRONLY | os.O_APPEND | flags, 0o644)
         try:
-            os.write(descriptor, text.getvalue().encode())  # one write: a row is there whole or not at all
+            _write_all(descriptor, text.getvalue().encode())
         finally:
             os.close(descriptor)
 
+    def _ended(self, error: OSError, what: str, kept: str) -> PalpError:
+        """Return what to say when the session cannot go on: why, and what of it is safe."""
+        where = self.folder.absolute()
+        if not where.is_dir():
+            return PalpError(
+                f"{what} cannot be written: the record's folder '{where}' was removed or renamed while the "
+                f"session ran; where it is now, it has {kept}"
+            )
+        return PalpError(
+            f"{what} cannot be written to '{where}': {error.strerror or error}; {kept} are kept there, each "
+            "with its sweep"
+        )
+
     def primitives(self, content: dict[str, Any]) -> None:
-        """Write the memory primitives."""
-        write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
+        """Write the memory primitives.
+
+        Raises:
+            PalpError: They cannot be written.
+        """
+        try:
+            write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
+        except OSError as error:
+            raise self._ended(error, "what training taught", "its palpations") from error
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
+
+    Raises:
+        OSError: Not all of it could be written.
+    """
+    before = os.fstat(descriptor).st_size
+    try:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(descriptor, rest) :]
+    except OSError:
+        os.ftruncate(descriptor, before)
+        raise
 
 
 def read_rows(out: str | Path) -> list[Row]:
-    """Return every whole row of a record; a row cut short by a crash is left out.
+    """Return every row of a record. A last row that was cut short, by a power cut say, is left out, and said.
 
     Raises:
-        PalpError: There is no record there.
+        PalpError: There is no record there, it cannot be read, or a row is damaged.
     """
-    path = Path(out) / "trials.csv"
-    if not path.exists():
-        raise PalpError(f"no record in '{out}': {path} is missing")
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    if lines and not lines[-1].endswith("\n"):
-        lines.pop()
-    return [_row(cells) for cells in csv.DictReader(lines)]
+    path = Path(out) / TABLE
+    try:
+        text = path.read_bytes().decode()
+    except FileNotFoundError:
+        raise PalpError(f"no record in '{out}': {path} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+    whole, newline, cut = text.rpartition("\n")
+    if cut:
+        _log.warning("%s: the last row was cut short and is left out: '%.60s...'", path, cut)
+    lines = csv.reader(io.StringIO(whole + newline, newline=""))
+    try:
+        columns = next(lines, [])
+        return [_row(path, lines.line_num, columns, cells) for cells in lines]
+    except csv.Error as error:
+        raise PalpError(f"{path}:{lines.line_num}: not a table: {error}") from error
 
 
 def _cell(value: Any) -> Any:
@@ -186,13 +250,21 @@ def _cell(value: Any) -> Any:
     return int(value) if isinstance(value, bool) else "" if value is None else value
 
 
-def _row(cells: dict[str, str]) -> Row:
-    plain: dict[str, Any] = {
-        name: _value(_TYPES[name], text) for name, text in cells.items() if name in _TYPES
-    }
-    for name in _BY_CLASS:
-        plain[name] = [float(text) for key, text in cells.items() if key.startswith(f"{name}_") and text]
-    return msgspec.convert(plain, Row, strict=False)
+def _row(path: Path, line: int, columns: Sequence[str], cells: Sequence[str]) -> Row:
+    try:
+        named = dict(zip(columns, cells, strict=True))
+        plain: dict[str, Any] = {
+            name: _value(_TYPES[name], text) for name, text in named.items() if name in _TYPES
+        }
+        for name in _BY_CLASS:
+            plain[name] = [float(text) for key, text in named.items() if key.startswith(f"{name}_") and text]
+        return msgspec.convert(plain, Row, strict=False)
+    except (ValueError, msgspec.ValidationError) as error:
+        counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
+        raise PalpError(
+            f"{path}:{line}: the row is damaged{counts}: {error}; "
+            "mend or remove this line, and every other row can be read"
+        ) from error
 
 
 def _value(kind: Any, text: str) -> Any:
@@ -205,6 +277,14 @@ def _value(kind: Any, text: str) -> Any:
 
 
 def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
-    """Return torque in N m, shape (n,), and sampling rate in Hz of a row."""
-    with np.load(Path(out) / "sweeps" / f"{row:06d}.npz") as content:
-        return content["torque_n_m"], float(content["rate_hz"])
+    """Return torque in N m, shape (n,), and sampling rate in Hz of a row.
+
+    Raises:
+        PalpError: It is missing or damaged.
+    """
+    path = Path(out) / SWEEPS / f"{row:06d}.npz"
+    try:
+        with path.open("rb") as file, np.load(file) as content:
+            return content["torque_n_m"], float(content["rate_hz"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise PalpError(f"{path}: the sweep of row {row} cannot be read: {in_words(error)}") from error

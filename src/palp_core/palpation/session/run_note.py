@@ -1,0 +1,106 @@
+"""``run.json``: which run a session's folder is of, so that its report can be made at any time.
+
+The launcher writes the note when the run begins, and again with how it ended. Until the session has taken the
+folder the note waits under another name: a session that is there already keeps its own.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from palp_core.errors import PalpError
+from palp_core.palpation.session.roles import roles_of
+from palp_core.palpation.session.session_folder import (
+    NEXT_RUN,
+    RUN,
+    cannot_write,
+    is_being_written,
+    refuse_occupied,
+)
+from palp_core.whole_file import write_json
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+
+
+def out_of(summary: RunSummary) -> Path:
+    """Return the folder that a run records into.
+
+    Raises:
+        PalpError: The run names none.
+    """
+    out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
+    if not out:
+        raise PalpError(
+            f"{summary.file}: the run names no folder of a record; give the launch file an argument 'out' "
+            "that the experiment records into"
+        )
+    return Path(out)
+
+
+def refuse_run(summary: RunSummary) -> None:
+    """Refuse a run that would write into the folder of another session, unless it is to replace that one.
+
+    Raises:
+        PalpError: It would.
+    """
+    folder = out_of(summary)
+    if not roles_of(summary).params("experiment").get("overwrite"):
+        refuse_occupied(folder)
+
+
+def note_begin(summary: RunSummary) -> None:
+    """Write the note that waits for the session to take its folder.
+
+    Raises:
+        PalpError: The folder cannot be written.
+    """
+    folder = out_of(summary)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / NEXT_RUN, summary)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def note_end(summary: RunSummary) -> bool:
+    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays."""
+    folder = out_of(summary)
+    (folder / NEXT_RUN).unlink(missing_ok=True)
+    if summary.exit_code != 0 and _run_of(folder) != summary.run:
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+        return False
+    if folder.is_dir():
+        write_json(folder / RUN, summary)
+    return True
+
+
+def read_note(folder: Path) -> RunSummary:
+    """Return the run that a folder's session is of, as far as it is known how it went.
+
+    Raises:
+        PalpError: The note is missing or damaged.
+    """
+    from palp_core.graph.launch.summary import RunSummary
+
+    path = folder / RUN
+    try:
+        summary = msgspec.json.decode(path.read_bytes(), type=RunSummary)
+    except FileNotFoundError as error:
+        raise PalpError(f"no session's folder: {path}, which says of what run it is, is missing") from error
+    except (OSError, msgspec.MsgspecError) as error:
+        raise PalpError(f"{path} cannot be read: {error}") from error
+    if summary.exit_code < 0 and is_being_written(folder):
+        return msgspec.structs.replace(summary, ended="it is still running")
+    return summary
+
+
+def _run_of(folder: Path) -> str | None:
+    try:
+        return read_note(folder).run
+    except PalpError:
+        return None

@@ -1,0 +1,127 @@
+"""A session's folder at the end of its run, however that comes: whole, marked, never another's."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+
+from palp_core.errors import PalpError
+from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.palpation.session.trials_csv import read_rows
+from tests.support.palp import PATIENCE_S, SIM, Palp, wait_for_line
+from tests.support.rig_session import RigSession
+
+LAUNCHES = ("sim", "emulated", "rig")
+LONG = ("trials:=100", "training:=25")
+
+
+@pytest.fixture
+def occupied(rig_session: RigSession, tmp_path: Path) -> Path:
+    """A copy of a whole session."""
+    return Path(shutil.copytree(rig_session.out, tmp_path / "out"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_a_second_launch_into_a_session_is_refused_before_anything_starts(palp: Palp, occupied: Path) -> None:
+    before = contents(occupied)
+    done = palp.run("launch", SIM, f"out:={occupied}", "trials:=1", "training:=1")
+    assert done.returncode == 2
+    assert f"'{occupied}' holds a session already" in done.stderr
+    assert "out:=NAME" in done.stderr
+    assert "overwrite:=true" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert contents(occupied) == before
+    assert palp.all_gone()
+
+
+def test_a_session_that_is_to_be_replaced_is(occupied: Path) -> None:
+    with Graph(SIM, compose=True, out=occupied, overwrite=True, trials=0, training=1) as graph:
+        graph.run()
+    assert len(read_rows(occupied)) == 15
+    assert json.loads((occupied / "result.json").read_text())["unfinished"] is None
+
+
+@pytest.mark.parametrize("name", LAUNCHES)
+def test_by_default_a_session_has_a_folder_named_by_its_time(name: str) -> None:
+    checked = check_file(SIM.with_name(f"{name}.yaml"))
+    assert re.fullmatch(r"results/\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", checked.args["out"])
+    assert checked.args["overwrite"] is False
+
+
+def test_a_session_that_is_interrupted_says_how_far_it_came_and_what_is_kept(
+    palp: Palp, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    process = palp.start("launch", SIM, f"out:={out}", "--compose", *LONG)
+    wait_for_line(process, "training: ")
+    process.send_signal(signal.SIGINT)
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    count = len(read_rows(out))
+    words = f"nfinished: {count} of 375 palpations of training"
+    assert f"U{words}, because: interrupted by SIGINT." in said
+    kept = (
+        f"Kept: {count} palpations (trials.csv, sweeps/) and result.json in {out}. Report: {out}/report.html"
+    )
+    assert said.splitlines()[-1] == kept
+    assert f"(u{words})" in (out / "report.html").read_text()
+    unfinished = json.loads((out / "result.json").read_text())["unfinished"]
+    assert unfinished == {
+        "done": count, "of": 375, "what": "palpations of training", "why": "interrupted by SIGINT",
+    }  # fmt: skip
+    assert "Traceback" not in errors
+
+
+def test_the_report_of_a_killed_launcher_is_made_from_what_it_left(palp: Palp, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = palp.start("launch", SIM, f"out:={out}", "--compose", *LONG)
+    wait_for_line(process, "training: ")
+    process.kill()
+    process.wait()
+    assert not (out / "report.html").exists()
+    moved = out.rename(tmp_path / "moved")
+    done = palp.here("report", moved)
+    assert done.returncode == 0, done.stderr
+    assert "of 375 palpations of training, because: it did not say how it ended." in done.stdout
+    assert done.stdout.splitlines()[-1].endswith(f"Report: {moved}/report.html")
+
+
+def test_a_report_that_is_made_again_is_the_same(palp: Palp, occupied: Path) -> None:
+    before = (occupied / "result.json").read_text()
+    (occupied / "result.json").unlink()
+    (occupied / "report.html").unlink()
+    done = palp.here("report", occupied)
+    assert done.returncode == 0, done.stderr
+    again = (occupied / "result.json").read_text()
+    assert json.loads(again) | {"out": ""} == json.loads(before) | {"out": ""}
+    assert (occupied / "report.html").exists()
+
+
+def test_what_is_no_sessions_folder_is_said(palp: Palp, tmp_path: Path) -> None:
+    done = palp.here("report", tmp_path)
+    assert done.returncode == 2
+    assert f"{tmp_path / 'run.json'}" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_run_that_failed_before_its_session_began_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise PalpError("no such thing")
+
+    monkeypatch.setattr("nodes.experiment.Experiment.on_activate", fail)
+    graph = Graph(SIM, compose=True, out=tmp_path / "out", trials=0, training=1)
+    with pytest.raises(PalpError, match="no such thing"), graph:
+        graph.run()
+    assert graph.summary is not None
+    assert graph.summary.report.startswith("Nothing is kept")
+    assert not (tmp_path / "out").exists()
