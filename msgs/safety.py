@@ -108,7 +108,7 @@ class StatusRequest(Message):
 
 
 class StatusReply(Message):
-    """Whether motion is permitted, and what is or was wrong."""
+    """Whether motion is permitted, what is or was wrong, and what stops the stage when processes die."""
 
     state: str
     permits: bool
@@ -116,6 +116,7 @@ class StatusReply(Message):
     text: str
     warning: str
     acknowledged_count: Count
+    dead_man: str = ""
 
 
 class AcknowledgeRequest(Message):

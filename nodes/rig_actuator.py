@@ -18,7 +18,7 @@ class RigActuatorParams(Params):
 
     device: ReadOnly[str] = "maestro"
     options: ReadOnly[dict[str, Any]] = {}
-    watch_hz: HertzPositive = 50.0
+    watch_hz: ReadOnly[HertzPositive] = 50.0
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
 
 

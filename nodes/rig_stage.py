@@ -53,7 +53,7 @@ class RigStageParams(StageParams):
     speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
     lift_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
     retreat_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.002
-    watch_hz: HertzPositive = 100.0
+    watch_hz: ReadOnly[HertzPositive] = 100.0
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
 
 

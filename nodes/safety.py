@@ -23,6 +23,7 @@ from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
 from palp_core.palpation.devices.protocols import StopLink
 from palp_core.palpation.devices.registry import stop_link_of
+from palp_core.palpation.devices.safety.dead_man import dead_man
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
 from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
@@ -230,6 +231,7 @@ class Safety(Node):
         self.link = self._new_link() if self.params.stop_url else None
         if self.link is None:
             self.log.warning("%s", ONE_LINK)
+        self.log.info("dead-man: %s", dead_man(self.link))
         self._publish_status()
 
     on_resume = on_activate
@@ -396,6 +398,7 @@ class Safety(Node):
             text=self.state.text,
             warning=self._warning,
             acknowledged_count=self.state.acknowledged_count,
+            dead_man=dead_man(self.link),
         )
 
     @serve(acknowledge)

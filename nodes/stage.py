@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
-from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
+from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import open_device
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
@@ -15,10 +15,10 @@ from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositiv
 class StageParams(Params):
     """Set in the launch file."""
 
-    device: str = "sim"
+    device: ReadOnly[str] = "sim"
     rate_hz: HertzPositive = 1000.0
     block_samples: CountPositive = 50
-    sweep_speed_m_s: MetresPerSecondPositive = 0.020
+    sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
 
     @property
     def block_hz(self) -> float:

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import msgspec
+import psutil
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -25,13 +26,14 @@ from palp_core.palpation.devices.emulator.world import WorldSettings
 
 from .emulator import PRIORITY, EmulatorProcess  # noqa: TID252 -- neighbours, of a script and of a package
 
-__all__ = ["LAUNCHER", "LIFT_M", "RunningRig"]
+__all__ = ["FORK_SERVER", "GUARD_OF", "LAUNCHER", "LIFT_M", "RunningRig"]
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFT_M = 0.005
 FROM_M, TO_M = -0.015, 0.020
 PATIENCE_S = 60.0
-LAUNCHER = "launcher"
+LAUNCHER, FORK_SERVER = "launcher", "fork server"
+GUARD_OF = "guard of "
 LAUNCH_FILES = ("rig.yaml", "parts/experiment.yaml")
 DEVICES = "aerotech,maestro,ati,noraxon"
 
@@ -276,11 +278,23 @@ class RunningRig:
         """Wait until a sweep is under way."""
         self.until(self.sweeping, "sweep")
 
-    def signal(self, node: str, number: signal.Signals) -> None:
-        """Send a signal to a node's process, or the launcher's, and note when."""
-        pid = self.process.pid if node == LAUNCHER else self.pids[node]
+    def signal(self, number: signal.Signals, *who: str) -> None:
+        """Send a signal to processes, all at once, and note when."""
+        pids = [self.process_of(name) for name in who]
         self.signalled_ns = time.monotonic_ns()
-        os.kill(pid, number)
+        for pid in pids:
+            os.kill(pid, number)
+
+    def process_of(self, name: str) -> int:
+        """Return the process of a node, of the guard of a node's link, the launcher, or the fork server."""
+        if name == LAUNCHER:
+            return self.process.pid
+        if name == FORK_SERVER:
+            return psutil.Process(self.pids["stage"]).ppid()
+        if name.startswith(GUARD_OF):
+            (guard,) = psutil.Process(self.pids[name.removeprefix(GUARD_OF)]).children()
+            return guard.pid
+        return self.pids[name]
 
     def stop_ms(self) -> float:
         """Return how long after the signal the last motion ended."""

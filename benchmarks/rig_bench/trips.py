@@ -137,11 +137,14 @@ def deaths(
 def death(
     node: str, number: signal.Signals, burners: int = 0, single_line: bool = False
 ) -> tuple[float, float]:
-    """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm."""
+    """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm.
+
+    Several processes at once: their names with ``+`` between them.
+    """
     with loaded(burners), running(single_line=single_line) as rig:
         rig.until(lambda: permitted(rig) and rig.sweeping(), "sweep")
         before = rig.stage.axes()
-        rig.signal(node, number)
+        rig.signal(number, *node.split("+"))
         until_ns = time.monotonic_ns() + GIVE_UP_NS
         while not rig.stage.at_rest() and time.monotonic_ns() < until_ns:
             pass

@@ -24,7 +24,7 @@ class ScriptedStop:
 
     def __init__(self) -> None:
         self.calls: list[str] = []
-        self.broken = False
+        self.broken, self.guarded = False, True
         self.report = AxisReport("X", "", moving=False, enabled=True)
         self.asked_ns: Callable[[], int] = int
 

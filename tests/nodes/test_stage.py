@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs.stage import StagePose, SweepGoal
-from nodes.stage import Stage
+from nodes.rig_stage import RigStage, RigStageParams
+from nodes.stage import Stage, StageParams
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.params import describe_params
 
 FROM_M, TO_M = -0.03, 0.05
 GRID_NS = 1_000_000
@@ -217,3 +219,14 @@ def test_a_stage_that_was_deactivated_in_a_sweep_takes_goals_again() -> None:
 def test_a_block_of_no_samples_is_refused() -> None:
     with pytest.raises(GraphError, match="block_samples"):
         Bench(Stage, {"block_samples": 0})
+
+
+@pytest.mark.parametrize("params", [StageParams, RigStageParams])
+def test_what_would_change_without_effect_or_past_the_limits_is_refused_while_it_runs(
+    params: type[StageParams],
+) -> None:
+    changeable = [name for name, said in describe_params(params).items() if not said.read_only]
+    assert changeable == ["rate_hz", "block_samples"]
+    assert RigStage.examine(RigStageParams(options={"url": "nowhere"}, sweep_speed_m_s=0.5))[
+        "options"
+    ].startswith("stage: sweep_speed_m_per_s = 0.5 must lie in")

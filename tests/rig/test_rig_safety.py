@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
+from itertools import combinations
 from pathlib import Path
 
 import pytest
 
-from benchmarks.rig_bench.running import LAUNCHER, TO_M, RunningRig
+from benchmarks.rig_bench.running import FORK_SERVER, GUARD_OF, LAUNCHER, TO_M, RunningRig
 from benchmarks.rig_bench.trips import NODES
 
 SHORT = ("trials:=1", "training:=1")
@@ -28,6 +29,12 @@ EVERY = [
     for number in (signal.SIGKILL, signal.SIGSTOP)
     if (node, number) not in [some.values for some in SOME]
 ]
+STOPPERS = ("stage", "safety", f"{GUARD_OF}stage", f"{GUARD_OF}safety", FORK_SERVER, LAUNCHER, "torque")
+FIRST = (f"{GUARD_OF}stage", FORK_SERVER)
+PAIRS = [
+    FIRST,
+    *(pytest.param(*pair, marks=pytest.mark.nightly) for pair in combinations(STOPPERS, 2) if pair != FIRST),
+]
 Start = Callable[..., RunningRig]
 
 
@@ -35,11 +42,12 @@ Start = Callable[..., RunningRig]
 def start(tmp_path: Path) -> Iterator[Start]:
     rigs: list[RunningRig] = []
 
-    def begin(*arguments: str, home_s: float = 0.05) -> RunningRig:
+    def begin(*arguments: str, home_s: float = 0.05, single_line: bool = False) -> RunningRig:
         rig = RunningRig(
             tmp_path,
             *arguments,
             home_s=home_s,
+            single_line=single_line,
             sweep_m_per_s=SWEEP_M_PER_S,
             return_m_per_s=RETURN_M_PER_S,
             patience_s=PATIENCE_S,
@@ -58,9 +66,9 @@ def is_motion(line: str) -> bool:
     return line.startswith(("MOVE", "HOME", "ENABLE"))
 
 
-def strike(rig: RunningRig, node: str, number: signal.Signals) -> None:
+def strike(rig: RunningRig, number: signal.Signals, *who: str) -> None:
     rig.sweep()
-    rig.signal(node, number)
+    rig.signal(number, *who)
 
     def aborted() -> bool:
         return bool(rig.stage.aborts(rig.signalled_ns))
@@ -73,13 +81,26 @@ def strike(rig: RunningRig, node: str, number: signal.Signals) -> None:
 
 @pytest.mark.parametrize(("node", "number"), SOME)
 def test_motion_stops_when_a_node_dies_or_stops(start: Start, node: str, number: signal.Signals) -> None:
-    strike(start(*LENIENT), node, number)
+    strike(start(*LENIENT), number, node)
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
+def test_motion_stops_whichever_two_processes_are_killed_at_once(start: Start, one: str, other: str) -> None:
+    strike(start(*LENIENT), signal.SIGKILL, one, other)
+
+
+@pytest.mark.nightly
+def test_on_a_single_line_motion_stops_when_the_fork_server_is_killed(start: Start) -> None:
+    rig = start(*LENIENT, single_line=True)
+    rig.until(lambda: rig.stage.axes()["y"]["moving"] and rig.running is not None, "motion")
+    rig.signal(signal.SIGKILL, FORK_SERVER)
+    rig.until(lambda: rig.stage.aborts(rig.signalled_ns) and rig.stage.at_rest(), "stop", ended_ok=True)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("node", "number"), EVERY)
 def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, number: signal.Signals) -> None:
-    strike(start(*LENIENT), node, number)
+    strike(start(*LENIENT), number, node)
 
 
 def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Start) -> None:

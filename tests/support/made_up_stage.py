@@ -38,6 +38,7 @@ class MadeUpStop:
     """Its second link, which says what it was told."""
 
     written: ClassVar[list[str]] = []
+    guarded: ClassVar[bool] = False
 
     def __init__(
         self,

@@ -92,7 +92,10 @@ class Bad(Node):
         os.kill(os.getpid(), signal.SIGKILL)
 
     def daemon(self):
-        subprocess.Popen(["sleep", "1000"], start_new_session=True)
+        text = "trap 'echo in order >> $0; exit' TERM; echo; while :; do sleep 0.05; done"
+        for command in (["sleep", "1000"], ["sh", "-c", text, self.params.notes]):
+            process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE)
+        process.stdout.readline()
 
     def interrupt(self):
         raise KeyboardInterrupt

@@ -35,6 +35,7 @@ def test_what_a_node_has_started_goes_with_it(hostile: Hostile, deed: str) -> No
     done = hostile.run(f"deed:={deed}")
     assert done.returncode == 0, done.stderr
     assert hostile.palp.all_gone()
+    assert ("in order" in hostile.notes.read_text()) == (deed == "daemon")
 
 
 def test_a_child_that_holds_a_dead_nodes_line_does_not_hold_the_supervisor(hostile: Hostile) -> None:

@@ -64,5 +64,7 @@ def status(
         print_text(f"{reply['state']}{why}")
         if reply["warning"]:
             print_text(f"warning: {reply['warning']}")
+        if reply.get("dead_man"):
+            print_text(f"dead-man: {reply['dead_man']}")
     if reply["cause"]:
         sys.exit(1)

@@ -4,7 +4,7 @@ Both ends of its channel are here: :class:`ForkServer` is the launcher's. It is 
 imports what nodes share (see :mod:`.preload`), and forks on request from its main thread only. It writes down
 what its children print. When the launcher's end closes, it brings all children down (SIGTERM, then SIGKILL
 after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children. What a node has
-started goes with the node; what has left the node's process group, with the server.
+started goes with the node; what has left the node's process group, with the server, after the same grace.
 
 Run as ``python -m palp_core.graph.supervision.fork_server <descriptor of the channel>``.
 """
@@ -332,12 +332,24 @@ class _Server:
         self._end_adopted()
 
     def _end_adopted(self) -> None:
-        """Kill what children have started in process groups of their own and left to this process."""
-        adopted = Path(f"/proc/self/task/{self._pid}/children")
-        while left := adopted.read_text(encoding="ascii").split() if adopted.exists() else []:
-            for pid in map(int, left):
+        """End what children have started in process groups of their own and left to this process.
+
+        A guard that brings a dead node's device to rest has the time for it.
+        """
+        deadline_ns = monotonic_ns() + GRACE_NS
+        for pid in self._adopted():
+            os.kill(pid, signal.SIGTERM)
+        while self._adopted() and (left_ns := deadline_ns - monotonic_ns()) > 0:
+            select.select((self._wake,), (), (), left_ns / 1e9)
+            self._reap()
+        while left := self._adopted():
+            for pid in left:
                 os.kill(pid, signal.SIGKILL)
                 os.waitpid(pid, 0)
+
+    def _adopted(self) -> list[int]:
+        children = Path(f"/proc/self/task/{self._pid}/children")
+        return [int(pid) for pid in children.read_text(encoding="ascii").split()] if children.exists() else []
 
 
 def _run(order: Spawn) -> int:

@@ -166,6 +166,10 @@ class AxisReport:
 class StopLink(Protocol):
     """A second link to a stage's controller, the safety process's own: it stops and moves nothing."""
 
+    @property
+    def guarded(self) -> bool:
+        """Whether another process stops the axes on this link as soon as this process is dead."""
+
     def reports(self) -> list[AxisReport]:
         """Return what the axes have said since the last call, without waiting.
 

@@ -12,6 +12,7 @@ from typing import Any
 import psutil
 import pytest
 
+from palp_core.palpation.devices.link.guard_process import NAME as GUARD
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 
 
@@ -63,3 +64,18 @@ def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Po
     following.kill()
     following.communicate()
     assert processes.ended() == [following.pid]
+
+
+def test_a_guard_that_is_left_behind_stands_for_no_node(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    left = subprocess.Popen(
+        [sys.executable, "-c", f"open('/proc/self/comm', 'w').write({GUARD!r}); input()"],
+        stdin=subprocess.PIPE,
+    )
+    wait.until(lambda: psutil.Process(left.pid).name() == GUARD)
+    sleeper.kill()
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
+    assert processes.ended() == [sleeper.pid]
+    left.kill()
+    left.communicate()

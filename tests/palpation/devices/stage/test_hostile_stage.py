@@ -106,6 +106,12 @@ class LyingLink:
     def __init__(self) -> None:
         self.asked = threading.Event()
 
+    def guard(self, axes: tuple[str, str]) -> bool:
+        return True
+
+    def require_guard(self) -> None:
+        pass
+
     def bits(self, question: str) -> int:
         self.asked.set()
         raise ZeroDivisionError(question)
@@ -134,6 +140,9 @@ def test_whatever_breaks_the_looks_at_the_axes_is_told_and_does_not_end_them(
 
 class HealthyLink:
     """An axis at rest as a real controller told it: bit 31, a level of the emergency stop, is set."""
+
+    def require_guard(self) -> None:
+        pass
 
     def number(self, question: str) -> float:
         return 0.0

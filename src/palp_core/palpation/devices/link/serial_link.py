@@ -9,6 +9,7 @@ from typing import Any
 import serial
 
 from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.palpation.devices.link.guard import LastWords, LinkGuard
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 
 _LOST = (OSError, TypeError, termios.error)  # TypeError: pyserial on a port that another thread closed
@@ -36,6 +37,7 @@ class SerialLink:
     def __init__(self, name: str, url: str, baud: int) -> None:
         self.name, self.url = name, url
         self._write_lock = threading.Lock()
+        self._guard: LinkGuard | None = None
         try:
             self._port: Any = serial.serial_for_url(
                 url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0, exclusive=True
@@ -48,6 +50,24 @@ class SerialLink:
                 f"{name}: cannot open {url}: {error};"
                 " check address, cable and rights, and that no other program has it"
             ) from error
+
+    def guard(self, last_words: LastWords) -> bool:
+        """Let a process of its own say these words should this one die; tell whether the link can be shared.
+
+        Raises:
+            DeviceError: That process does not start.
+        """
+        try:
+            descriptor = self._port.fileno()
+        except (*_LOST, AttributeError, ValueError):  # as of rfc2217://
+            return False
+        self._guard = LinkGuard(self.name, descriptor, last_words)
+        return True
+
+    @property
+    def unguarded(self) -> bool:
+        """Whether there was a guard, and it has ended."""
+        return self._guard is not None and not self._guard.alive
 
     def write(self, data: bytes) -> None:
         """Send bytes.
@@ -117,6 +137,10 @@ class SerialLink:
                 connection.close()
                 self._port.is_open = False
             self._port.close()
+        if (
+            self._guard is not None
+        ):  # until it has ended, the device sees the link open, and the port is locked
+            self._guard.release()
 
     def _lost(self, error: Exception) -> LinkLost:
         return LinkLost(f"{self.name}: lost {self.url}: {error}; check cable and power, then reopen")

@@ -65,7 +65,7 @@ class MaestroRing:
         duty: Largest share of the time that the motor runs (data sheet: 20 %).
         duty_window_s: Over which that is reckoned (assumed).
         poll_hz: Rate of the feedback.
-        stale_s: Longest silence; five polls at least.
+        stale_s: Longest silence; four polls at least.
         timeout_s: Longest wait for an answer.
         verified: Parameters checked on the device; ``*`` for all.
     """
@@ -119,7 +119,7 @@ class MaestroRing:
                 "ring: retracted and extended end have the same pulse or counts; calibrate them"
             )
         self._host = HostTime()
-        self._monitor = HealthMonitor(max(self.stale_s, 5.0 / self.poll_hz))
+        self._monitor = HealthMonitor(max(self.stale_s, 4.0 / self.poll_hz))
         self._duty = DutyCycle(self.duty, self.duty_window_s)
         self._motion: RodMotion | None = None
 

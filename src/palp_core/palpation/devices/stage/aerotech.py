@@ -123,6 +123,7 @@ class AerotechStage:
         axes = aerotech_motion.ControllerAxes(link, self.axes, self._host)
         motion = aerotech_motion.Motion(link, axes, self._host, self._monitor, self.poll_hz)
         try:
+            link.guard(self.axes)
             axes.enable()
             self._accel_m_per_s2 = 1e-3 * link.number(
                 f"GETPARM({self.axes[0]}, {wire.Parameter.DEFAULT_RAMP_RATE})"

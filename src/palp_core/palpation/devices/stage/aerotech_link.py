@@ -2,14 +2,19 @@
 
 import math
 import threading
+import warnings
+from contextlib import suppress
 
 from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
-from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.link.serial_link import LinkLost, SerialLink
+from palp_core.palpation.devices.unverified import UnverifiedWarning
 from palp_core.palpation.devices.wire import aerotech as wire
 
 _LONGEST = 64
 _ALPHABET = b"%!#$0123456789+-.eE \r\n"
+_ABORTS_S = (0.0, 0.02, 0.04, 0.06, 0.08)  # beyond a permission's end: a command may have crossed the first
+_DISABLE_S = 0.25  # at rest from any speed that is allowed
 
 
 class CommandRefused(DeviceError):
@@ -48,7 +53,7 @@ class AerotechLink:
         self._link = SerialLink("aerotech", url, baud)
         self._timeout_s = timeout_s
         self._lock = threading.Lock()
-        self._rest = b""
+        self._rest = self._abort = b""
         self._in_step = True
         self.garbled_count = 0
         try:
@@ -61,8 +66,39 @@ class AerotechLink:
     def close(self) -> None:
         self._link.close()
 
-    def do(self, sent: bytes) -> None:
-        """Send a command and wait for its acknowledgement.
+    def guard(self, axes: tuple[str, str]) -> bool:
+        """Have the axes aborted, then disabled, should this process die; tell whether the link allows it.
+
+        Raises:
+            DeviceError: The guard does not start.
+        """
+        abort = wire.each("ABORT", axes)
+        words = [*((after_s, abort) for after_s in _ABORTS_S), (_DISABLE_S, wire.each("DISABLE", axes))]
+        if guarded := self._link.guard(words):
+            self._abort = abort
+        else:
+            warnings.warn(
+                f"aerotech: {self._link.url} cannot be shared with a guard: if this process dies, the stage"
+                " goes on to the end of the move that it was sent; use socket:// or a device file",
+                UnverifiedWarning,
+                stacklevel=3,
+            )
+        return guarded
+
+    def require_guard(self) -> None:
+        """Stop and close a link whose guard has ended: nothing would stop what is commanded on it.
+
+        Raises:
+            LinkLost: It has.
+        """
+        if self._link.unguarded:
+            with suppress(DeviceError):
+                self.send_at_once(self._abort)
+            self._link.close()
+            raise LinkLost(f"aerotech: the guard of {self._link.url} has ended; reopen")
+
+    def do(self, sent: bytes, at_least_s: float = 0.0) -> None:
+        """Send a command and wait for its acknowledgement, no shorter than that.
 
         Raises:
             CommandRefused: The controller cannot or will not.
@@ -70,7 +106,7 @@ class AerotechLink:
             DeviceError: The answer is garbled, or the link is lost.
         """
         with self._lock:
-            self._exchange(sent, has_value=False)
+            self._exchange(sent, at_least_s, has_value=False)
 
     def ask(self, question: str) -> bytes:
         """Send a question and return the value of the answer; errors as for :meth:`do`."""
@@ -101,11 +137,11 @@ class AerotechLink:
         self._link.write(commands)
         self._in_step = False  # whoever got back in step before the bytes left is out of it now
 
-    def _exchange(self, sent: bytes, *, has_value: bool) -> bytes:
+    def _exchange(self, sent: bytes, at_least_s: float = 0.0, *, has_value: bool) -> bytes:
         if not self._in_step:
             self._resynchronise()
         self._link.write(sent)
-        timeout = ReplyTimeout(self._timeout_s)
+        timeout = ReplyTimeout(max(self._timeout_s, at_least_s))
         try:
             reply = self._byte(timeout)
             while reply in b"\r\n":

@@ -18,6 +18,7 @@ from palp_core.palpation.devices.wire import aerotech as wire
 
 _TRIES = 3
 _REST_S = 2.0
+_ENABLING_S = 1.0  # amplifiers take their time (assumed), and meanwhile nothing moves
 _THERE_MM = 0.1  # how far off a leg may end (assumed; a controller in position is much closer)
 _RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LOST)
 
@@ -91,7 +92,7 @@ class ControllerAxes:
                     f"stage: axis {axis} has a latched fault: {fault.words}; clear the cause,"
                     " then acknowledge it at the controller (FAULTACK) before opening"
                 )
-            self._link.do(wire.command(f"ENABLE {axis}"))
+            self._link.do(wire.command(f"ENABLE {axis}"), _ENABLING_S)
         self._link.do(wire.command("WAIT MODE NOWAIT"))
 
     def acknowledge(self) -> None:
@@ -101,7 +102,7 @@ class ControllerAxes:
             DeviceError: The controller refuses: the cause persists.
         """
         for axis in self.names:
-            self._link.do(wire.command(f"FAULTACK {axis}"))
+            self._link.do(wire.command(f"FAULTACK {axis}"), _ENABLING_S)
         self.enable()
 
     def homed(self) -> bool:
@@ -158,7 +159,7 @@ class ControllerAxes:
         history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
 
     def _home(self, axis: str, timeout_s: float, period_s: float) -> None:
-        self._link.do(wire.command(f"HOMEASYNC {axis}"))
+        self._link.do(wire.command(f"HOMEASYNC {axis}"), _ENABLING_S)
         pause, until_ns = threading.Event(), self._host.now_ns() + round(timeout_s * 1e9)
         while True:
             status = self.status(axis)
@@ -306,6 +307,7 @@ class Motion:
             self._stop.wait(max(0.0, self._period_s - spent_s))
 
     def _poll(self) -> None:
+        self._link.require_guard()
         self._axes.poll_positions(self.history)
         active, names = self._active, self._axes.names
         axis = active.axis if active else names[self._turn % 2]

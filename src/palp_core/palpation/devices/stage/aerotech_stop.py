@@ -36,7 +36,7 @@ class AerotechStop:
     def __init__(
         self,
         url: str,
-        axes: tuple[str, ...] = ("X", "Y"),
+        axes: tuple[str, str] = ("X", "Y"),
         baud: int = 115200,
         timeout_s: float = 0.1,
         rest_s: float = 0.2,
@@ -46,6 +46,11 @@ class AerotechStop:
         self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
         self._turn = 0
         self._link = AerotechLink(url, baud, timeout_s)
+        try:
+            self._guarded = self._link.guard(axes)
+        except DeviceError:
+            self._link.close()
+            raise
         self._abort = wire.each("ABORT", axes)
         self._disable = wire.each("DISABLE", axes)
         self._heard: list[AxisReport | DeviceError] = []
@@ -56,6 +61,11 @@ class AerotechStop:
                 target=self._keep_polling, args=(1.0 / look_hz,), name="palp-stop", daemon=True
             )
             self._poller.start()
+
+    @property
+    def guarded(self) -> bool:
+        """Whether the axes are stopped by another process should this one die."""
+        return self._guarded
 
     def poll(self) -> list[AxisReport]:
         """Return what every axis says.
@@ -139,6 +149,7 @@ class AerotechStop:
         while not self._closing.wait(period_s):
             heard: AxisReport | DeviceError
             try:
+                self._link.require_guard()
                 heard = self.poll_next()
             except DeviceError as error:
                 heard = error

@@ -1,0 +1,136 @@
+"""A device is told to stop by another process when the one that commands it is killed, and only then."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emulator import EmulatedRig
+from palp_core.palpation.devices.link import guard_process
+from palp_core.palpation.devices.link.guard import LinkGuard
+from palp_core.palpation.devices.safety.process_watch import ProcessWatch
+from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
+from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
+from tests.support.palp import ROOT
+
+OWNER = """
+import signal, sys
+from palp_core.palpation.devices.link.guard import LinkGuard
+
+guard = LinkGuard("stage", int(sys.argv[1]), [(0.0, b"ABORT\\n"), (0.01, b"DISABLE\\n")])
+print(guard.pid, flush=True)
+signal.pause()
+"""
+
+
+@pytest.fixture
+def link() -> Iterator[tuple[socket.socket, socket.socket]]:
+    device, ours = socket.socketpair()
+    device.settimeout(60.0)
+    with device, ours:
+        yield device, ours
+
+
+def everything_said(device: socket.socket) -> bytes:
+    """Return what was said until all others have closed the link."""
+    said = b""
+    while more := device.recv(1000):
+        said += more
+    return said
+
+
+def test_a_killed_process_is_spoken_for_though_its_group_is_killed_with_it(
+    link: tuple[socket.socket, socket.socket],
+) -> None:
+    device, ours = link
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, str(ours.fileno())],
+        pass_fds=[ours.fileno()], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        start_new_session=True, env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+    )  # fmt: skip
+    assert owner.stdout is not None
+    guard = int(owner.stdout.readline())
+    ours.close()
+    os.kill(guard, signal.SIGTERM)  # it ends with its owner only
+    os.killpg(owner.pid, signal.SIGKILL)
+    owner.communicate()
+    assert everything_said(device) == b"ABORT\nDISABLE\n"
+
+
+def test_who_lets_go_of_the_link_is_not_spoken_for(link: tuple[socket.socket, socket.socket]) -> None:
+    device, ours = link
+    guard = LinkGuard("stage", ours.fileno(), [(0.0, b"ABORT\n")])
+    assert guard.alive
+    ours.close()
+    guard.release()
+    assert everything_said(device) == b""
+    guard.release()  # once more is no harm
+
+
+def test_a_guard_that_is_gone_is_missed_and_one_that_is_stopped_is_noticed(
+    link: tuple[socket.socket, socket.socket], wait: Any
+) -> None:
+    guard = LinkGuard("stage", link[1].fileno(), [])
+    processes = ProcessWatch(parent=os.getppid(), own=os.getpid())
+    processes.refresh()
+    assert psutil.Process(guard.pid).name() == guard_process.NAME
+    os.kill(guard.pid, signal.SIGSTOP)
+    wait.until(lambda: guard.pid in processes.stopped())
+    os.kill(guard.pid, signal.SIGKILL)
+    wait.until(lambda: not guard.alive)
+    guard.release()
+
+
+def kill_guards() -> None:
+    for child in psutil.Process().children():
+        if child.name() == guard_process.NAME:
+            child.kill()
+
+
+def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_opened_anew(
+    quick_rig: Callable[..., EmulatedRig], wait: Any, patient: dict[str, dict[str, Any]]
+) -> None:
+    rig = quick_rig("aerotech")
+    stage = AerotechStage(**rig.options["aerotech"], **patient["aerotech"], return_speed_m_per_s=0.005)
+    state, rng = AerotechState(), np.random.default_rng(0)
+    stage.open(time.monotonic_ns(), state, rng)
+    stage.return_to(-0.05, time.monotonic_ns(), state)
+    kill_guards()
+    wait.until(lambda: stage.health(time.monotonic_ns()).condition == "link lost")
+    assert "guard" in stage.health(time.monotonic_ns()).cause
+    y = rig.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns))
+    assert y > -0.045  # it did not come to the end of its way
+    wait.until(lambda: rig.on_world(lambda world, now_ns: not world.axes["y"].moving(now_ns)))
+    stage.close()
+    stage.open(time.monotonic_ns(), state, rng)
+    assert stage.health(time.monotonic_ns()).ok
+    stage.close()
+
+
+def test_a_second_link_whose_guard_is_gone_is_lost(quick_rig: Callable[..., EmulatedRig], wait: Any) -> None:
+    stop = AerotechStop(quick_rig("aerotech").stop_url, timeout_s=30.0, look_hz=200.0)
+    assert stop.guarded
+    kill_guards()
+
+    def lost() -> bool:
+        try:
+            stop.reports()
+        except DeviceError as error:
+            return "guard" in str(error)
+        return False
+
+    wait.until(lost)
+    with pytest.raises(DeviceError, match="lost"):
+        stop.abort()
+    stop.close()
