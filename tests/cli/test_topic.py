@@ -208,7 +208,7 @@ def test_a_reader_that_hangs_up_ends_an_echo(talk: Talk) -> None:
 
 def test_a_message_of_any_workspace_is_shown_without_its_classes(talk: Talk, tmp_path: Path) -> None:
     environment = talk.palp.environment | {"PYTHONPATH": str(Path(__file__).parents[2] / "src")}
-    command = talk.palp.command("topic", "echo", TOPIC, "--once", "--json")
+    command = talk.palp.command("topic", "echo", TOPIC, "--once", "--json", "--graph", "talk")
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     assert json.loads(done.stdout)["name"] == "block"
 

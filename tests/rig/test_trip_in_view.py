@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import find_running
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import parse
@@ -86,7 +85,7 @@ def test_a_trip_is_on_the_screen_within_half_a_second_and_in_top_and_doctor(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
     screen.until(lambda said: re.search(r"training +\S+ +[1-9]", re.sub(r"\x1b\[[0-9;]*m", "", said)))
-    graph = RunningGraph(find_running())
+    graph = RunningGraph.find()
     took_s = []
     for _ in range(TRIES):
         graph.ask("safety", "call", service="stop", request={"reason": "a test"})

@@ -13,7 +13,7 @@ import msgpack
 
 from palp_core import Message
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, record_for
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import topic_of
@@ -109,7 +109,7 @@ class FakeGraph:
         path = str(self.directory.path)
         entries = [NodeEntry("source", "nodes.source:Source", 0, *nodes[0].at)]
         serve = endpoints(path, "graph")[1]
-        self.bus.record = record_for(
+        self.bus.record = self.directory.record(
             "fake", "fake.yaml", "wall", serve, entries, topics + LauncherNode.topics(path)
         )
         self.directory.write(self.bus.record)

@@ -33,11 +33,14 @@ def _matching(names: list[str], begun: str) -> list[str]:
 
 
 def graphs(incomplete: str) -> list[str]:
-    """Names of running graphs."""
+    """Names of running graphs; ids of those that share theirs."""
     from palp_core.graph.discovery.run_directory import running
 
     with _quietly():
-        return _matching(sorted({record.graph for record in running()}), incomplete)
+        records = running()
+        names = [record.graph for record in records]
+        words = [r.graph if names.count(r.graph) == 1 else r.id for r in records]
+        return _matching(sorted(words), incomplete)
     return []
 
 

@@ -34,15 +34,27 @@ class Verb(NamedTuple):
 
 
 class LazyGroup(typer.core.TyperGroup):
-    """A group that lists what it knows of its verbs and imports the one that is called."""
+    """A group that lists what it knows of its verbs and imports the one that is called.
+
+    Attributes:
+        verbs: By name.
+        default: The verb that is meant where the first word is none, as in ``palp graph FILE``.
+    """
 
     verbs: dict[str, Verb] = {}
+    default = ""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         for name, verb in self.verbs.items():
             stand_in = typer.core.TyperCommand(name, help=verb.help, hidden=verb.hidden)
             self.add_command(stand_in, name)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the verb that is meant where none stands."""
+        if self.default and args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = [self.default, *args]
+        return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Find the verb that the first argument names, and import it."""
@@ -95,12 +107,13 @@ def lazy_app(
     text: str,
     verbs: dict[str, Verb],
     *,
+    default: str = "",
     add_completion: bool = False,
     callback: Callable[..., None] = _no_options,
 ) -> typer.Typer:
     """Return an application of verbs that are imported on use; its help is plain text, which is quick."""
     return typer.Typer(
-        cls=type("Verbs", (LazyGroup,), {"verbs": verbs}),
+        cls=type("Verbs", (LazyGroup,), {"verbs": verbs, "default": default}),
         help=text,
         callback=callback,
         no_args_is_help=True,

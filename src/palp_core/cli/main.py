@@ -35,8 +35,8 @@ app = lazy_app(
         "run": Verb(f"{_CLI}.launch.run:run", "Run one node on the machine's clock, or add it to a graph."),
         "swap": Verb(f"{_CLI}.launch.swap:swap", "Let another class take a running node's place."),
         "graph": Verb(
-            f"{_CLI}.launch.graph:graph",
-            "Print a launch file's graph as Mermaid text, or as DOT for Graphviz.",
+            f"{_CLI}.launch.graph:app",
+            "Draw a launch file's graph (palp graph FILE), or list the running ones.",
         ),
         "topic": Verb(f"{_CLI}.topic.topic:app", "Topics of the running graph."),
         "node": Verb(f"{_CLI}.node.node:app", "Nodes of the running graph."),

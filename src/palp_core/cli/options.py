@@ -14,8 +14,8 @@ GraphOption = Annotated[
     str | None,
     typer.Option(
         "--graph",
-        metavar="NAME",
-        help="Which running graph; default: the latest.",
+        metavar="GRAPH",
+        help="Which running graph: its name, id or pid; default: the one of this folder.",
         autocompletion=completion.graphs,
     ),
 ]

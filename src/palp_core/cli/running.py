@@ -12,15 +12,24 @@ if TYPE_CHECKING:
     from palp_core.graph.messages.topic import Topic
 
 
-def find_graph(name: str | None) -> RunningGraph:
-    """Return the running graph that ``--graph`` names, or the latest.
+def find_graph(name: str | None, *, changes: bool = False) -> RunningGraph:
+    """Return the running graph that ``--graph`` names, or that of this folder; say which if there are others.
+
+    Args:
+        name: Its name, id or pid.
+        changes: The verb changes something: if several may be meant, none is taken; otherwise the latest is.
 
     Raises:
-        GraphError: None runs, or none of that name.
+        GraphError: None runs, none of that name, or several may be meant.
     """
+    from palp_core.graph.discovery.choice import choose, line_of
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-    return RunningGraph.find(name)
+    record, others = choose(name, sole=changes)
+    if others:
+        more = f"{len(others)} more {'is' if len(others) == 1 else 'are'} running"
+        note(f"graph {line_of(record)}; {more}: palp graph list")
+    return RunningGraph(record)
 
 
 def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[Topic]:

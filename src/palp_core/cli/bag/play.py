@@ -89,7 +89,7 @@ def play(
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
         described = {new: _renamed(opened, old, new) for old, new in names.items()}
         if graph is not None:
-            into = GraphSink(find_graph(graph), described)
+            into = GraphSink(find_graph(graph, changes=True), described)
             left_out = [old for old, new in names.items() if new not in into.taken]
             if left_out:
                 note(f"no port of graph '{graph}' takes {', '.join(left_out)}; they are not played")

@@ -81,5 +81,5 @@ def snapshot(graph: GraphOption = None) -> None:
     """Let every recorder that keeps a graph's last seconds write them into a bag."""
     from palp_core.graph.recording.recorder_run import save_snapshots
 
-    for line in save_snapshots(find_graph(graph), signal.SIGUSR1):
+    for line in save_snapshots(find_graph(graph, changes=True), signal.SIGUSR1):
         print_text(line)

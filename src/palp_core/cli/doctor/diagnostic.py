@@ -22,6 +22,10 @@ class Diagnostic(msgspec.Struct, frozen=True):
     where: str
     advice: str = ""
 
+    def placed(self, where: str) -> "Diagnostic":
+        """Return it with more of its place before what there is."""
+        return msgspec.structs.replace(self, where=where + self.where)
+
 
 def error(where: str, what: str, advice: str) -> Diagnostic:
     """Return a finding that harms."""

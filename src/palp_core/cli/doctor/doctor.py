@@ -11,6 +11,7 @@ from palp_core.cli.output import print_json, print_text
 
 if TYPE_CHECKING:
     from palp_core.cli.doctor.diagnostic import Diagnostic
+    from palp_core.graph.discovery.run_directory import RunRecord
 
 _ORDER = ("error", "warning", "note", "ok")
 
@@ -33,14 +34,15 @@ def doctor(
     from palp_core.cli.doctor.graph import examine_graph, examine_standing
     from palp_core.cli.doctor.host import examine_host
     from palp_core.cli.doctor.runs import examine_runs
-    from palp_core.graph.discovery.run_directory import running
     from palp_core.graph.discovery.running_graph import RunningGraph
 
-    records = running() if graph is None else [RunningGraph.find(graph).record]
-    findings = [found for record in records for found in examine_standing(RunningGraph(record))]
+    records, findings = _graphs(graph)
+    placed = [
+        (RunningGraph(record), f"graph {record.id}, " if len(records) > 1 else "") for record in records
+    ]
+    findings += [found.placed(of) for running, of in placed for found in examine_standing(running)]
     findings += [*examine_host(), *examine_runs()]
-    for record in records:
-        findings += examine_graph(RunningGraph(record))
+    findings += [found.placed(of) for running, of in placed for found in examine_graph(running)]
     counts = {level: sum(finding.level == level for finding in findings) for level in _ORDER}
     if as_json:
         print_json({"graphs": [record.graph for record in records], **counts, "findings": findings})
@@ -48,6 +50,28 @@ def doctor(
         _print(findings, counts, len(records), report=report)
     if counts["error"] or (include_warnings and counts["warning"]):
         raise typer.Exit(1)
+
+
+def _graphs(name: str | None) -> tuple[list[RunRecord], list[Diagnostic]]:
+    """Return the graph that is named, or those of this folder, and a word on those that are left out."""
+    from palp_core.cli.doctor.diagnostic import remark
+    from palp_core.graph.discovery.choice import choose, line_of, meant
+    from palp_core.graph.discovery.run_directory import running
+
+    if name is not None:
+        return [choose(name).record], []
+    records = running()
+    chosen = meant(records, None)
+    advice = "look at it: palp doctor --graph"
+    return chosen, [
+        remark(
+            f"graph {record.id}",
+            f"is another folder's, and not looked at: {line_of(record)}",
+            f"{advice} {record.id}",
+        )
+        for record in records
+        if record not in chosen
+    ]
 
 
 def _print(findings: list[Diagnostic], counts: dict[str, int], graphs: int, *, report: bool) -> None:

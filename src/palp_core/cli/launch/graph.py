@@ -1,14 +1,27 @@
-"""``palp graph``."""
+"""``palp graph``: the graph of a launch file as a picture, and the graphs that are running."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palp_core.cli.output import print_text
+from palp_core.cli.lazy import Verb, lazy_app
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+_HERE = "palp_core.cli.launch.graph"
+
+app = lazy_app(
+    "Draw a launch file's graph (palp graph FILE), or list the running ones.",
+    {
+        "draw": Verb(f"{_HERE}:draw", "Print a launch file's graph as Mermaid text, or as DOT for Graphviz."),
+        "list": Verb(f"{_HERE}:list_graphs", "List the running graphs of this user, the latest first."),
+    },
+    default="draw",
+)
 
 
-def graph(
+def draw(
     file: Annotated[Path, typer.Argument(help="Launch file.")],
     arguments: Annotated[
         list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
@@ -22,5 +35,58 @@ def graph(
     from palp_core.graph.description.diagram import dot, mermaid
     from palp_core.graph.launch.graph import check_file
 
-    draw = dot if as_dot else mermaid
-    print_text(draw(check_file(file, arguments or [])).rstrip())
+    drawn = dot if as_dot else mermaid
+    print_text(drawn(check_file(file, arguments or [])).rstrip())
+
+
+def list_graphs(*, as_json: JsonOption = False) -> None:
+    """List the running graphs of this user, the latest first.
+
+    A star marks those of this folder, which are meant where no ``--graph`` is given.
+    """
+    from palp_core.graph.clock import unix_ns
+    from palp_core.graph.discovery.choice import START_ONE, belongs
+    from palp_core.graph.discovery.run_directory import present_folder, running
+
+    records, here = running(), present_folder()
+    if as_json:
+        print_json(
+            [
+                {
+                    "name": record.graph,
+                    "id": record.id,
+                    "pid": record.pid,
+                    "clock": record.clock,
+                    "file": record.file,
+                    "workspace": record.workspace,
+                    "launched_from": record.launched_from,
+                    "start_unix_ns": record.start_unix_ns,
+                    "here": belongs(record, here),
+                }
+                for record in records
+            ]
+        )
+        return
+    if not records:
+        note(f"no graph is running; {START_ONE}")
+        return
+    rows = [
+        (
+            "*" if belongs(record, here) else "",
+            record.graph,
+            record.id,
+            str(record.pid),
+            _duration(unix_ns() - record.start_unix_ns),
+            record.clock,
+            record.file,
+            record.workspace,
+            record.launched_from,
+        )
+        for record in records
+    ]
+    print_table([("", "NAME", "ID", "PID", "UP", "CLOCK", "FILE", "WORKSPACE", "LAUNCHED FROM"), *rows])
+
+
+def _duration(ns: int) -> str:
+    minutes, seconds = divmod(max(ns, 0) // 1_000_000_000, 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"

@@ -31,6 +31,10 @@ def launch(
     check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
     print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
+    name: Annotated[
+        str | None,
+        typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
+    ] = None,
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
@@ -66,13 +70,14 @@ def launch(
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
-    sys.exit(_run(file, overrides, compose=compose, digest=digest, record=record, listen=listen))
+    sys.exit(_run(file, overrides, name=name, compose=compose, digest=digest, record=record, listen=listen))
 
 
 def _run(
     file: Path,
     overrides: list[str],
     *,
+    name: str | None,
     compose: bool,
     digest: Path | None,
     record: Path | None,
@@ -104,10 +109,12 @@ def _run(
         started=started,
         listen=listen,
         record=record,
+        name=name,
     )
     graph.diagnostics.on_change = view.stand
     try:
         with _recorders_said(graph), graph:
+            _say_beside(graph)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
@@ -135,6 +142,14 @@ def _run(
 def _incidents(graph: Graph) -> str:
     """Return lines of what nodes said was wrong, for the end of what is said of a run."""
     return "".join(f"\n{incident}" for incident in graph.diagnostics.incidents)
+
+
+def _say_beside(graph: Graph) -> None:
+    """Say which run this is if it is not the only one."""
+    from palp_core.graph.discovery.run_directory import running
+
+    if len(running()) > 1:
+        note(f"graph '{graph.checked.graph}', id {graph.directory.path.name}, beside others: palp graph list")
 
 
 def _check_writable(digest: Path) -> None:

@@ -38,13 +38,16 @@ def logs(
 
 
 def _find(node: str | None, graph: str | None) -> tuple[Path, Path]:
+    from palp_core.graph.discovery.choice import meant
     from palp_core.graph.discovery.run_directory import runs
     from palp_core.graph.node.spec import MERGED_LOG
     from palp_core.graph.problems import hint
 
-    found = [(folder, record) for folder, record, _ in runs() if graph in (None, record.graph)]
+    kept = runs()
+    chosen = {record.id for record in meant([record for _, record, _ in kept], graph)}
+    found = [(folder, record) for folder, record, _ in kept if record.id in chosen]
     if not found:
-        what = f"no graph named '{graph}'" if graph else "no graph"
+        what = f"no graph named '{graph}'" if graph else "no graph of this folder"
         raise GraphError(f"{what} is running or has left logs; start one with: palp launch FILE")
     folder, record = found[0]
     name = node.removeprefix("/") if node is not None else MERGED_LOG

@@ -74,7 +74,7 @@ def swap(
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     run = _absolute(target) if target is not None else ""
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
-    running = find_graph(graph)
+    running = find_graph(graph, changes=True)
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:

@@ -5,8 +5,10 @@ import pkgutil
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 from palp_core.graph.description.launch_file import find_workspace
+from palp_core.graph.discovery.choice import meant
 from palp_core.graph.discovery.run_directory import running
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message
@@ -35,8 +37,8 @@ def known_types(graph: str | None, workspace: Path | None) -> list[KnownType]:
     """
     if workspace is not None and not (workspace / "msgs").is_dir():
         raise GraphError(f"--workspace {workspace}: no folder msgs in it")
-    if workspace is None and (graph is not None or running()):
-        return _of_graph(RunningGraph.find(graph))
+    if workspace is None and (graph is not None or meant(running(), None)):
+        return _of_graph(find_graph(graph))
     folder = workspace if workspace is not None else find_workspace(Path("x").resolve())
     return [*_of_workspace(folder), *_of_module(BUILTIN)]
 

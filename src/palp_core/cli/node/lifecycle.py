@@ -92,7 +92,7 @@ def set_(
     as_json: JsonOption = False,
 ) -> None:
     """Ask a node for a transition, and tell the state that it has reached."""
-    running = find_graph(graph)
+    running = find_graph(graph, changes=True)
     before = running.ask(node, "info", timeout_s=timeout)["lifecycle"]
     after = running.ask(node, "transition", timeout_s=timeout, transition=transition)["lifecycle"]
     if as_json:

@@ -103,7 +103,7 @@ def set_(
         raise GraphError(
             f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
-    running = find_graph(graph)
+    running = find_graph(graph, changes=True)
     declared = running.ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
     wanted: dict[str, Any] = {}
     for parameter, text in zip(words[::2], words[1::2], strict=True):
@@ -176,7 +176,7 @@ def load(
     """Set a node's parameters from a ROS 2 parameter file, all or none."""
     from palp_core.cli.node.param_file import read_parameter_file
 
-    running = find_graph(graph)
+    running = find_graph(graph, changes=True)
     name = running.node(node).name
     before = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
     wanted = read_parameter_file(file, name, before, wildcard=not no_use_wildcard)

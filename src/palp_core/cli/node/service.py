@@ -98,7 +98,7 @@ def call(
 
     kind, text = type_and_message(words or [], "palp service call /node/port TYPE '{name: value}'")
     with options.until_ctrl_c():
-        running = find_graph(graph)
+        running = find_graph(graph, changes=True)
         found = running.service(service, timeout)
         if kind is not None and kind not in (found.request, found.request.removesuffix("Request")):
             raise GraphError(f"{found.name} takes {found.request}, not {kind}")

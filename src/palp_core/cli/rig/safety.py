@@ -1,30 +1,77 @@
 """``palp safety`` and ``palp stop``: what the safety node says, stopping, and leaving a trip behind."""
 
 import sys
+from typing import Annotated, Any
 
 import typer
 
 from palp_core.cli.launch.stop_key import call_safety, stop_motion
 from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
-from palp_core.cli.output import print_json, print_text
+from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
+from palp_core.errors import GraphError
 
 app = typer.Typer(help="The safety node of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def stop(
     *,
+    every: Annotated[
+        bool, typer.Option("--all", help="Of every graph of this user, whatever its folder.")
+    ] = False,
     timeout: TimeoutOption = 5.0,
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Stop all motion now: ABORT, then DISABLE; it stays so until ``palp safety ack``."""
+    from palp_core.graph.discovery.choice import WhichGraph
+
+    if every and graph is not None:
+        raise GraphError("--all stops every graph: leave out --graph, or leave out --all")
     with until_ctrl_c():
-        reply = stop_motion(find_graph(graph), "palp stop", timeout)
+        if every:
+            _stop_all(timeout, as_json=as_json)
+            return
+        try:
+            reply = stop_motion(find_graph(graph, changes=True), "palp stop", timeout)
+        except WhichGraph as error:
+            raise GraphError(f"{error}\nor stop all of them: palp stop --all") from None
     if as_json:
         print_json(reply)
     else:
         print_text(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
+
+
+def _stop_all(timeout_s: float, *, as_json: bool) -> None:
+    """Stop all graphs at the same time, so that a silent one holds up none; status 2 if one was not."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from palp_core.graph.discovery.choice import START_ONE, line_of
+    from palp_core.graph.discovery.run_directory import RunRecord, running
+    from palp_core.graph.discovery.running_graph import RunningGraph
+
+    def stopped(record: RunRecord) -> dict[str, Any] | GraphError:
+        try:
+            return stop_motion(RunningGraph(record), "palp stop --all", timeout_s)
+        except GraphError as error:
+            return error
+
+    records = running()
+    if not records:
+        raise GraphError(f"no graph is running; {START_ONE}")
+    with ThreadPoolExecutor(max_workers=len(records)) as pool:
+        answers = list(zip(records, pool.map(stopped, records), strict=True))
+    replies = {record.id: reply for record, reply in answers if isinstance(reply, dict)}
+    if as_json:
+        print_json(replies)
+    for record, answer in answers:
+        if isinstance(answer, GraphError):
+            note(f"{line_of(record)}: {answer}")
+        elif not as_json:
+            again = f"when all is well: palp safety ack --graph {record.id}"
+            print_text(f"{line_of(record)}: {answer['state']}: {answer['cause']}; {again}")
+    if len(replies) < len(records):
+        sys.exit(2)
 
 
 @app.command("ack")
@@ -36,7 +83,7 @@ def acknowledge(
 ) -> None:
     """Leave a trip behind, once its cause is gone; the exit status is 1 if it is not."""
     with until_ctrl_c():
-        reply = call_safety(find_graph(graph), "acknowledge", {}, timeout)
+        reply = call_safety(find_graph(graph, changes=True), "acknowledge", {}, timeout)
     if as_json:
         print_json(reply)
     else:

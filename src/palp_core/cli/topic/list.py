@@ -105,11 +105,12 @@ def find(
     """List the topics of a type."""
     from palp_core.graph.problems import hint
 
-    topics = find_graph(graph).topics(include_hidden=True)
+    running = find_graph(graph)
+    topics = running.topics(include_hidden=True)
     wanted = type_name(message_type)
     known = {topic.type for topic in topics}
     if wanted not in known:
         raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
-    shown = {topic.name for topic in find_graph(graph).topics(include_hidden=include_hidden)}
+    shown = {topic.name for topic in running.topics(include_hidden=include_hidden)}
     names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
     print_names(names, count=count, as_json=as_json)

@@ -71,7 +71,7 @@ def pub(
     if stdin and text is not None:
         raise GraphError("give the message either as a word or with --stdin, not both")
     with until_ctrl_c():
-        running = find_graph(graph)
+        running = find_graph(graph, changes=True)
         node, port, schema = _external_port(running, topic, timeout)
         if kind is not None and kind != schema.get("title"):
             raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")

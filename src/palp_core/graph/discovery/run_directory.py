@@ -12,8 +12,8 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
+from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.problems import hint
 from palp_core.user_folders import folder_mistake, own_folder, runtime_folder
 from palp_core.whole_file import PRIVATE, open_private, write_json
 
@@ -32,7 +32,21 @@ class NodeEntry(msgspec.Struct, frozen=True):
 
 
 class RunRecord(msgspec.Struct, frozen=True):
-    """What ``graph.json`` holds: ``serve`` is where the launcher answers, ``listen`` where others call."""
+    """What ``graph.json`` holds: how a running graph is told from others, and where everything of it is.
+
+    Attributes:
+        graph: Its name.
+        file: The launch file, as it was given.
+        clock: ``sim`` or ``wall``.
+        pid: The launcher's process.
+        start_unix_ns: When it was launched.
+        serve: Where the launcher answers.
+        nodes: Those with a place in the run directory.
+        topics: All of them.
+        listen: Where other hosts call; "" if they cannot.
+        workspace: The folder of its nodes; "" if it has none.
+        launched_from: The folder it was launched from, as :func:`present_folder` returns it.
+    """
 
     graph: str
     file: str
@@ -43,6 +57,13 @@ class RunRecord(msgspec.Struct, frozen=True):
     nodes: list[NodeEntry]
     topics: list[Topic]
     listen: str = ""
+    workspace: str = ""
+    launched_from: str = ""
+
+    @property
+    def id(self) -> str:
+        """What no other run of this user has: the name of its run directory."""
+        return Path(self.serve.removeprefix("ipc://")).parent.name
 
 
 class _NotOwn(GraphError):
@@ -61,6 +82,7 @@ class RunDirectory:
 
     def __init__(self, graph: str) -> None:
         base = runtime_folder()
+        self._start_unix_ns, self._launched_from = unix_ns(), present_folder()
         try:
             if (mistake := own_folder(base)) is not None:
                 raise _NotOwn(mistake)
@@ -79,6 +101,22 @@ class RunDirectory:
         """Return the log file of a node."""
         return self.path / "log" / f"{node}.log"
 
+    def record(
+        self,
+        graph: str,
+        file: str,
+        clock: str,
+        serve: str,
+        nodes: list[NodeEntry],
+        topics: list[Topic],
+        workspace: str = "",
+    ) -> RunRecord:
+        """Return the record of a graph that this process supervises."""
+        start_ns, launched_from = self._start_unix_ns, self._launched_from
+        return RunRecord(
+            graph, file, clock, os.getpid(), start_ns, serve, nodes, topics, "", workspace, launched_from
+        )
+
     def write(self, record: RunRecord) -> None:
         """Make the graph visible to the command line."""
         write_json(self.path / RECORD, record, mode=PRIVATE)
@@ -95,11 +133,12 @@ class RunDirectory:
         self._lock = -1
 
 
-def record_for(
-    graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]
-) -> RunRecord:
-    """Return the record of a graph that this process supervises."""
-    return RunRecord(graph, file, clock, os.getpid(), unix_ns(), serve, nodes, topics)
+def present_folder() -> str:
+    """Return the folder one is in, as graphs belong to it: the nearest above with ``nodes/``, if any."""
+    try:
+        return str(find_workspace(Path.cwd() / "file"))
+    except FileNotFoundError:  # it was removed
+        return ""
 
 
 def _read(folder: Path) -> RunRecord | None:
@@ -119,22 +158,6 @@ def runs() -> list[tuple[Path, RunRecord, bool]]:
 def running() -> list[RunRecord]:
     """Return the running graphs of this user, the latest first."""
     return [record for _, record, lives in runs() if lives]
-
-
-def find_running(name: str | None = None) -> RunRecord:
-    """Return the running graph, the latest if there are several.
-
-    Raises:
-        GraphError: None runs, or none of that name.
-    """
-    known = running()
-    found = [record for record in known if name is None or record.graph == name]
-    if found:
-        return found[0]
-    if name is not None and known:
-        raise GraphError(f"no graph named '{name}' is running{hint(name, (r.graph for r in known))}")
-    what = f"no graph named '{name}' is running" if name else "no graph is running"
-    raise GraphError(f"{what}; start one with: palp launch FILE")
 
 
 def _folders() -> list[Path]:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, find_running, locked
+from palp_core.graph.discovery.choice import choose
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, LAUNCHER
 from palp_core.graph.problems import hint
@@ -87,12 +88,12 @@ class RunningGraph:
 
     @classmethod
     def find(cls, name: str | None = None) -> RunningGraph:
-        """Return the running graph of that name, the latest if there are several.
+        """Return the running graph of that name, id or pid; by default the one of the folder one is in.
 
         Raises:
-            GraphError: None runs, or none of that name.
+            GraphError: None runs, or none of that name; or several may be meant.
         """
-        return cls(find_running(name))
+        return cls(choose(name).record)
 
     @property
     def folder(self) -> Path:

@@ -19,6 +19,7 @@ from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
@@ -70,6 +71,7 @@ class Graph:
         overrides: Arguments as the command line has them, ``name:=value``.
         listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
         record: Record every topic into this bag, which must not exist.
+        name: What the running graph is called; the launch file's ``graph`` by default.
         args: Arguments as Python values.
 
     Raises:
@@ -88,6 +90,7 @@ class Graph:
         started: ServerProcess | None = None,
         listen: str | None = None,
         record: str | Path | None = None,
+        name: str | None = None,
         **args: Any,
     ) -> None:
         self.path = Path(path)
@@ -95,7 +98,7 @@ class Graph:
         self.recorders = Recorders()
         self.diagnostics = Diagnostics()
         self.gateway: GatewayHandle | None = None
-        self._started = started
+        self._started, self._name = started, name
         self._compose = compose
         self._observe = observe or (lambda *_: None)
         self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
@@ -111,12 +114,16 @@ class Graph:
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._interrupt)
-            self.directory = RunDirectory(self.path.stem)
+            if self._name is not None:
+                check_free(self._name)
+            self.directory = RunDirectory(self._name or self.path.stem)
             stack.callback(self.directory.release)
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)
             try:
                 self.checked = _checked(self.path, self._overrides, server, self.directory)
+                if self._name is not None:
+                    self.checked = msgspec.structs.replace(self.checked, graph=self._name)
                 if self._compose and self.checked.clock != "sim":
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
@@ -244,7 +251,7 @@ class Graph:
         pids = (
             {p.spec.name: p.pid for p in self._supervisor.processes} if self._supervisor is not None else {}
         )
-        record = run_record(self.checked, self.path, self.directory.path, pids, composed=self._compose)
+        record = run_record(self.checked, self.path, self.directory, pids, composed=self._compose)
         self.launcher_node.record = record if self.gateway is None else self.gateway.described(record)
         self.directory.write(self.launcher_node.record)
 

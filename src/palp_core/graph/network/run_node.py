@@ -192,7 +192,7 @@ def run_node(
         def announce() -> None:
             """Let this host's tools find the node."""
             topics = outputs_of(spec.name, described, spec.external)
-            launcher_node.record = run_record_of_node(spec, topics, folder.path, supervisor.processes[0].pid)
+            launcher_node.record = run_record_of_node(spec, topics, folder, supervisor.processes[0].pid)
             folder.write(launcher_node.record)
 
         announce()

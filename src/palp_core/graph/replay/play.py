@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import WallClock, monotonic_ns
-from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, record_for
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.executor import Executor
@@ -114,7 +114,7 @@ class PlayRun:
             for name, topic in topics.items()
         ]
         entries += LauncherNode.topics(where)
-        self._bus.record = record_for(
+        self._bus.record = self._directory.record(
             GRAPH, str(source), "wall", endpoints(where, LAUNCHER)[1], nodes, entries
         )
         self._directory.write(self._bus.record)

@@ -1,0 +1,91 @@
+"""Which of the running graphs a command is about: the one that is named, or that of the folder one is in.
+
+A graph belongs to its workspace and to the folder from which it was launched; a folder with ``nodes/``, as a
+checkout has, stands for those in it. Another folder's graph is never meant unless it is named.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import RunRecord, present_folder, running
+from palp_core.graph.node.spec import NAME
+from palp_core.graph.problems import hint
+
+START_ONE = "start one with: palp launch FILE"
+
+
+class WhichGraph(GraphError):
+    """Graphs are running, but which of them is meant must be said."""
+
+    def __init__(self, what: str, records: Sequence[RunRecord]) -> None:
+        lines = "\n".join(f"  {line_of(record)}" for record in records)
+        super().__init__(f"{what}; name one with --graph NAME, ID or PID:\n{lines}")
+
+
+class ChosenGraph(NamedTuple):
+    """The graph that is meant, and those that are running beside it."""
+
+    record: RunRecord
+    others: list[RunRecord]
+
+
+def line_of(record: RunRecord) -> str:
+    """Return what tells a graph from others."""
+    return f"{record.graph} (id {record.id}, pid {record.pid}, {record.workspace or record.launched_from})"
+
+
+def belongs(record: RunRecord, folder: str) -> bool:
+    """Tell whether a graph is one of a folder, as :func:`present_folder` returns it."""
+    return bool(folder) and folder in (record.workspace, record.launched_from)
+
+
+def choose(name: str | None = None, *, sole: bool = True) -> ChosenGraph:
+    """Return the running graph of this user that is meant.
+
+    Args:
+        name: Its name, id or pid; by default it is of the folder one is in.
+        sole: Refuse if several may be meant. Otherwise the latest of them is taken.
+
+    Raises:
+        GraphError: None runs, or none of that name.
+        WhichGraph: Several may be meant, or all are another folder's.
+    """
+    known = running()
+    found = meant(known, name)
+    if not known:
+        what = f"no graph named '{name}' is running" if name else "no graph is running"
+        raise GraphError(f"{what}; {START_ONE}")
+    if name is not None and not found:
+        names = {word for record in known for word in (record.graph, record.id)}
+        raise GraphError(f"no graph named '{name}' is running{hint(name, names)}; see: palp graph list")
+    if not found:
+        raise WhichGraph(f"no graph of this folder ({present_folder()}) is running, but elsewhere", known)
+    if len(found) > 1 and sole:
+        what = f"graphs named '{name}'" if name else "graphs"
+        raise WhichGraph(f"{len(found)} {what} are running, so nothing was done", found)
+    certain = name is not None and len(found) == 1
+    return ChosenGraph(found[0], [] if certain else [record for record in known if record is not found[0]])
+
+
+def meant(records: Sequence[RunRecord], name: str | None) -> list[RunRecord]:
+    """Return those that a name, id or pid names, or those of this folder if there is none."""
+    if name is None:
+        here = present_folder()
+        return [record for record in records if belongs(record, here)]
+    return [record for record in records if name in (record.graph, record.id, str(record.pid))]
+
+
+def check_free(name: str) -> None:
+    """Check that a graph can be called so.
+
+    Raises:
+        GraphError: It is no name, or a running graph of this user has it.
+    """
+    if NAME.fullmatch(name) is None:
+        raise GraphError(
+            f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
+        )
+    for record in running():
+        if record.graph == name:
+            raise GraphError(f"a graph of that name is running: {line_of(record)}; choose another name")

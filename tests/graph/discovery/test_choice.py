@@ -1,0 +1,286 @@
+"""With several graphs running, each command reaches the one that is meant, or none."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core import Graph
+from palp_core.cli.completion import graphs
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.choice import WhichGraph, check_free, choose
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, running
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.transport.requester_socket import ask
+from tests.support.palp import CHAIN, Palp
+from tests.support.several import CHANGING, READING, SAFETY, UNASKED, answered_by_nobody, noted
+from tests.support.talkative import Talk
+
+STRANGER = 4_000_000
+INSTEAD = "is running, but elsewhere; name one with --graph NAME, ID or PID:\n"
+
+
+class Bench:
+    """Runs without nodes: their folders, locks and records."""
+
+    def __init__(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._tmp_path, self._patch = tmp_path, monkeypatch
+        self.runs: dict[str, RunDirectory] = {}
+
+    def enter(self, folder: str) -> Path:
+        """Go to a checkout."""
+        path = self._tmp_path / folder
+        (path / "nodes").mkdir(parents=True, exist_ok=True)
+        self._patch.chdir(path)
+        return path
+
+    def launch(self, folder: str, graph: str = "rig") -> RunRecord:
+        """Let a graph run from a checkout."""
+        workspace = str(self.enter(folder))
+        run = RunDirectory("rig")
+        self.runs[run.path.name] = run
+        at = str(run.path)
+        nodes = [
+            NodeEntry(name, f"nodes.{name}:X", os.getpid(), *endpoints(at, name))
+            for name in ("source", "scale")
+        ]
+        topics = [
+            Topic(
+                name=name,
+                type=kind,
+                type_hash="0" * 16,
+                node=node.name,
+                publish=node.publish,
+                json_schema={"type": "object", "properties": {}},
+            )
+            for name, kind, node in (
+                ("/source/sample", "Sample", nodes[0]),
+                ("/scale/beat", "SafetyBeat", nodes[1]),
+            )
+        ]
+        record = run.record(graph, "rig.yaml", "wall", endpoints(at, "graph")[1], nodes, topics, workspace)
+        run.write(record)
+        return record
+
+    def close(self) -> None:
+        for run in self.runs.values():
+            run.remove()
+
+
+@pytest.fixture
+def bench(palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    made = Bench(tmp_path, monkeypatch)
+    yield made
+    made.close()
+
+
+def give_away(folder: Path) -> None:
+    """Let a run be a stranger's; a link is as strange where only root can give away."""
+    if os.getuid() == 0:
+        os.chown(folder, STRANGER, STRANGER)
+    else:
+        elsewhere = Path(os.environ["XDG_RUNTIME_DIR"], folder.name)
+        folder.rename(elsewhere)
+        folder.symlink_to(elsewhere)
+
+
+def test_fifty_commands_beside_two_rigs_and_a_strangers_graph_all_reach_the_one_that_is_meant(
+    bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = answered_by_nobody(monkeypatch)
+    stranger = bench.launch("a")  # of the same name, from the same checkout, and the latest but for two
+    rigs = {folder: bench.launch(folder) for folder in ("a", "b")}
+    give_away(bench.runs[stranger.id].path)
+    count = 0
+    for words, folder in itertools.product((*READING, *CHANGING, *SAFETY), rigs):
+        other = next(name for name in rigs if name != folder)
+        for place, extra in ((folder, ()), (other, ("--graph", rigs[folder].id))):
+            bench.enter(place)
+            asked.clear()
+            done = palp.here(*words, *extra)
+            assert done.returncode in (0, 10), (words, done.stderr)
+            assert {request.run for request in asked} <= {rigs[folder].id}, words
+            assert asked or words[:2] in UNASKED, words
+            said = f"graph rig (id {rigs[folder].id}, pid {os.getpid()}, {rigs[folder].workspace}); 1 more"
+            assert (said in done.stderr) is (not extra), words
+            count += 1
+    assert count >= 50
+
+
+def state_of(record: RunRecord) -> list[object]:
+    """Return what a command can have changed of a graph."""
+    graph = RunningGraph(record, ask)
+    infos = graph.ask_all("info").replies
+    return [
+        graph.ask_all("get_parameters").replies,
+        [infos[name][part] for name in ("source", "scale") for part in ("lifecycle", "swaps")],
+        infos["scale"]["published"]["/scale/seen"],
+    ]
+
+
+@pytest.mark.nightly
+def test_eighty_commands_beside_two_real_graphs_and_a_strangers_change_and_ask_only_the_one_that_is_meant(
+    palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    started = []
+    for folder in ("a", "b", "a"):  # the last is the stranger's, of the same name and from the same checkout
+        Talk(palp, tmp_path / folder)
+        started.append(running()[0])
+    *own, stranger = started
+    give_away(palp.runtime_dir / "palp" / stranger.id)
+    asked, calls, count = noted(monkeypatch), Counter[str](), 0
+    for words, meant in itertools.product((*READING, *CHANGING), own):
+        (other,) = (record for record in own if record is not meant)
+        for place, extra in ((meant, ()), (other, ("--graph", meant.id))):
+            monkeypatch.chdir(place.workspace)
+            before = [state_of(record) for record in (other, stranger)]
+            asked.clear()
+            done = palp.here(*words, *extra)
+            assert done.returncode in (0, 2), (words, done.stderr)
+            assert done.returncode == 0 or words[0] == "lifecycle", done.stderr  # it is so already
+            assert {request.run for request in asked} <= {meant.id}, words
+            assert asked or words[:2] in UNASKED, words
+            assert [state_of(record) for record in (other, stranger)] == before, words
+            calls[meant.id] += words[0] == "service" and words[1] == "call"
+            count += 1
+    assert count == 80
+    for record in (*own, stranger):
+        reply = RunningGraph(record).ask("scale", "call", service="weigh", request={"factor": 1})["reply"]
+        assert reply["asked_count"] == calls[record.id] + 1
+
+
+def test_of_several_graphs_of_a_folder_none_is_changed_and_the_latest_answers_and_is_named(
+    bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = answered_by_nobody(monkeypatch)
+    bench.launch("b")
+    rigs = [bench.launch("a"), bench.launch("a")]
+    for words, extra in itertools.product(
+        (*CHANGING, *SAFETY, ("bag", "snapshot")), ((), ("--graph", "rig"))
+    ):
+        done = palp.here(*words, *extra)
+        assert (done.returncode, done.stdout, asked) == (2, "", []), words
+        assert "are running, so nothing was done; name one with --graph NAME, ID or PID:" in done.stderr
+        assert all(f"id {rig.id}, " in done.stderr for rig in rigs), words
+        assert ("palp stop --all" in done.stderr) is (words == ("stop",))
+    for words in READING:
+        asked.clear()
+        done = palp.here(*words)
+        assert {request.run for request in asked} <= {rigs[-1].id}, words
+        assert done.stderr.startswith(f"graph rig (id {rigs[-1].id}, "), words
+        assert "2 more are running: palp graph list" in done.stderr
+
+
+def test_a_graph_of_another_folder_is_taken_only_by_name(
+    bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = answered_by_nobody(monkeypatch)
+    rig = bench.launch("a", "left")
+    bench.enter("b")
+    for words in (*READING, *CHANGING, *SAFETY, ("logs",), ("top", "--once")):
+        done = palp.here(*words)
+        assert (done.returncode, done.stdout, asked) == (2, "", []), words
+        assert INSTEAD in done.stderr or words == ("logs",)
+    assert palp.here("node", "list", "--graph", "left").returncode == 0
+    assert "did you mean 'left'?; see: palp graph list" in palp.here("node", "list", "--graph", "lft").stderr
+    (bench.enter("a") / "launch" / "deep").mkdir(parents=True)
+    monkeypatch.chdir("launch/deep")
+    assert choose().record == rig
+
+
+def test_a_graph_is_found_by_name_id_and_pid_and_its_place_in_time_stays(bench: Bench) -> None:
+    left, right = bench.launch("a", "left"), bench.launch("a", "right")
+    again = bench.runs[left.id].record(
+        "left", *[getattr(left, f) for f in ("file", "clock", "serve", "nodes", "topics", "workspace")]
+    )
+    assert again == left  # written anew after a swap, it is not the latest for that
+    assert RunningGraph.find("left").record == left
+    assert RunningGraph.find(right.id).record == right
+    with pytest.raises(WhichGraph, match="2 graphs named"):
+        RunningGraph.find(str(os.getpid()))
+    bench.runs.pop(left.id).remove()
+    assert RunningGraph.find(str(os.getpid())).record == right
+
+
+def test_all_graphs_are_stopped_at_once_and_one_that_is_not_is_named(
+    bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = answered_by_nobody(monkeypatch)
+    assert palp.here("stop", "--all").stderr == "no graph is running; start one with: palp launch FILE\n"
+    rigs = [bench.launch("a"), bench.launch("b")]
+    bench.enter("c")
+    done = palp.here("stop", "--all")
+    assert done.returncode == 0
+    assert sorted(asked) == sorted((rig.id, "call") for rig in rigs)
+    assert sorted(json.loads(palp.here("stop", "--all", "--json").stdout)) == sorted(rig.id for rig in rigs)
+    assert "leave out --graph" in palp.here("stop", "--all", "--graph", "rig").stderr
+    unsafe = bench.runs[rigs[0].id]
+    unsafe.write(unsafe.record("plain", "plain.yaml", "wall", rigs[0].serve, rigs[0].nodes, []))
+    done = palp.here("stop", "--all")
+    assert done.returncode == 2
+    assert f"id {rigs[1].id}, pid" in done.stdout
+    assert f"plain (id {rigs[0].id}, pid" in done.stderr
+    assert "has no safety node" in done.stderr
+
+
+def test_running_graphs_are_listed(bench: Bench, palp: Palp) -> None:
+    assert palp.here("graph", "list").stdout == ""
+    a, b = bench.launch("a", "left"), bench.launch("b", "right")
+    head, *rows = palp.here("graph", "list").stdout.splitlines()
+    assert head.split()[:3] == ["NAME", "ID", "PID"]
+    assert [row.split()[:3] for row in rows] == [["*", "right", b.id], ["left", a.id, str(os.getpid())]]
+    told = json.loads(palp.here("graph", "list", "--json").stdout)
+    assert [(graph["name"], graph["id"], graph["here"]) for graph in told] == [
+        ("right", b.id, True),
+        ("left", a.id, False),
+    ]
+
+
+def test_graphs_that_share_a_name_are_offered_by_their_ids(bench: Bench) -> None:
+    two = [bench.launch("a").id, bench.launch("b").id]
+    bench.launch("b", "other")
+    assert graphs("") == sorted([*two, "other"])
+    assert graphs("o") == ["other"]
+
+
+def test_a_launch_file_is_drawn_with_and_without_the_verb(palp: Palp) -> None:
+    drawn = palp.here("graph", CHAIN)
+    assert drawn.stdout.startswith("flowchart")
+    assert palp.here("graph", "draw", CHAIN).stdout == drawn.stdout
+    assert palp.here("graph", "--dot", CHAIN).stdout.startswith("digraph")
+
+
+def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:
+    with Graph(CHAIN, name="left", clock="sim") as graph:
+        record = RunningGraph.find("left").record
+        assert record.id.startswith("left-")
+        assert graph.checked.graph == "left"
+        with pytest.raises(
+            GraphError, match=f"a graph of that name is running: left .id {record.id}, .*choose another"
+        ):
+            check_free("left")
+    for name in ("12", "a b", "", "x" * 33):
+        with pytest.raises(GraphError, match="is no name of a graph"):
+            check_free(name)
+
+
+def test_who_is_in_no_folder_has_no_graph(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.launch("a")
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(WhichGraph):
+        choose()
+    assert len(running()) == 1
