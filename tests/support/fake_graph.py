@@ -19,8 +19,10 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.process.node_services import HistoryRequest
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.request_server import Operation, Request
 
 PATIENCE_NS = 60_000_000_000
 
@@ -50,9 +52,9 @@ class FakeNode:
         self.sockets.requests.add(
             "source",
             {
-                "info": lambda _: {"outputs": {}},
-                "get_parameters": lambda _: {"parameters": {}},
-                "history": self._history,
+                "info": Operation(Request, lambda _: {"outputs": {}}),
+                "get_parameters": Operation(Request, lambda _: {"parameters": {}}),
+                "history": Operation(HistoryRequest, self._history),
             },
         )
 
@@ -79,9 +81,9 @@ class FakeNode:
             pack(out.topic.encode(), Kind.MOVED, out.epoch, out.sequence, self.now_ns(), 0, payload)
         )
 
-    def _history(self, request: dict[str, Any]) -> dict[str, Any]:
-        out = next(node.out for node in (self, *self._graph.nodes) if node.out.topic == request["topic"])
-        frames = out.kept(int(request["first"]), int(request["last"]), self.now_ns())
+    def _history(self, request: HistoryRequest) -> dict[str, Any]:
+        out = next(node.out for node in (self, *self._graph.nodes) if node.out.topic == request.topic)
+        frames = list(out.kept(request.first, request.last, self.now_ns()))
         return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
 
 

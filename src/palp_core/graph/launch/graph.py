@@ -32,7 +32,7 @@ from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record
-from palp_core.graph.swap.swap import SwapBackend, Swapper, SwapRequest
+from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
 
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import GatewayHandle
@@ -158,7 +158,7 @@ class Graph:
             self.swaps = Swapper(
                 self.checked, backend, self._now_ns, self._swapped, self.launcher_node.report
             )
-            self.launcher_node.answer("swap", self.swaps.answer, deferred=True)
+            self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
             self._announce()
             self.recorders.start(self.directory.path, self.launcher_node, self._supervisor)
             self._stack = stack.pop_all()

@@ -1,7 +1,7 @@
 """The live end of an output: counts, stamps, frames, remembers."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
@@ -131,15 +131,13 @@ class PublisherEnd(Generic[M]):
         now_ns = self._owner.now_ns()
         return pack(self._bytes, Kind.MOVED, self.epoch, self.sequence, now_ns, self._type_hash, payload)
 
-    def kept(self, first: int, last: int, now_ns: int) -> list[bytes]:
-        """Return the remembered frames of a range of sequences that are within their lifespan."""
+    def kept(self, first: int, last: int, now_ns: int) -> Iterator[bytes]:
+        """Yield the remembered frames of a range of sequences that are within their lifespan."""
         lifespan_ns = round(self.qos.lifespan_ms * 1e6)
-        found = []
         for kept in self.history:
             head = parse(kept[0] if isinstance(kept, tuple) else kept)
             if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
-                found.append(_whole(kept))
-        return found
+                yield _whole(kept)
 
     def remembered(self) -> list[bytes]:
         """Return all that is remembered, the oldest first."""

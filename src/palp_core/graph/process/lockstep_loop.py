@@ -60,8 +60,9 @@ class LockstepLoop:
             if self.sockets.requests.waiting and not self._knocked:
                 self._knocked = True
                 self.channel.send(control_messages.Knock())
-            ready = {descriptor for descriptor, _ in self._poll.poll()}
-            if ready - {supervisor}:
+            more = self.sockets.pending()
+            ready = {descriptor for descriptor, _ in self._poll.poll(0 if more else None)}
+            if more or ready - {supervisor}:
                 self.sockets.poll()
 
     def run(self) -> None:

@@ -1,18 +1,18 @@
 """What may be asked of a running node from outside: operations from map to map, between two handlers.
 
 The command line, a stranger with pyzmq and msgpack, and other nodes that miss messages all ask these, at the
-node's ROUTER. Each operation gets the request's map and returns the reply's; whatever it raises becomes
-``{"error": text}``. In lockstep, those that change something wait for the node's next round.
+node's ROUTER. Each operation gets the request as the type it wants and returns the reply's map; whatever it
+raises becomes ``{"error": text}``. In lockstep, those that change something wait for the node's next round.
 """
 
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.messages.message import decode, encode, encode_any
+from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import serve_outside, set_parameters
@@ -20,12 +20,52 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import describe_params
 from palp_core.graph.node.timers import TimerEnd
-from palp_core.graph.transport.request_server import Operation
+from palp_core.graph.transport.request_server import Operation, Operations, Request
 
 CHANGING = ("set_parameters", "call", "transition", "publish")
 """Operations that change the node or publish something."""
 
 MOST_HISTORY_BYTES = 8 << 20
+
+
+class InfoRequest(Request, frozen=True, kw_only=True):
+    """Say how the node does, and the latencies of the last ``window`` messages if it is not 0."""
+
+    window: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+class HistoryRequest(Request, frozen=True, kw_only=True):
+    """Say again what was published on a topic, from a first to a last sequence."""
+
+    topic: str
+    first: int
+    last: int
+
+
+class SetParametersRequest(Request, frozen=True, kw_only=True):
+    """Change parameters, by name."""
+
+    parameters: dict[str, Any]
+
+
+class CallRequest(Request, frozen=True, kw_only=True):
+    """Ask a service; ``request`` is an encoded message."""
+
+    service: str
+    request: msgspec.Raw
+
+
+class TransitionRequest(Request, frozen=True, kw_only=True):
+    """Go over to another state."""
+
+    transition: str
+
+
+class PublishRequest(Request, frozen=True, kw_only=True):
+    """Hand an encoded message to an input that takes messages from outside."""
+
+    port: str
+    message: msgspec.Raw
 
 
 class NodeServices:
@@ -43,24 +83,24 @@ class NodeServices:
         self._executor = executor
         self._edges = edges
 
-    def operations(self) -> dict[str, Operation]:
+    def operations(self) -> Operations:
         """Return every operation by name."""
         return {
-            "info": self.info,
-            "history": self.history,
-            "schemas": self.schemas,
-            "get_parameters": lambda _: {"parameters": msgspec.to_builtins(self._executor.node.params)},
-            "describe_parameters": self.describe_parameters,
-            "set_parameters": self.set_parameters,
-            "call": self.call,
-            "transition": self.transition,
-            "publish": self.publish,
+            "info": Operation(InfoRequest, self.info),
+            "history": Operation(HistoryRequest, self.history),
+            "schemas": Operation(Request, self.schemas),
+            "get_parameters": Operation(Request, lambda _: {"parameters": self._parameters()}),
+            "describe_parameters": Operation(Request, self.describe_parameters),
+            "set_parameters": Operation(SetParametersRequest, self.set_parameters),
+            "call": Operation(CallRequest, self.call),
+            "transition": Operation(TransitionRequest, self.transition),
+            "publish": Operation(PublishRequest, self.publish),
         }
 
-    def info(self, request: dict[str, Any]) -> dict[str, Any]:
+    def info(self, request: InfoRequest) -> dict[str, Any]:
         """Say what the node is, what it has published and what it has received."""
         executor, declared = self._executor, self._executor.declaration
-        more = self._edges(int(request.get("window", 0)))
+        more = self._edges(request.window)
         inputs = {}
         for name, wired in executor.ends.subscriptions.items():
             account = msgspec.to_builtins(wired[0].account)
@@ -103,23 +143,23 @@ class NodeServices:
             **executor.ends.counts(),
         }
 
-    def history(self, request: dict[str, Any]) -> dict[str, Any]:
+    def history(self, request: HistoryRequest) -> dict[str, Any]:
         """Return remembered frames of an output, as many as fit in a reply, the oldest first."""
         executor = self._executor
-        out = executor.ends.publishers.get(request["topic"])
+        out = executor.ends.publishers.get(request.topic)
         if out is None:
-            raise GraphError(f"{executor.name} does not publish {request['topic']}")
+            raise GraphError(f"{executor.name} does not publish {request.topic}")
         executor.begin_command()
         frames: list[bytes] = []
         size = 0
-        for frame in out.kept(int(request["first"]), int(request["last"]), executor.now_ns()):
+        for frame in out.kept(request.first, request.last, executor.now_ns()):
             size += len(frame)
             if frames and size > MOST_HISTORY_BYTES:
                 break
             frames.append(frame)
         return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
 
-    def schemas(self, _request: dict[str, Any]) -> dict[str, Any]:
+    def schemas(self, _request: Request) -> dict[str, Any]:
         """Return the message types of every port; of a service those of request and reply."""
         declared = self._executor.declaration
         ports: dict[str, Any] = {}
@@ -132,9 +172,9 @@ class NodeServices:
                 ports[name] = {"kind": kind, "types": types}
         return {"ports": msgspec.to_builtins(ports)}
 
-    def describe_parameters(self, _request: dict[str, Any]) -> dict[str, Any]:
+    def describe_parameters(self, _request: Request) -> dict[str, Any]:
         """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""
-        values = msgspec.to_builtins(self._executor.node.params)
+        values = self._parameters()
         described = describe_params(self._executor.declaration.params)
         return {
             "parameters": {
@@ -143,35 +183,35 @@ class NodeServices:
             }
         }
 
-    def set_parameters(self, request: dict[str, Any]) -> dict[str, Any]:
+    def set_parameters(self, request: SetParametersRequest) -> dict[str, Any]:
         """Change parameters, all of them or none."""
-        set_parameters(self._executor, dict(request["parameters"]))
-        return {"parameters": msgspec.to_builtins(self._executor.node.params)}
+        set_parameters(self._executor, request.parameters)
+        return {"parameters": self._parameters()}
 
-    def call(self, request: dict[str, Any]) -> dict[str, Any]:
+    def call(self, request: CallRequest) -> dict[str, Any]:
         """Let the node answer a service request; the request's id makes a repeated one harmless."""
         executor = self._executor
-        declared = executor.declaration.services.get(request["service"])
+        declared = executor.declaration.services.get(request.service)
         if declared is None:
             known = ", ".join(executor.declaration.services) or "none"
-            raise GraphError(f"{executor.name} has no service '{request['service']}'; it has: {known}")
+            raise GraphError(f"{executor.name} has no service '{request.service}'; it has: {known}")
         self._must_be_active()
-        message = decode(declared.request, encode_any(request["request"]))
-        reply = serve_outside(executor, request["service"], message)
+        message = decode(declared.request, request.request)
+        reply = serve_outside(executor, request.service, message)
         return {"reply": msgspec.msgpack.decode(encode(reply))}
 
-    def transition(self, request: dict[str, Any]) -> dict[str, Any]:
+    def transition(self, request: TransitionRequest) -> dict[str, Any]:
         """Run a lifecycle transition."""
         executor = self._executor
         known = [transition.value for transition in Transition]
-        if request["transition"] not in known:
-            raise GraphError(f"no transition '{request['transition']}'; there are: {', '.join(known)}")
-        executor.transition(Transition(request["transition"]))
+        if request.transition not in known:
+            raise GraphError(f"no transition '{request.transition}'; there are: {', '.join(known)}")
+        executor.transition(Transition(request.transition))
         return {"lifecycle": executor.lifecycle.value}
 
-    def publish(self, request: dict[str, Any]) -> dict[str, Any]:
+    def publish(self, request: PublishRequest) -> dict[str, Any]:
         """Publish a message into one of the node's inputs that the launch file declares external."""
-        executor, port = self._executor, request["port"]
+        executor, port = self._executor, request.port
         if port not in executor.spec.external:
             known = ", ".join(executor.spec.external) or "none"
             raise GraphError(
@@ -181,8 +221,11 @@ class NodeServices:
         self._must_be_active()
         executor.begin_command()
         out = executor.ends.publishers[executor.spec.inputs[port]]
-        out.put(decode(out.message, encode_any(request["message"])))
+        out.put(decode(out.message, request.message))
         return {"sequence": out.sequence}
+
+    def _parameters(self) -> Any:
+        return msgspec.to_builtins(self._executor.node.params)
 
     def _must_be_active(self) -> None:
         if not self._executor.publishing:

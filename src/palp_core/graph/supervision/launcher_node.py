@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -18,8 +19,9 @@ from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import LAUNCHER, topic
+from palp_core.graph.process.node_services import HistoryRequest
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.request_server import Operation
+from palp_core.graph.transport.request_server import Operation, R, Request
 
 EVENTS = topic(LAUNCHER, "events")
 HEALTH = topic(LAUNCHER, "health")
@@ -58,13 +60,11 @@ class LauncherNode:
         self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
         self._publishers = {publisher.topic: publisher for publisher in (self._events, self._health)}
         self._sockets.publisher.offer(self._publishers.values())
-        self._operations: dict[str, Operation] = {
-            "graph": lambda _: self._record(),
-            "clock": lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()},
-            "history": self._history,
-            "info": lambda _: self._info(),
-        }
+        self._operations: dict[str, Operation[Any]] = {"history": Operation(HistoryRequest, self._history)}
         self._deferred: set[str] = set()
+        self.answer("graph", lambda _: self._record())
+        self.answer("clock", lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()})
+        self.answer("info", lambda _: self._info())
         self._sockets.requests.add(LAUNCHER, self._operations, self._deferred)
 
     @property
@@ -72,17 +72,14 @@ class LauncherNode:
         """Descriptors that become readable when :meth:`poll` has something to do."""
         return self._sockets.file_descriptors
 
-    def answer(self, operation: str, handle: Operation, *, deferred: bool = False) -> None:
-        """Answer requests ``{"op": operation, ...}`` by a function from map to map.
+    def answer(self, operation: str, handle: Callable[[Request], dict[str, Any]]) -> None:
+        """Answer requests ``{"op": operation}`` at once, by a function that returns a map."""
+        self._operations[operation] = Operation(Request, handle)
 
-        Args:
-            operation: Its name.
-            handle: The function.
-            deferred: It waits for :meth:`perform`.
-        """
-        self._operations[operation] = handle
-        if deferred:
-            self._deferred.add(operation)
+    def defer(self, operation: str, wants: type[R], handle: Callable[[R], dict[str, Any]]) -> None:
+        """Answer requests ``{"op": operation, ...}``, read as such, when :meth:`run_deferred` is called."""
+        self._operations[operation] = Operation(wants, handle)
+        self._deferred.add(operation)
 
     def run_deferred(self) -> None:
         """Do what was asked for and had to wait.
@@ -127,7 +124,7 @@ class LauncherNode:
 
     def poll(self) -> None:
         """Greet readers and answer requests, without waiting; sending may have swallowed their signal."""
-        self._sockets.poll()
+        self._sockets.poll(most=sys.maxsize)  # nobody would call again for what is left
 
     def close(self) -> None:
         """Send what is queued and let go."""
@@ -161,12 +158,12 @@ class LauncherNode:
             **{part: [] for part in ("external", "swaps")},
         }
 
-    def _history(self, request: dict[str, Any]) -> dict[str, Any]:
+    def _history(self, request: HistoryRequest) -> dict[str, Any]:
         """Return remembered frames, as a node does."""
-        publisher = self._publishers.get(request["topic"])
+        publisher = self._publishers.get(request.topic)
         if publisher is None:
-            raise GraphError(f"the launcher does not publish {request['topic']}")
-        frames = publisher.kept(int(request["first"]), int(request["last"]), self.now_ns())
+            raise GraphError(f"the launcher does not publish {request.topic}")
+        frames = list(publisher.kept(request.first, request.last, self.now_ns()))
         return {
             "topic": publisher.topic,
             "epoch": publisher.epoch,

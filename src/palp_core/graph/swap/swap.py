@@ -5,7 +5,7 @@ The steps themselves are in :mod:`.process_swap` and :mod:`.composed_swap`.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import msgspec
 
@@ -23,8 +23,10 @@ from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.swap.compatibility import objections, replaced
+from palp_core.graph.transport.request_server import Request
 
 TIMEOUT_S = 10.0
+LONGEST_S = 86_400.0
 STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over", "take over")
 """In their order; after the last the new node works."""
 
@@ -44,9 +46,15 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     node: str
     run: str = ""
     params: dict[str, Any] = {}
-    timeout_s: float = TIMEOUT_S
-    shadow_s: float = 0.0
+    timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_S)] = TIMEOUT_S
+    shadow_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = 0.0
     dry_run: bool = False
+
+
+class AskToSwap(Request, frozen=True, kw_only=True):
+    """A tool asks for a swap."""
+
+    request: SwapRequest
 
 
 class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -194,18 +202,14 @@ class Swapper:
             except GraphError as error:
                 raise SwapFailed(request.node, "check", str(error)) from error
 
-    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
+    def answer(self, asked: AskToSwap) -> dict[str, Any]:
         """Swap for a tool that asks.
 
         Raises:
-            GraphError: What it asks for is no swap, or the swap has failed.
+            GraphError: No such node here.
         """
         try:
-            wanted = msgspec.convert(request.get("request"), SwapRequest)
-        except msgspec.ValidationError as error:
-            raise GraphError(f"not a swap: {error}") from error
-        try:
-            found: dict[str, Any] = msgspec.to_builtins(self.swap(wanted))
+            found: dict[str, Any] = msgspec.to_builtins(self.swap(asked.request))
         except SwapFailed as error:
             return {"failed": {"step": error.step, "text": error.text, "node": error.node}}
         return {"report": found}

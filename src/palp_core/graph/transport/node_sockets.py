@@ -6,7 +6,7 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.transport.publisher_socket import PublisherSocket
-from palp_core.graph.transport.request_server import RequestServer
+from palp_core.graph.transport.request_server import MOST_AT_ONCE, RequestServer
 
 _TURN_AWAY_S = 0.05
 """How soon a request is turned away that comes while the readers leave."""
@@ -42,11 +42,11 @@ class NodeSockets:
         """Tell whether :meth:`poll` may have work, whatever the descriptors say."""
         return self.publisher.stirred or self.requests.stirred
 
-    def poll(self) -> None:
-        """Greet new subscribers and answer requests, without waiting."""
+    def poll(self, most: int = MOST_AT_ONCE) -> None:
+        """Greet new subscribers and answer requests, without waiting; what is beyond so many is pending."""
         self.publisher.stirred = self.requests.stirred = False
         self.publisher.poll()
-        self.requests.poll()
+        self.requests.poll(most)
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
         """Wait until nobody listens any more, and turn requests away meanwhile.

@@ -3,7 +3,7 @@
 Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
@@ -11,6 +11,7 @@ import zmq
 
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport.bytes_under_way import BytesUnderWay
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
@@ -47,8 +48,7 @@ class PublisherSocket:
         self._named: Counter[str] = Counter()
         self._publishers: dict[bytes, PublisherEnd[Any]] = {}
         self._direct: set[str] = set()
-        self._on_their_way: deque[tuple[zmq.MessageTracker, int]] = deque()
-        self._bytes_on_their_way = 0
+        self._under_way = BytesUnderWay(QUEUE_BYTES)
         self._held: list[bytes] | None = None
 
     @property
@@ -117,29 +117,21 @@ class PublisherSocket:
         self.stirred = True
         if len(frame) < COPY_BELOW or self._held is not None:
             self._send_frame(frame)
-        elif self._has_room(len(frame)):
-            self._send_large(frame, 0)
+        elif self._under_way.has_room(len(frame)):
+            self._under_way.send(self._socket, frame)
 
     def send_pieces(self, topic: bytes, *pieces: bytes | memoryview) -> None:
-        """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic."""
+        """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic.
+
+        One for which there is no room is a gap, and can be asked for.
+        """
         if self._held is not None:
             self._send_frame(b"".join(pieces))
-        elif topic in self._subscribed and self._has_room(len(pieces[1])):
+        elif topic in self._subscribed and self._under_way.has_room(len(pieces[1])):
             self.stirred = True
             self._socket.send(pieces[0], zmq.SNDMORE)
-            self._send_large(pieces[1], zmq.SNDMORE)
+            self._under_way.send(self._socket, pieces[1], zmq.SNDMORE)
             self._socket.send(pieces[2])
-
-    def _has_room(self, size: int) -> bool:
-        """Tell whether a large message may be sent; one that may not is a gap, and can be asked for."""
-        while self._on_their_way and self._on_their_way[0][0].done:
-            self._bytes_on_their_way -= self._on_their_way.popleft()[1]
-        return self._bytes_on_their_way + size <= QUEUE_BYTES
-
-    def _send_large(self, piece: bytes | memoryview, flags: int) -> None:
-        tracker = self._socket.send(piece, flags, copy=False, track=True)
-        self._on_their_way.append((tracker, len(piece)))
-        self._bytes_on_their_way += len(piece)
 
     def send_heartbeats(self) -> None:
         """State every subscribed topic's last sequence."""

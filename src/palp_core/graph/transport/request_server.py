@@ -1,26 +1,93 @@
-"""Answer requests from outside, maps in and maps out, so that nothing a stranger sends does harm."""
+"""Answer requests from outside, maps in and maps out, so that nothing a stranger sends does harm.
 
-from collections import OrderedDict
+A request is read as a type of message before anything looks at it: what every request says first
+(:class:`Request`), then what its operation wants. What is kept for those who ask is bounded in bytes.
+"""
+
+from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import msgpack
+import msgspec
 import zmq
 
-from palp_core.errors import GraphError, NodeError, in_words
+from palp_core.errors import GraphError, NodeError, SchemaMismatch, in_words
+from palp_core.graph.messages.message import decode_any
+from palp_core.graph.transport.bytes_under_way import BytesUnderWay
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
-Operation = Callable[[dict[str, Any]], dict[str, Any]]
-REMEMBERED = 256
 LONGEST_ID = 128
 MAX_REQUEST_BYTES = 1 << 20
+MOST_AT_ONCE = 100
+"""Requests after which a loop does its other work."""
+
+REMEMBERED = 256
+REMEMBERED_BYTES = 16 << 20
+LONGEST_REMEMBERED_BYTES = 1 << 20
+MOST_WAITING = 1000
+MOST_WAITING_BYTES = 16 << 20
+MOST_ASKERS = 64
+"""Who asked the same again and waits for the reply; the earliest have given up by then."""
+
+LONGEST_ENVELOPE_BYTES = 1 << 10
+LARGE_REPLY_BYTES = 64 << 10
+REPLY_BYTES = 64 << 20
+"""Of large replies that those who asked have not taken yet."""
+
+
+class Request(msgspec.Struct, frozen=True, kw_only=True):
+    """What every request says; a subclass says what an operation wants besides.
+
+    Attributes:
+        op: What to do.
+        node: Whom it is for; None: the only one there is.
+        id: The asker's own, if it may ask again; what changes something is done once for it.
+    """
+
+    op: str
+    node: str | None = None
+    id: Annotated[str, msgspec.Meta(max_length=LONGEST_ID)] | None = None
+
+
+R = TypeVar("R", bound=Request)
+
+
+class Operation(Generic[R]):
+    """What can be asked for.
+
+    Args:
+        wants: As what a request is read.
+        answer: Returns the map that answers it.
+    """
+
+    def __init__(self, wants: type[R], answer: Callable[[R], dict[str, Any]]) -> None:
+        self._wants, self._answer = wants, answer
+
+    def read(self, payload: bytes) -> Callable[[], dict[str, Any]]:
+        """Return what answers a request.
+
+        Raises:
+            SchemaMismatch: A part of it is missing or of another type.
+        """
+        request = decode_any(self._wants, payload)
+        return lambda: self._answer(request)
+
+
+Operations = Mapping[str, Operation[Any]]
+
+
+class _Waiting(NamedTuple):
+    node: str
+    token: str | None
+    answer: Callable[[], dict[str, Any]]
+    size: int
+    askers: deque[list[bytes]]
 
 
 class RequestServer:
     """Operations by node and name on a ROUTER socket, and the replies to requests that may be asked again.
-
-    Requests are maps ``{"op": operation, "node": node, ...}``.
 
     Args:
         context: The process's.
@@ -38,83 +105,114 @@ class RequestServer:
         bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
-        self._operations: dict[str, Mapping[str, Operation]] = {}
+        self._operations: dict[str, Operations] = {}
         self._deferred: dict[str, Collection[str]] = {}
-        self._waiting: list[tuple[str, list[bytes], dict[str, Any]]] = []
-        self._remembered: OrderedDict[str, bytes | None] = OrderedDict()
-        self._also: dict[str, list[list[bytes]]] = {}
+        self._waiting: list[_Waiting] = []
+        self._by_token: dict[str, _Waiting] = {}
+        self._waiting_bytes = 0
+        self._remembered: OrderedDict[str, bytes] = OrderedDict()
+        self._remembered_bytes = 0
+        self._under_way = BytesUnderWay(REPLY_BYTES)
 
-    def add(self, node: str, operations: Mapping[str, Operation], deferred: Collection[str] = ()) -> None:
+    def add(self, node: str, operations: Operations, deferred: Collection[str] = ()) -> None:
         """Add a node's operations.
 
         Args:
             node: Whom a request is for; one that names nobody is for the only one there is.
             operations: By name.
-            deferred: Those that wait for :meth:`perform`.
+            deferred: Those that change something: they wait for :meth:`perform`, and the replies are
+                remembered. The others may be asked as often as anyone likes.
         """
         self._operations[node], self._deferred[node] = operations, deferred
 
     @property
     def waiting(self) -> Collection[str]:
         """Nodes for which a deferred request waits."""
-        return {node for node, _, _ in self._waiting} if self._waiting else ()
+        return {entry.node for entry in self._waiting} if self._waiting else ()
 
-    def poll(self) -> None:
-        """Answer requests, or put them off, without waiting."""
-        while readable(self._socket):
+    def poll(self, most: int = MOST_AT_ONCE) -> None:
+        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred."""
+        for _ in range(most):
+            if not readable(self._socket):
+                return
             parts = self._socket.recv_multipart()
             reply = self.reply_to(parts[:-1], parts[-1] if len(parts) > 1 else b"")
             if reply is not None:
                 self._send(parts[:-1], reply)
+        self.stirred = True
 
     def _send(self, envelope: list[bytes], reply: bytes) -> None:
-        self._socket.send_multipart([*envelope, reply])
         self.stirred = True
+        if len(reply) < LARGE_REPLY_BYTES:
+            self._socket.send_multipart([*envelope, reply])
+        elif self._under_way.has_room(len(reply)):
+            self._socket.send_multipart(envelope, zmq.SNDMORE)
+            self._under_way.send(self._socket, reply)
+        else:
+            text = "too many large replies wait to be taken; take them and ask again"
+            self._socket.send_multipart([*envelope, _pack({"error": text})])
 
     def reply_to(self, envelope: list[bytes], payload: bytes) -> bytes | None:
         """Return the reply to a request; None if it is deferred: :meth:`perform` will send it."""
         try:
-            request = _unpack(payload)
-            node = self._node(request)
-            known = self._operations[node]
-            if request["op"] not in known:
-                raise GraphError(f"no operation {request['op']!r}; operations: {', '.join(sorted(known))}")
-            token = request.get("id")
-            if isinstance(token, str) and len(token) <= LONGEST_ID:
-                if token in self._remembered:
-                    if self._remembered[token] is None:
-                        self._also.setdefault(token, []).append(envelope)
-                    return self._remembered[token]
-                self._remembered[token] = None
-                if len(self._remembered) > REMEMBERED:
-                    self._remembered.popitem(last=False)
-            if request["op"] in self._deferred[node]:
-                self._waiting.append((node, envelope, request))
-                return None
-            return self._answer(node, request)[0]
+            return self._reply_to(envelope, payload)
         except Exception as error:  # noqa: BLE001 - whatever a stranger sends must harm nothing
             return _pack({"error": in_words(error)})
 
-    def _node(self, request: dict[str, Any]) -> str:
-        named = request.get("node")
-        if named is None and len(self._operations) == 1:
-            return next(iter(self._operations))
-        if not isinstance(named, str) or named not in self._operations:
-            raise GraphError(f"no node {named!r} here; there are: {', '.join(sorted(self._operations))}")
-        return named
+    def _reply_to(self, envelope: list[bytes], payload: bytes) -> bytes | None:
+        request = _read(payload)
+        node = self._node(request)
+        known = self._operations[node]
+        if request.op not in known:
+            raise GraphError(f"no operation {request.op!r}; operations: {', '.join(sorted(known))}")
+        deferred = request.op in self._deferred[node]
+        if deferred and request.id is not None:
+            if request.id in self._remembered:
+                return self._remembered[request.id]
+            if request.id in self._by_token:
+                self._by_token[request.id].askers.append(_checked(envelope))
+                return None
+        answer = known[request.op].read(payload)
+        if not deferred:
+            return self._answer(answer)[0]
+        self._put_off(
+            _Waiting(node, request.id, answer, len(payload), deque([_checked(envelope)], MOST_ASKERS))
+        )
+        return None
 
-    def _answer(self, node: str, request: dict[str, Any]) -> tuple[bytes, NodeError | None]:
-        failure: NodeError | None = None
+    def _put_off(self, entry: _Waiting) -> None:
+        if len(self._waiting) >= MOST_WAITING or self._waiting_bytes + entry.size > MOST_WAITING_BYTES:
+            raise GraphError(
+                f"{len(self._waiting)} requests wait for {entry.node} and the others here already; ask later"
+            )
+        self._waiting.append(entry)
+        self._waiting_bytes += entry.size
+        if entry.token is not None:
+            self._by_token[entry.token] = entry
+
+    def _take(self, node: str | None) -> list[_Waiting]:
+        """Return what waits for a node, or for any, in the order in which it was asked."""
+        mine = [entry for entry in self._waiting if node in (None, entry.node)]
+        self._waiting = [entry for entry in self._waiting if node not in (None, entry.node)]
+        self._waiting_bytes -= sum(entry.size for entry in mine)
+        return mine
+
+    def _node(self, request: Request) -> str:
+        if request.node is None and len(self._operations) == 1:
+            return next(iter(self._operations))
+        if request.node is None or request.node not in self._operations:
+            raise GraphError(
+                f"no node {request.node!r} here; there are: {', '.join(sorted(self._operations))}"
+            )
+        return request.node
+
+    def _answer(self, answer: Callable[[], dict[str, Any]]) -> tuple[bytes, NodeError | None]:
         try:
-            reply = _pack(self._operations[node][request["op"]](request))
+            return _pack(answer()), None
         except NodeError as error:  # the node has failed, and whoever runs it must know
-            reply, failure = _pack({"error": str(error)}), error
+            return _pack({"error": str(error)}), error
         except Exception as error:  # noqa: BLE001 - as above
-            reply = _pack({"error": in_words(error)})
-        token = request.get("id")
-        if isinstance(token, str) and token in self._remembered:
-            self._remembered[token] = reply
-        return reply, failure
+            return _pack({"error": in_words(error)}), None
 
     def perform(self, node: str | None = None) -> None:
         """Do what waits for a node, or for any, in the order in which it was asked.
@@ -124,43 +222,63 @@ class RequestServer:
         """
         if not self._waiting:
             return
-        mine = [entry for entry in self._waiting if node in (None, entry[0])]
-        self._waiting = [entry for entry in self._waiting if entry not in mine]
         failures = []
-        for name, envelope, request in mine:
-            reply, failure = self._answer(name, request)
-            for asker in [envelope, *self._also.pop(request.get("id", ""), [])]:
-                self._send(asker, reply)
+        for entry in self._take(node):
+            reply, failure = self._answer(entry.answer)
+            self._send_all(entry, reply)
+            if entry.token is not None:
+                self._remember(entry.token, reply)
             failures += [failure] if failure is not None else []
         if failures:
             raise failures[0]
 
+    def _send_all(self, entry: _Waiting, reply: bytes) -> None:
+        """Reply to all who have asked for one thing, those included who asked while it was done."""
+        if entry.token is not None:
+            del self._by_token[entry.token]
+        for asker in entry.askers:
+            self._send(asker, reply)
+
     @property
     def remembered(self) -> dict[str, bytes]:
         """Replies to requests that may be asked again, by their ids."""
-        return {token: reply for token, reply in self._remembered.items() if reply is not None}
+        return dict(self._remembered)
 
     def remember(self, replies: Mapping[str, bytes]) -> None:
         """Give these replies to requests with these ids."""
-        self._remembered.update(replies)
+        for token, reply in replies.items():
+            self._remember(token, reply)
+
+    def _remember(self, token: str, reply: bytes) -> None:
+        if len(reply) > LONGEST_REMEMBERED_BYTES:
+            reply = _pack(
+                {"error": f"this was done; its reply of {len(reply)} bytes is too long to be repeated"}
+            )
+        self._remembered_bytes += len(reply) - len(self._remembered.pop(token, b""))
+        self._remembered[token] = reply
+        while len(self._remembered) > REMEMBERED or self._remembered_bytes > REMEMBERED_BYTES:
+            self._remembered_bytes -= len(self._remembered.popitem(last=False)[1])
 
     def turn_away(self) -> None:
         """Ask those who wait to ask again: another process goes on with the node."""
-        waiting, self._waiting = self._waiting, []
-        for name, envelope, request in waiting:
-            text = f"{name} was swapped for another while this was asked; ask again"
-            for asker in [envelope, *self._also.pop(request.get("id", ""), [])]:
-                self._send(asker, _pack({"error": text, "again": True}))
+        for entry in self._take(None):
+            text = f"{entry.node} was swapped for another while this was asked; ask again"
+            self._send_all(entry, _pack({"error": text, "again": True}))
 
 
-def _unpack(payload: bytes) -> dict[str, Any]:
+def _read(payload: bytes) -> Request:
     try:
-        request = msgpack.unpackb(payload)
-    except Exception as error:  # whatever the bytes are, msgpack's errors have no common base
-        raise GraphError(f"a request is a msgpack map, and this is none: {in_words(error)}") from error
-    if not isinstance(request, dict) or not isinstance(request.get("op"), str):
-        raise GraphError("a request is a msgpack map with a key 'op' that names an operation")
-    return request
+        return decode_any(Request, payload)
+    except SchemaMismatch as error:
+        raise GraphError(
+            f"a request is a msgpack map with a key 'op' that names an operation: {error}"
+        ) from error
+
+
+def _checked(envelope: list[bytes]) -> list[bytes]:
+    if sum(map(len, envelope)) > LONGEST_ENVELOPE_BYTES:
+        raise GraphError(f"a way back of more than {LONGEST_ENVELOPE_BYTES} bytes is not kept")
+    return envelope
 
 
 def _pack(reply: dict[str, Any]) -> bytes:

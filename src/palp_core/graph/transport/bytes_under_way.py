@@ -1,0 +1,30 @@
+"""Bound what a socket holds in bytes: ZeroMQ's own marks count messages, whatever their size."""
+
+from collections import deque
+
+import zmq
+
+
+class BytesUnderWay:
+    """Bytes that were given to ZeroMQ and have not left yet.
+
+    Args:
+        most: How many may be under way.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._parts: deque[tuple[zmq.MessageTracker, int]] = deque()
+        self._total = 0
+
+    def has_room(self, size: int) -> bool:
+        """Tell whether so many bytes more may be sent."""
+        while self._parts and self._parts[0][0].done:
+            self._total -= self._parts.popleft()[1]
+        return self._total + size <= self._most
+
+    def send(self, socket: zmq.Socket[bytes], part: bytes | memoryview, flags: int = 0) -> None:
+        """Send a part of a message without a copy, and count it until it has left."""
+        tracker = socket.send(zmq.Frame(part, track=True, copy=False), flags, copy=False, track=True)
+        self._parts.append((tracker, len(part)))
+        self._total += len(part)
