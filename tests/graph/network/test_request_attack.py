@@ -6,7 +6,9 @@ Nothing dies, nothing waits for ever, nothing grows. The default run keeps a few
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+import random
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,17 @@ import zmq
 
 from palp_core import Message, Node, Params, Pub, Qos, Srv, Sub, on, serve
 from palp_core.graph.clock import SimClock
+from palp_core.graph.messages.frame import pack
+from palp_core.graph.network import join_protocol
+from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.gateway_messages import ListenOn
+from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
+from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.swap.swap import AskToSwap
@@ -28,7 +38,7 @@ from palp_core.graph.transport.request_server import REMEMBERED_BYTES
 from tests.support.attack import Stranger
 
 GROWTH_BYTES = 48 << 20
-NODE = {
+NODE: dict[str, dict[str, Any]] = {
     "info": {"window": 5},
     "history": {"topic": "/n/told", "first": 1, "last": 9},
     "schemas": {},
@@ -39,13 +49,28 @@ NODE = {
     "transition": {"transition": "activate"},
     "publish": {"port": "hint", "message": {"number": 1}},
 }
-LAUNCHER = {
+LAUNCHER: dict[str, dict[str, Any]] = {
     "graph": {},
     "clock": {},
     "info": {},
     "stop": {},
     "history": {"topic": "/graph/events", "first": 1, "last": 9},
     "swap": {"request": {"node": "n", "run": "m:C", "params": {"x": 1}, "timeout_s": 1.0}},
+}
+
+
+GUEST = {"name": "guest", "run": "m:C", "host": "h", "pid": 1}
+WORDS: dict[str, dict[str, Any]] = {
+    "hello": {"protocol": join_protocol.PROTOCOL},
+    "join": {"request": {**GUEST, "outputs": {}, "inputs": {}, "feeds": {}, "reads_truth": False}},
+    "clock": {"sent_ns": 5, "gateway_ns": 0},
+    "subscribe": {"topic": "/n/told"},
+    "unsubscribe": {"topic": "/n/told"},
+    "reply": {"ticket": 1, "body": b"\x80"},
+    "beat": {"received_bytes": 0},
+    "health": {"health": b"\x80"},
+    "leave": {"text": "bye", "exit_code": 0},
+    "refused": {"text": "no", "finished": True},
 }
 
 
@@ -77,7 +102,7 @@ class Attacked:
 
     def __init__(self, sockets: NodeSockets, work: Callable[[], None]) -> None:
         self.sockets, self._work = sockets, work
-        self.stranger = zmq.Context.instance().socket(zmq.DEALER)
+        self.stranger: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.stranger.connect(sockets.endpoints[1])
 
     def ask(self, burst: list[bytes]) -> list[dict[str, Any]]:
@@ -154,8 +179,115 @@ def test_the_launcher_answers_or_refuses_whatever_is_asked(tmp_path: Path, count
 def test_ids_that_are_none_in_one_burst_with_repeated_ones_harm_nothing(sockets: NodeSockets) -> None:
     clerk(sockets)
     request = {"op": "set_parameters", "parameters": {"offset": 1}}
-    burst = [msgpack.packb({**request, "id": token}) for token in ([], "a", "a")]
+    tokens: list[Any] = [[], "a", "a"]
+    burst = [msgpack.packb({**request, "id": token}) for token in tokens]
     with Attacked(sockets, sockets.requests.perform) as attacked:
         refused, *answered = attacked.ask(burst)
     assert "`$.id`" in refused["error"]
     assert answered == [{"parameters": {"offset": 1}}] * 2
+
+
+class Door:
+    """A gateway's connections, a node and a launcher behind them, and a host that may come in.
+
+    Args:
+        folder: The run directory.
+        work: Lets the node and the launcher have their turn.
+    """
+
+    def __init__(self, folder: Path, work: Callable[[], None]) -> None:
+        self._loop, self._work = EventLoop(), work
+        self.told: deque[ChannelMessage] = deque(maxlen=100)
+        listen_on = ListenOn(str(folder), "tcp://127.0.0.1:0", secured=False, epochs={})
+        self.nodes = RemoteNodes(self._loop, listen_on, KeyFolder(folder), self.told.append, lambda *_: None)
+        self.nodes.show(join_protocol.GraphView(graph="g", clock="wall", nodes=["n"], topics={}))
+        self._host: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        self._host.connect(self.nodes.endpoint)
+        self._samples = 0
+
+    def say(self, words: Iterable[list[bytes]]) -> None:
+        """Say something, and then ask for the time, until that is answered."""
+        self._samples += 1
+        clock = {"op": "clock", "sent_ns": self._samples}
+        for parts in [*words, [msgpack.packb(clock)]]:
+            self._host.send_multipart(parts)
+        self._until(lambda answer: answer["op"] == "clock" and answer["sent_ns"] == self._samples)
+
+    def ask(self, body: bytes) -> dict[str, Any]:
+        """Return what the launcher answers."""
+        self._host.send(msgpack.packb({"op": "request", "ticket": 7, "node": "graph", "body": body}))
+        answer = self._until(lambda answer: answer["op"] == "reply")
+        return dict(msgpack.unpackb(answer["body"]))
+
+    def _until(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        while True:
+            self._loop.turn(0.01)
+            self._work()
+            while self._host.poll(0):
+                parts = self._host.recv_multipart()
+                if parts[0][:1] != b"/" and wanted(answer := msgpack.unpackb(parts[0], strict_map_key=False)):
+                    return dict(answer)
+
+    def close(self) -> None:
+        self._host.close(linger=0)
+        self._loop.close()
+
+
+@pytest.fixture
+def door(tmp_path: Path) -> Iterator[Door]:
+    sockets = NodeSockets(*endpoints(str(tmp_path), "n"))
+    launcher = LauncherNode(str(tmp_path), lambda: 0)
+    executor = clerk(sockets)
+
+    def work() -> None:
+        sockets.poll()
+        sockets.requests.perform()
+        launcher.poll()
+        assert executor.lifecycle is Lifecycle.ACTIVE
+
+    made = Door(tmp_path, work)
+    yield made
+    made.close()
+    launcher.close()
+    sockets.close()
+
+
+def _frame(rng: random.Random, payload: bytes) -> bytes:
+    topic = rng.choice((b"/guest/x", b"/n/told", b"/graph/events", b"/" * 300, b"/guest/\xff"))
+    words = rng.choice((0, 1, 2, 3, 77)), rng.choice((0, 1, 2**32 - 1)), rng.choice((0, 1, 2**53, 2**64 - 1))
+    return pack(topic, words[0], words[1], words[2], rng.choice((0, -(2**63))), 7, payload)
+
+
+@COUNTS
+def test_the_door_answers_or_refuses_whatever_another_host_says(door: Door, count: int) -> None:
+    rng = random.Random(2)
+    said, asked = Stranger(WORDS), Stranger(NODE | LAUNCHER, seed=3)
+    before_bytes = tickets = 0
+    for words, bodies in zip(said.bursts(count), asked.bursts(10 * count), strict=False):
+        tickets += len(bodies)
+        requests = [
+            {"op": "request", "ticket": n, "node": rng.choice(("n", "graph", "x")), "body": body}
+            for n, body in enumerate(bodies)
+        ]
+        frames = [[_frame(rng, body)] for body in bodies] + [[b"a", b"b", b"c"], [_frame(rng, b""), b"x"]]
+        door.say([[word] for word in words] + frames + [[msgpack.packb(request)] for request in requests])
+        if not before_bytes and tickets > count / 4:
+            before_bytes = psutil.Process().memory_info().rss
+    assert len(door.nodes.joined) <= 1
+    assert psutil.Process().memory_info().rss - before_bytes < GROWTH_BYTES
+
+
+def test_what_another_host_asks_is_read_as_a_request_at_the_door(door: Door) -> None:
+    large = msgpack.packb({"op": "info", "more": bytes(1 << 20)})
+    for body in (b"\x81\xa2op\xa1\xff", b"\x91" * 5000, b"\x80", b"", large, msgpack.packb({"op": "stop"})):
+        assert "error" in door.ask(body)
+    assert door.ask(msgpack.packb({"op": "clock"}))["error"].endswith("another may only look")
+
+
+def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None:
+    for n in range(10):
+        for op in ("subscribe", "unsubscribe"):
+            door.say([[msgpack.packb({"op": op, "topic": f"/n/never{n}"})]])
+    assert not door.nodes._router._tap._turns
+    door.say([[msgpack.packb({"op": "subscribe", "topic": "/n/" + "x" * 300})]])
+    assert not door.nodes._router._tap._turns

@@ -23,6 +23,8 @@ _SEQUENCE = struct.Struct("<Q")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
 MOST_PIECES = 3
+LAST_SEQUENCE = 2**53
+"""No publisher comes that far (285 years at 1 MHz), and sums of a few such numbers can be said everywhere."""
 
 
 IN_PIECES = 1
@@ -110,7 +112,8 @@ def parse(frame: bytes) -> Frame:
     """Split a frame into its parts.
 
     Raises:
-        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind.
+        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, a
+            sequence that cannot be.
     """
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
     if end < 1:
@@ -126,6 +129,8 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
     if kind == Kind.DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
+    if sequence > LAST_SEQUENCE:
+        raise SchemaMismatch(f"frame of sequence {sequence}: no topic has so many messages")
     try:
         topic = str(frame[:end], "utf-8")
     except UnicodeDecodeError as error:

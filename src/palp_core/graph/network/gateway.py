@@ -17,8 +17,9 @@ import sys
 
 import msgspec
 
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.messages.message import decode_any
 from palp_core.graph.network import gateway_messages
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.join_protocol import BEAT_NS
@@ -30,6 +31,7 @@ from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.transport.request_server import Request
 
 MEMORY_BYTES = 1 << 30
 _LOG = logging.getLogger("palp.gateway")
@@ -116,18 +118,22 @@ class Gateway:
     # Tools of this host
 
     def _on_tool(self, way_back: list[bytes], body: bytes) -> None:
-        reply: dict[str, object] = {"error": "unknown operation; operations: guests, info, refusals"}
-        with contextlib.suppress(msgspec.MsgspecError, TypeError, AttributeError):
-            match msgspec.msgpack.decode(body).get("op"):
-                case "refusals":
-                    latest = [msgspec.to_builtins(entry) for entry in self._rejected.latest()]
-                    reply = {"count": self._rejected.total_count, "refusals": latest}
-                case "guests":
-                    reply = {"guests": [self._remote_info(peer) for peer in self._remote_nodes.joined]}
-                case "info":
-                    reply = {"name": "gateway", "pid": os.getpid(), "secured": self._secured}
-                    reply |= {"listen": self._remote_nodes.endpoint, "guests": len(self._remote_nodes.joined)}
+        try:
+            reply = self._answer(decode_any(Request, body).op)
+        except SchemaMismatch as error:
+            reply = {"error": str(error)}
         self._tools.answer(way_back, msgspec.msgpack.encode(reply))
+
+    def _answer(self, operation: str) -> dict[str, object]:
+        if operation == "refusals":
+            latest = [msgspec.to_builtins(entry) for entry in self._rejected.latest()]
+            return {"count": self._rejected.total_count, "refusals": latest}
+        if operation == "guests":
+            return {"guests": [self._remote_info(peer) for peer in self._remote_nodes.joined]}
+        if operation == "info":
+            reply: dict[str, object] = {"name": "gateway", "pid": os.getpid(), "secured": self._secured}
+            return reply | {"listen": self._remote_nodes.endpoint, "guests": len(self._remote_nodes.joined)}
+        return {"error": "unknown operation; operations: guests, info, refusals"}
 
     def _remote_info(self, peer: Peer) -> dict[str, object]:
         assert peer.request is not None

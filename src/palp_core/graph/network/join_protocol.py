@@ -4,6 +4,8 @@ A message that begins with ``/`` is a frame of a topic, as it is on the wire, in
 else is one map. The joined host speaks first: ``hello``, some ``clock`` exchanges, then ``join``.
 """
 
+from typing import Annotated
+
 import msgspec
 
 from palp_core.errors import SchemaMismatch
@@ -151,7 +153,7 @@ class LeaveGraph(JoinMessage, frozen=True, kw_only=True, tag="leave"):
     """The node leaves; ``exit_code`` is -1 if its work was not done."""
 
     text: str
-    exit_code: int
+    exit_code: Annotated[int, msgspec.Meta(ge=-1, le=255)]
 
 
 _Any = (

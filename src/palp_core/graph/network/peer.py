@@ -3,6 +3,8 @@
 import logging
 from collections.abc import Callable
 
+import msgspec
+
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.curve_listener import Sent
@@ -46,6 +48,15 @@ class Peer:
         """Send a message; a peer that takes no more of them is as good as gone."""
         if self._transmit(join_protocol.encode_message(message)) is not Sent.QUEUED:
             self.gone = True
+
+    def reply(self, reply: join_protocol.Reply) -> None:
+        """Answer a request; a large reply to one who takes none is replaced by a word that says so."""
+        outcome = self._transmit(join_protocol.encode_message(reply))
+        if outcome is Sent.FULL:
+            text = "too many large replies wait to be taken; take them and ask again"
+            refused = join_protocol.Reply(ticket=reply.ticket, body=msgspec.msgpack.encode({"error": text}))
+            outcome = self._transmit(join_protocol.encode_message(refused))
+        self.gone = self.gone or outcome is not Sent.QUEUED
 
     def forward(self, parts: list[bytes]) -> None:
         """Send a frame unless too much is under way; its reader sees the gap and asks for what is missing."""

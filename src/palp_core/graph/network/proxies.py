@@ -19,10 +19,10 @@ from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, Turns
 from palp_core.graph.transport.private_endpoint import bind_private
+from palp_core.graph.transport.request_server import MAX_REQUEST_BYTES
 
 HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10
-LARGEST_REQUEST_BYTES = 1 << 20
 LARGE_BYTES = 64 << 10
 NAME = b"other hosts"
 _TICKET = struct.Struct("<Q")
@@ -51,7 +51,7 @@ class NodeProxy:
         self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
         bind_private(self._publish, endpoints[0])
         self._serve = event_loop.socket(zmq.ROUTER)
-        self._serve.setsockopt(zmq.MAXMSGSIZE, LARGEST_REQUEST_BYTES)
+        self._serve.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         bind_private(self._serve, endpoints[1])
         event_loop.receive(self._publish, self._on_subscription)
         event_loop.receive(self._serve, self._on_request)
@@ -112,6 +112,8 @@ class Tap:
     def unsubscribe(self, topic: bytes) -> None:
         """Hear it no longer."""
         self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
+        self._turns.pop(topic.decode(), None)
+        self._migration.remove(topic.decode())
 
     def connect(self, endpoint: str) -> None:
         """Listen at an endpoint."""

@@ -1,15 +1,15 @@
 """The other hosts of a graph: who is connected, who has joined, what each may say."""
 
-import contextlib
+import functools
 import logging
 from collections.abc import Callable
 
 import msgspec
 
-from palp_core.errors import SchemaMismatch
+from palp_core.errors import SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
-from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.message import decode, decode_any, encode
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.admission import objections
 from palp_core.graph.network.curve_listener import CurveListener, Received
@@ -18,7 +18,10 @@ from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeL
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelMessage
+from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.request_server import Request
 
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
@@ -106,7 +109,7 @@ class RemoteNodes:
         return present | {peer.request.name for peer in self.joined if peer.request is not None}
 
     def _is_here(self, node: str) -> bool:
-        return node == "graph" or node in self._names() or self._router.has_proxy(node)
+        return node == LAUNCHER or node in self._names() or self._router.has_proxy(node)
 
     def _type_hash_of(self, topic: str) -> int | None:
         known = self._view.topics.get(topic) if self._view is not None else None
@@ -135,9 +138,10 @@ class RemoteNodes:
             if len(self._peers) >= MOST_PEERS:
                 self._refuse(message.address, message.key, f"{MOST_PEERS} hosts are connected already")
                 return
-            peer = Peer(
-                lambda parts: self._listener.send(message.connection, parts), message.key, message.address
+            send = functools.partial(
+                self._listener.send, message.connection, BytesUnderWay(join_protocol.WINDOW_BYTES)
             )
+            peer = Peer(send, message.key, message.address)
             self._peers[message.connection] = peer
         peer.note_alive()
         try:
@@ -145,8 +149,8 @@ class RemoteNodes:
                 self._router.on_frame(peer, message.parts)
             else:
                 self._on_message(peer, message.parts)
-        except SchemaMismatch as error:
-            peer.reject(str(error))
+        except Exception as error:  # noqa: BLE001 - whatever another host sends must harm nothing
+            peer.reject(in_words(error))
 
     def _on_message(self, peer: Peer, parts: list[bytes]) -> None:
         match join_protocol.decode_message(parts):
@@ -249,9 +253,10 @@ class RemoteNodes:
 
 def _objection(request: join_protocol.Request) -> str | None:
     """What concerns the launcher is asked on its own host, but for looking."""
-    if request.node != "graph":
+    try:
+        asked = decode_any(Request, request.body)
+    except SchemaMismatch as error:
+        return str(error)
+    if request.node != LAUNCHER or asked.op in _LOOKING:
         return None
-    with contextlib.suppress(msgspec.MsgspecError, TypeError, AttributeError):
-        if msgspec.msgpack.decode(request.body).get("op") in _LOOKING:
-            return None
     return "a graph is commanded on its own host; another may only look"

@@ -10,12 +10,13 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import SchemaMismatch
-from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.frame import MAX_TOPIC_BYTES, Kind, pack, parse
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.join_protocol import Reply, Request, Subscribe, Unsubscribe
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.proxies import LocalRequester, NodeProxy, Tap
 from palp_core.graph.node.loading import endpoints
+from palp_core.graph.transport.request_server import MAX_REQUEST_BYTES
 
 MOST_PENDING = 4096
 MOST_TOPICS = 1024
@@ -174,7 +175,8 @@ class Router:
     def subscribe(self, peer: Peer, topic: str) -> None:
         """Let another host listen to a local topic."""
         name, node = topic.encode(), _node_of(topic)
-        if not self._is_local(node) or len(peer.topics) >= MOST_TOPICS:
+        is_topic = len(name) <= MAX_TOPIC_BYTES and b"\0" not in name
+        if not is_topic or not self._is_local(node) or len(peer.topics) >= MOST_TOPICS:
             peer.reject(f"a subscription to {topic[:80]}, which is not here")
             return
         listeners = self._listeners.setdefault(name, set())
@@ -211,6 +213,8 @@ class Router:
         refusal = self._objection(request)
         if refusal is None and not self._is_local(request.node):
             refusal = f"no node '{request.node[:40]}' here"
+        if refusal is None and len(request.body) > MAX_REQUEST_BYTES:
+            refusal = f"a request of {len(request.body)} bytes; {MAX_REQUEST_BYTES} are allowed"
         ticket = next(self._tickets)
         if refusal is None:
             self._asked[ticket] = (peer, request.ticket)
@@ -220,7 +224,7 @@ class Router:
                 return
             del self._asked[ticket]
             refusal = f"{request.node} has too many requests to answer"
-        peer.send(Reply(ticket=request.ticket, body=msgspec.msgpack.encode({"error": refusal})))
+        peer.reply(Reply(ticket=request.ticket, body=msgspec.msgpack.encode({"error": refusal})))
 
     def _on_local_reply(self, ticket: int, body: bytes) -> None:
         if not ticket:
@@ -228,7 +232,7 @@ class Router:
             return
         peer, theirs = self._asked.pop(ticket, (None, 0))
         if peer is not None:
-            peer.send(Reply(ticket=theirs, body=body))
+            peer.reply(Reply(ticket=theirs, body=body))
 
     def _on_fed(self, body: bytes) -> None:
         reply: Any = None

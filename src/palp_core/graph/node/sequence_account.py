@@ -2,6 +2,8 @@
 
 import msgspec
 
+from palp_core.graph.messages.frame import LAST_SEQUENCE
+
 
 class SequenceAccount(msgspec.Struct):
     """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).
@@ -28,15 +30,18 @@ class SequenceAccount(msgspec.Struct):
             if sequence <= self.sequence:
                 self.repeated += 1
                 return False
-            self.lost += sequence - self.sequence - 1
+            self._lose(sequence - self.sequence - 1)
         elif epoch < self.epoch:
             self.repeated += 1
             return False
         elif self.epoch >= 0:
-            self.lost += sequence - 1  # what a restarted publisher sent before this reader was back
+            self._lose(sequence - 1)  # what a restarted publisher sent before this reader was back
         self.epoch, self.sequence = epoch, sequence
         self.received += 1
         return True
+
+    def _lose(self, count: int) -> None:
+        self.lost = min(self.lost + count, LAST_SEQUENCE)  # whatever another host claims can be said
 
     def drop(self, epoch: int, sequence: int) -> None:
         """Account for a message that has arrived and is not handed over."""
@@ -48,8 +53,8 @@ class SequenceAccount(msgspec.Struct):
         """Take a publisher's word for its last sequence: it starts the account and reveals a lost tail."""
         if epoch > self.epoch:
             if self.epoch >= 0:
-                self.lost += sequence
+                self._lose(sequence)
             self.epoch, self.sequence = epoch, sequence
         elif epoch == self.epoch and sequence > self.sequence:
-            self.lost += sequence - self.sequence
+            self._lose(sequence - self.sequence)
             self.sequence = sequence

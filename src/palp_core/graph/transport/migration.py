@@ -231,6 +231,11 @@ class Migration:
         """Follow one more topic."""
         self._routes[name] = Route(publish, serve)
 
+    def remove(self, name: str) -> None:
+        """Follow a topic no longer."""
+        for known in (self._at, self.servers, self._next, self._spoke):
+            known.pop(name, None)
+
     def relocate(self, name: str, publish: str) -> None:
         """Take the run directory's word for where a topic is published now, if no frame has told of it."""
         if publish not in self._routes[name].places:
