@@ -233,8 +233,7 @@ class Migration:
 
     def remove(self, name: str) -> None:
         """Follow a topic no longer."""
-        for known in (self._at, self.servers, self._next, self._spoke):
-            known.pop(name, None)
+        self._routes.pop(name, None)
 
     def relocate(self, name: str, publish: str) -> None:
         """Take the run directory's word for where a topic is published now, if no frame has told of it."""
