@@ -22,7 +22,7 @@ from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process.node_services import HistoryRequest
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.request_server import Operation, Request
+from palp_core.graph.transport.request_server import NodeOperation, NodeRequest
 
 PATIENCE_NS = 60_000_000_000
 
@@ -52,9 +52,9 @@ class FakeNode:
         self.sockets.requests.add(
             "source",
             {
-                "info": Operation(Request, lambda _: {"outputs": {}}),
-                "get_parameters": Operation(Request, lambda _: {"parameters": {}}),
-                "history": Operation(HistoryRequest, self._history),
+                "info": NodeOperation(NodeRequest, lambda _: {"outputs": {}}),
+                "get_parameters": NodeOperation(NodeRequest, lambda _: {"parameters": {}}),
+                "history": NodeOperation(HistoryRequest, self._history),
             },
         )
 

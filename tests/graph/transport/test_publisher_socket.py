@@ -18,7 +18,7 @@ from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.request_server import Operation, Request
+from palp_core.graph.transport.request_server import NodeOperation, NodeRequest
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from palp_core.units import RatioArray
@@ -250,10 +250,10 @@ def _answers(publisher: Publisher, question: Callable[[], Any]) -> Any:
 
 
 def test_a_request_is_answered_by_its_operation(publisher: Publisher) -> None:
-    class Double(Request, frozen=True, kw_only=True):
+    class Double(NodeRequest, frozen=True, kw_only=True):
         value: int
 
-    double = Operation(Double, lambda request: {"value": 2 * request.value})
+    double = NodeOperation(Double, lambda request: {"value": 2 * request.value})
     publisher.sockets.requests.add("n", {"double": double})
     answer = _answers(publisher, lambda: ask(publisher.serve, {"op": "double", "value": 21}, PATIENCE_S))
     assert answer == {"value": 42}
@@ -277,11 +277,11 @@ def test_a_request_is_answered_by_its_operation(publisher: Publisher) -> None:
 def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
     publisher: Publisher, request_bytes: bytes
 ) -> None:
-    def fails(request: Request) -> dict[str, Any]:
+    def fails(request: NodeRequest) -> dict[str, Any]:
         raise RuntimeError("\udcff")
 
     answers = {"fails": fails, "huge": lambda _: {"lost": 2**70}, "strange": lambda _: {"it": object()}}
-    operations = {name: Operation(Request, answer) for name, answer in answers.items()}
+    operations = {name: NodeOperation(NodeRequest, answer) for name, answer in answers.items()}
     publisher.sockets.requests.add("n", operations)
     with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
         stranger.connect(publisher.serve)
@@ -291,7 +291,7 @@ def test_whatever_a_stranger_asks_gets_an_error_for_an_answer(
 
 
 def test_a_plain_request_socket_gets_its_answer_too(publisher: Publisher) -> None:
-    publisher.sockets.requests.add("n", {"ping": Operation(Request, lambda _: {"pong": True})})
+    publisher.sockets.requests.add("n", {"ping": NodeOperation(NodeRequest, lambda _: {"pong": True})})
     with zmq.Context() as context, context.socket(zmq.REQ) as stranger:
         stranger.connect(publisher.serve)
         stranger.send(msgpack.packb({"op": "ping"}))

@@ -31,7 +31,7 @@ from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
-from palp_core.graph.transport.request_server import Request
+from palp_core.graph.transport.request_server import NodeRequest
 
 MEMORY_BYTES = 1 << 30
 _LOG = logging.getLogger("palp.gateway")
@@ -119,7 +119,7 @@ class Gateway:
 
     def _on_tool(self, way_back: list[bytes], body: bytes) -> None:
         try:
-            reply = self._answer(decode_any(Request, body).op)
+            reply = self._answer(decode_any(NodeRequest, body).op)
         except SchemaMismatch as error:
             reply = {"error": str(error)}
         self._tools.answer(way_back, msgspec.msgpack.encode(reply))

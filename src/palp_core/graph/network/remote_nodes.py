@@ -21,7 +21,7 @@ from palp_core.graph.network.router import Router
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.transport.bytes_under_way import BytesUnderWay
-from palp_core.graph.transport.request_server import Request
+from palp_core.graph.transport.request_server import NodeRequest
 
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
@@ -254,7 +254,7 @@ class RemoteNodes:
 def _objection(request: join_protocol.Request) -> str | None:
     """What concerns the launcher is asked on its own host, but for looking."""
     try:
-        asked = decode_any(Request, request.body)
+        asked = decode_any(NodeRequest, request.body)
     except SchemaMismatch as error:
         return str(error)
     if request.node != LAUNCHER or asked.op in _LOOKING:

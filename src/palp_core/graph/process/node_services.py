@@ -20,7 +20,7 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import describe_params
 from palp_core.graph.node.timers import TimerEnd
-from palp_core.graph.transport.request_server import Operation, Operations, Request
+from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
 
 CHANGING = ("set_parameters", "call", "transition", "publish")
 """Operations that change the node or publish something."""
@@ -28,13 +28,13 @@ CHANGING = ("set_parameters", "call", "transition", "publish")
 MOST_HISTORY_BYTES = 8 << 20
 
 
-class InfoRequest(Request, frozen=True, kw_only=True):
+class InfoRequest(NodeRequest, frozen=True, kw_only=True):
     """Say how the node does, and the latencies of the last ``window`` messages if it is not 0."""
 
     window: Annotated[int, msgspec.Meta(ge=0)] = 0
 
 
-class HistoryRequest(Request, frozen=True, kw_only=True):
+class HistoryRequest(NodeRequest, frozen=True, kw_only=True):
     """Say again what was published on a topic, from a first to a last sequence."""
 
     topic: str
@@ -42,26 +42,26 @@ class HistoryRequest(Request, frozen=True, kw_only=True):
     last: int
 
 
-class SetParametersRequest(Request, frozen=True, kw_only=True):
+class SetParametersRequest(NodeRequest, frozen=True, kw_only=True):
     """Change parameters, by name."""
 
     parameters: dict[str, Any]
 
 
-class CallRequest(Request, frozen=True, kw_only=True):
+class CallRequest(NodeRequest, frozen=True, kw_only=True):
     """Ask a service; ``request`` is an encoded message."""
 
     service: str
     request: msgspec.Raw
 
 
-class TransitionRequest(Request, frozen=True, kw_only=True):
+class TransitionRequest(NodeRequest, frozen=True, kw_only=True):
     """Go over to another state."""
 
     transition: str
 
 
-class PublishRequest(Request, frozen=True, kw_only=True):
+class PublishRequest(NodeRequest, frozen=True, kw_only=True):
     """Hand an encoded message to an input that takes messages from outside."""
 
     port: str
@@ -83,18 +83,18 @@ class NodeServices:
         self._executor = executor
         self._edges = edges
 
-    def operations(self) -> Operations:
+    def operations(self) -> NodeOperations:
         """Return every operation by name."""
         return {
-            "info": Operation(InfoRequest, self.info),
-            "history": Operation(HistoryRequest, self.history),
-            "schemas": Operation(Request, self.schemas),
-            "get_parameters": Operation(Request, lambda _: {"parameters": self._parameters()}),
-            "describe_parameters": Operation(Request, self.describe_parameters),
-            "set_parameters": Operation(SetParametersRequest, self.set_parameters),
-            "call": Operation(CallRequest, self.call),
-            "transition": Operation(TransitionRequest, self.transition),
-            "publish": Operation(PublishRequest, self.publish),
+            "info": NodeOperation(InfoRequest, self.info),
+            "history": NodeOperation(HistoryRequest, self.history),
+            "schemas": NodeOperation(NodeRequest, self.schemas),
+            "get_parameters": NodeOperation(NodeRequest, lambda _: {"parameters": self._parameters()}),
+            "describe_parameters": NodeOperation(NodeRequest, self.describe_parameters),
+            "set_parameters": NodeOperation(SetParametersRequest, self.set_parameters),
+            "call": NodeOperation(CallRequest, self.call),
+            "transition": NodeOperation(TransitionRequest, self.transition),
+            "publish": NodeOperation(PublishRequest, self.publish),
         }
 
     def info(self, request: InfoRequest) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class NodeServices:
             frames.append(frame)
         return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
 
-    def schemas(self, _request: Request) -> dict[str, Any]:
+    def schemas(self, _request: NodeRequest) -> dict[str, Any]:
         """Return the message types of every port; of a service those of request and reply."""
         declared = self._executor.declaration
         ports: dict[str, Any] = {}
@@ -172,7 +172,7 @@ class NodeServices:
                 ports[name] = {"kind": kind, "types": types}
         return {"ports": msgspec.to_builtins(ports)}
 
-    def describe_parameters(self, _request: Request) -> dict[str, Any]:
+    def describe_parameters(self, _request: NodeRequest) -> dict[str, Any]:
         """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""
         values = self._parameters()
         described = describe_params(self._executor.declaration.params)

@@ -21,7 +21,7 @@ from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.process.node_services import HistoryRequest
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.request_server import Operation, R, Request
+from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, R
 
 EVENTS = topic(LAUNCHER, "events")
 HEALTH = topic(LAUNCHER, "health")
@@ -60,7 +60,9 @@ class LauncherNode:
         self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
         self._publishers = {publisher.topic: publisher for publisher in (self._events, self._health)}
         self._sockets.publisher.offer(self._publishers.values())
-        self._operations: dict[str, Operation[Any]] = {"history": Operation(HistoryRequest, self._history)}
+        self._operations: dict[str, NodeOperation[Any]] = {
+            "history": NodeOperation(HistoryRequest, self._history)
+        }
         self._deferred: set[str] = set()
         self.answer("graph", lambda _: self._record())
         self.answer("clock", lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()})
@@ -72,13 +74,13 @@ class LauncherNode:
         """Descriptors that become readable when :meth:`poll` has something to do."""
         return self._sockets.file_descriptors
 
-    def answer(self, operation: str, handle: Callable[[Request], dict[str, Any]]) -> None:
+    def answer(self, operation: str, handle: Callable[[NodeRequest], dict[str, Any]]) -> None:
         """Answer requests ``{"op": operation}`` at once, by a function that returns a map."""
-        self._operations[operation] = Operation(Request, handle)
+        self._operations[operation] = NodeOperation(NodeRequest, handle)
 
     def defer(self, operation: str, wants: type[R], handle: Callable[[R], dict[str, Any]]) -> None:
         """Answer requests ``{"op": operation, ...}``, read as such, when :meth:`run_deferred` is called."""
-        self._operations[operation] = Operation(wants, handle)
+        self._operations[operation] = NodeOperation(wants, handle)
         self._deferred.add(operation)
 
     def run_deferred(self) -> None:

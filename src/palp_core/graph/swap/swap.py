@@ -23,7 +23,7 @@ from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.swap.compatibility import objections, replaced
-from palp_core.graph.transport.request_server import Request
+from palp_core.graph.transport.request_server import NodeRequest
 
 TIMEOUT_S = 10.0
 LONGEST_S = 86_400.0
@@ -51,7 +51,7 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     dry_run: bool = False
 
 
-class AskToSwap(Request, frozen=True, kw_only=True):
+class AskToSwap(NodeRequest, frozen=True, kw_only=True):
     """A tool asks for a swap."""
 
     request: SwapRequest

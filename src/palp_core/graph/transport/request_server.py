@@ -1,7 +1,7 @@
 """Answer requests from outside, maps in and maps out, so that nothing a stranger sends does harm.
 
 A request is read as a type of message before anything looks at it: what every request says first
-(:class:`Request`), then what its operation wants. What is kept for those who ask is bounded in bytes.
+(:class:`NodeRequest`), then what its operation wants. What is kept for those who ask is bounded in bytes.
 """
 
 from collections import OrderedDict, deque
@@ -37,7 +37,7 @@ REPLY_BYTES = 64 << 20
 """Of large replies that those who asked have not taken yet."""
 
 
-class Request(msgspec.Struct, frozen=True, kw_only=True):
+class NodeRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What every request says; a subclass says what an operation wants besides.
 
     Attributes:
@@ -51,10 +51,10 @@ class Request(msgspec.Struct, frozen=True, kw_only=True):
     id: Annotated[str, msgspec.Meta(max_length=LONGEST_ID)] | None = None
 
 
-R = TypeVar("R", bound=Request)
+R = TypeVar("R", bound=NodeRequest)
 
 
-class Operation(Generic[R]):
+class NodeOperation(Generic[R]):
     """What can be asked for.
 
     Args:
@@ -75,7 +75,7 @@ class Operation(Generic[R]):
         return lambda: self._answer(request)
 
 
-Operations = Mapping[str, Operation[Any]]
+NodeOperations = Mapping[str, NodeOperation[Any]]
 
 
 class _Waiting(NamedTuple):
@@ -105,7 +105,7 @@ class RequestServer:
         bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
-        self._operations: dict[str, Operations] = {}
+        self._operations: dict[str, NodeOperations] = {}
         self._deferred: dict[str, Collection[str]] = {}
         self._waiting: list[_Waiting] = []
         self._by_token: dict[str, _Waiting] = {}
@@ -114,7 +114,7 @@ class RequestServer:
         self._remembered_bytes = 0
         self._under_way = BytesUnderWay(REPLY_BYTES)
 
-    def add(self, node: str, operations: Operations, deferred: Collection[str] = ()) -> None:
+    def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
         """Add a node's operations.
 
         Args:
@@ -197,7 +197,7 @@ class RequestServer:
         self._waiting_bytes -= sum(entry.size for entry in mine)
         return mine
 
-    def _node(self, request: Request) -> str:
+    def _node(self, request: NodeRequest) -> str:
         if request.node is None and len(self._operations) == 1:
             return next(iter(self._operations))
         if request.node is None or request.node not in self._operations:
@@ -266,9 +266,9 @@ class RequestServer:
             self._send_all(entry, _pack({"error": text, "again": True}))
 
 
-def _read(payload: bytes) -> Request:
+def _read(payload: bytes) -> NodeRequest:
     try:
-        return decode_any(Request, payload)
+        return decode_any(NodeRequest, payload)
     except SchemaMismatch as error:
         raise GraphError(
             f"a request is a msgpack map with a key 'op' that names an operation: {error}"
