@@ -202,7 +202,7 @@ def main() -> None:
         "--count", type=int, default=0, help="trips (1000), repeats of a death (3), palpations (10)"
     )
     parser.add_argument("--burners", type=int, default=0, help="processes that keep a core busy meanwhile")
-    parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose")
+    parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose; A+B: of both at once")
     parser.add_argument("--single-line", action="store_true", help="of deaths: the stage on one RS-232")
     parser.add_argument("--no-collector", action="store_true", help="of trips: without Python's collector")
     given = parser.parse_args()

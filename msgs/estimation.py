@@ -48,7 +48,8 @@ class Belief(Message):
 
     ``gain`` is eq. (8) in nats; ``gamma`` is the correlation distance and counts only where
     ``gamma_defined``.
-    ``verdict`` is ``continue``, ``decided`` or ``undecided``; ``estimate_m`` is the most probable depth;
+    ``verdict`` is ``continue``, ``decided``, ``undecided`` or, where the ring stood at a position that was
+    not trained, ``dropped``: the reading says nothing. ``estimate_m`` is the most probable depth;
     ``reading_n_m`` is the feature that led to it.
     """
 

@@ -30,6 +30,7 @@ from palp_core.palpation.perception.belief.trial_filter import (
 )
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
+from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
@@ -303,7 +304,8 @@ class Estimator(Node):
         memory = belief.primitives
         where = np.flatnonzero(np.isclose(memory.rings_m, state.ring_m, atol=1e-9))
         if not len(where):
-            raise ValueError(f"ring position {state.ring_m * 1e3:g} mm was not trained")
+            self._drop(peak_n_m, memory)
+            return
         setting = int(where[0])
         landed = state.landed or not state.probes or setting != state.probes[-1][1]
         state.landed = False
@@ -332,6 +334,33 @@ class Estimator(Node):
                 estimate_m=float(memory.depths_m[verdict.class_index]),
                 confidence=float(posterior[verdict.class_index]),
                 outlier=memory.is_outlier(peak_n_m, setting),
+                reading_n_m=peak_n_m,
+            )
+        )
+
+    def _drop(self, peak_n_m: float, memory: Primitives) -> None:
+        """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""
+        state = self.state
+        self.log.warning(
+            "trial %d is dropped: %s", state.trial, untrained([state.ring_m], memory.rings_m.tolist())
+        )
+        flat = np.exp(bayes.flat_prior(len(memory.depths_m)))
+        posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
+        best = int(np.argmax(posterior))
+        self.belief.publish(
+            Belief(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                iteration=state.ring_iteration,
+                depths_m=memory.depths_m,
+                posterior=posterior,
+                gain=gain_vector(posterior, flat),
+                gamma=0.0,
+                gamma_defined=False,
+                verdict="dropped",
+                estimate_m=float(memory.depths_m[best]),
+                confidence=float(posterior[best]),
+                outlier=False,
                 reading_n_m=peak_n_m,
             )
         )

@@ -82,7 +82,9 @@ class Experiment(Node):
         self.state.finished = True
         self.finish(0)
 
-    def _do(self, step: plan.Step) -> Literal["done", "continue", "decided", "undecided", "failed"] | None:
+    def _do(
+        self, step: plan.Step
+    ) -> Literal["done", "continue", "decided", "undecided", "dropped", "failed"] | None:
         match step:
             case plan.MountPhantom():
                 return self._mount_phantom(step)
@@ -125,7 +127,9 @@ class Experiment(Node):
         state.commanded = not state.waited
         return "done" if state.waited else None
 
-    def _palpate(self, step: plan.Palpate) -> Literal["done", "continue", "decided", "undecided"] | None:
+    def _palpate(
+        self, step: plan.Palpate
+    ) -> Literal["done", "continue", "decided", "undecided", "dropped"] | None:
         state, now_ns = self.state, self.now_ns()
         state.iteration = step.iteration
         if not state.trial_announced:
@@ -235,7 +239,10 @@ class Experiment(Node):
     def _close_trial(self, belief: Belief) -> None:
         state = self.state
         state.trials_done += 1
-        state.right_count += is_right(self.design, belief.estimate_m, state.depth_m)
+        state.dropped_count += belief.verdict == "dropped"
+        state.right_count += belief.verdict != "dropped" and is_right(
+            self.design, belief.estimate_m, state.depth_m
+        )
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:

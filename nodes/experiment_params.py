@@ -7,6 +7,7 @@ import msgspec
 from msgs.estimation import Belief, Palpation
 from palp_core import Params, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
+from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
 TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
@@ -16,11 +17,12 @@ TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 class ExperimentParams(Params):
     """Set in the launch file.
 
-    ``training`` palpations per phantom and ring position, ``trials`` of estimation per phantom. Order,
-    re-homing and remounting were not published: ``training_order`` mixes the ring positions of a mounting
-    (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's actuator is
-    driven to its stop and back. ``swaps`` names policies that take over: ``30=nodes.policy_markov:Markov``.
-    ``out``, the record's folder, must hold no session, unless that is to be replaced (``overwrite``).
+    ``training`` palpations per phantom and ring position of ``rings_mm``, ``trials`` of estimation per
+    phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring positions
+    of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's
+    actuator is driven to its stop and back. ``swaps`` names policies that take over:
+    ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless that is to
+    be replaced (``overwrite``).
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     """
 
@@ -34,6 +36,7 @@ class ExperimentParams(Params):
     seed: Count = 0
     trials: TrialCount = 100
     training: TrialCount = 25
+    rings_mm: str = PUBLISHED
     training_order: Literal["randomised", "blocked"] = "randomised"
     rehome: Literal["palpation", "trial", "condition"] = "trial"
     training_mounts: CountPositive = 1
@@ -78,6 +81,7 @@ class ExperimentState(State):
     palpations_done: int = 0
     right_count: int = 0
     trials_done: int = 0
+    dropped_count: int = 0
     sweep_s: float = 0.0
     finished: bool = False
     policy: str = ""

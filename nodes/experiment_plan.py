@@ -9,7 +9,7 @@ from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
-from palp_core.palpation.perception.strategy.figure5 import RINGS_M
+from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability
@@ -51,7 +51,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
     return plan.ExperimentDesign(
         phantoms=tuple(plan.PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
-        rings_m=RINGS_M,
+        rings_m=rings_of(params.rings_mm),
         repeats=params.training,
         trials_per_phantom=params.trials,
         order=params.training_order,
@@ -66,6 +66,7 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
     if found := file_mistakes(params):
         return found
     checks: tuple[tuple[str, Callable[[], object]], ...] = (
+        ("rings_mm", lambda: rings_of(params.rings_mm)),
         ("", lambda: design_of(params)),
         ("swaps", lambda: planned(params.swaps)),
     )
@@ -73,7 +74,8 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
         try:
             check()
         except (MethodError, PerceptionError, ValueError) as error:
-            found[name] = str(error)
+            if str(error) not in found.values():
+                found[name] = str(error)
     if params.from_m == params.to_m:
         found["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
     return found

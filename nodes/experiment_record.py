@@ -96,6 +96,7 @@ def progress_of(
             score_defined=False,
             busy_s=state.sweep_s,
         )
+    judged_count = state.trials_done - state.dropped_count
     training, phantom_count = phase == "training", len(design.phantoms)
     palpation_count = design.repeats * phantom_count * len(design.rings_m)
     return Progress(
@@ -104,7 +105,7 @@ def progress_of(
         done_count=state.palpations_done if training else state.trials_done,
         total_count=palpation_count if training else design.trials_per_phantom * phantom_count,
         text="palpations" if training else "trials",
-        score=state.right_count / state.trials_done if state.trials_done else 0.0,
-        score_defined=state.trials_done > 0,
+        score=state.right_count / judged_count if judged_count else 0.0,
+        score_defined=judged_count > 0,
         busy_s=state.sweep_s,
     )

@@ -1,6 +1,6 @@
 """What every stiffness policy shares: its ports, its memory, and when it speaks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Self
 
 import msgspec
@@ -11,12 +11,29 @@ from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5, policies
+from palp_core.palpation.perception.strategy.trained_rings import (
+    LARGEST_MM,
+    PUBLISHED,
+    is_trained,
+    rings_of,
+    untrained,
+)
 from palp_core.units import Float64Array
 
-RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=49.0, extra_json_schema={"x-unit": "mm"})]
-"""A ring position: what an L12-50 with its zero 1 mm off the stop can reach."""
+RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_json_schema={"x-unit": "mm"})]
+"""A ring position."""
+
+ASKED_AGAIN = 3
+"""How often a policy that asks for an untrained ring position is asked anew before its trial is dropped."""
+
+
+class PolicyParams(Params):
+    """What every policy of palp is told: ``trained_mm``, the experiment's ring positions of training."""
+
+    trained_mm: str = PUBLISHED
 
 
 class PolicyNodeState(State):
@@ -61,8 +78,42 @@ class PolicyNode(Node):
     cocontraction = Sub(CoContraction, optional=True)
     command = Pub(RingCommand)
 
+    @classmethod
+    def examine(cls, params: Any) -> dict[str, str]:
+        """Return what is wrong with the parameters: with each, and with rings that are not trained."""
+        found = cls.mistakes(params)
+        if isinstance(params, PolicyParams) and not found:
+            try:
+                trained_m = rings_of(params.trained_mm)
+            except PerceptionError as error:
+                return {"trained_mm": str(error)}
+            wrong = {name: untrained(rings_m, trained_m) for name, rings_m in cls.asks(params).items()}
+            found = {name: text for name, text in wrong.items() if text}
+        return found
+
+    @staticmethod
+    def mistakes(params: Any) -> dict[str, str]:  # noqa: ARG004 - for subclasses
+        """Return what is wrong with parameters of this policy, by parameter."""
+        return {}
+
+    @staticmethod
+    def asks(params: Any) -> dict[str, Sequence[float]]:  # noqa: ARG004 - for subclasses
+        """Return the ring positions, m, that may be asked for, by the parameter that decides; "": none."""
+        return {}
+
     def on_configure(self) -> None:
         self.policy = self.choose()
+
+    def on_parameters(self, params: Params) -> None:
+        """Refuse ring positions that training did not cover, whatever was announced.
+
+        Raises:
+            ValueError: There is one.
+        """
+        trained_m = self.state.primitives.get("rings_m")
+        for name, rings_m in self.asks(params).items():
+            if trained_m and (text := untrained(rings_m, trained_m)):
+                raise ValueError(f"{name}: {text}".removeprefix(": "))
 
     def choose(self) -> policies.StiffnessPolicy:
         """Return the policy that the parameters describe."""
@@ -83,7 +134,7 @@ class PolicyNode(Node):
             self.policy = self.choose()  # parameters may have changed since the last trial
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
-            self._command(self.policy.start(self.rng.random))
+            self._ask(lambda: self.policy.start(self.rng.random))
 
     @on(belief)
     def follow(self, belief: Belief) -> None:
@@ -92,7 +143,7 @@ class PolicyNode(Node):
             return
         state.readings_n_m.append(belief.reading_n_m)
         self.policy = self.refreshed()
-        self._command(self.policy.step(self._present(), self.known(belief.posterior), self.rng.random))
+        self._ask(lambda: self.policy.step(self._present(), self.known(belief.posterior), self.rng.random))
 
     @on(primitives)
     def remember(self, learnt: PrimitivesLearnt) -> None:
@@ -111,11 +162,22 @@ class PolicyNode(Node):
             mean_level = figure5.LEVELS[_nearest(figure5.RINGS_M, ring_m)]
         return policies.RingChoice.at(_nearest(self.policy.rings_m, ring_m), mean_level=mean_level)
 
+    def _ask(self, choose: Callable[[], policies.RingChoice]) -> None:
+        """Command what the policy chooses; an untrained position only if it insists, which ends the trial."""
+        chosen, trained_m = choose(), self.state.primitives.get("rings_m")
+        for _ in range(ASKED_AGAIN if trained_m else 0):
+            text = untrained([self.policy.rings_m[int(chosen.level)]], trained_m or ())
+            if not text:
+                break
+            self.log.warning("%s; the policy is asked again", text)
+            chosen = choose()
+        self._command(chosen)
+
     def _command(self, chosen: policies.RingChoice) -> None:
         state, anew = self.state, bool(chosen.renew)
         state.iteration += 1
         state.level, state.mean_level = int(chosen.level), float(chosen.mean_level)
-        state.ring_m = self.policy.rings_m[state.level]
+        state.ring_m = self._reachable(self.policy.rings_m[state.level])
         state.landed.append(anew or not state.tried_m or state.tried_m[-1] != state.ring_m)
         state.tried_m.append(state.ring_m)
         if anew:
@@ -133,6 +195,14 @@ class PolicyNode(Node):
                 stamp_ns=self.now_ns(), trial=state.trial, iteration=state.iteration, ring_m=state.ring_m
             )
         )
+
+    def _reachable(self, ring_m: float) -> float:
+        """Return the position itself, or one that is at the end of the ring's way and was not trained."""
+        trained_m = self.state.primitives.get("rings_m")
+        if trained_m and not is_trained(ring_m, trained_m):
+            largest_m = LARGEST_MM * 1e-3
+            return float(np.clip(np.nan_to_num(ring_m, nan=largest_m), 0.0, largest_m))
+        return ring_m
 
 
 def _nearest(rings_m: Sequence[float], ring_m: float) -> int:

@@ -1,11 +1,12 @@
 """Keep one ring position for the whole trial: the paper's Algorithm 1."""
 
-from nodes.policy import PolicyNode, RingMillimetres
-from palp_core import Params
+from collections.abc import Sequence
+
+from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
 from palp_core.palpation.perception.strategy import policies
 
 
-class FixedParams(Params):
+class FixedParams(PolicyParams):
     """Set in the launch file."""
 
     ring_mm: RingMillimetres = 16.0
@@ -15,6 +16,10 @@ class Fixed(PolicyNode):
     """Always the same stiffness."""
 
     params: FixedParams
+
+    @staticmethod
+    def asks(params: FixedParams) -> dict[str, Sequence[float]]:
+        return {"ring_mm": [round(params.ring_mm * 1e-3, 9)]}
 
     def choose(self) -> policies.StiffnessPolicy:
         return policies.FixedRing(round(self.params.ring_mm * 1e-3, 9))

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from nodes.policy import PolicyNode, RingMillimetres
-from palp_core import Params
+from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
@@ -16,7 +15,7 @@ from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import Float64Array, MillimetresNonNegative
 
 
-class InformationParams(Params):
+class InformationParams(PolicyParams):
     """Set in the launch file.
 
     ``knows`` is what the policy knows to stay, a filter's name: ``naive`` takes all readings for independent,
@@ -40,7 +39,7 @@ class InformationParams(Params):
 class Information(PolicyNode):
     """Greedy, one probe ahead, with what training left and what stays in the trial."""
 
-    examine = staticmethod(file_mistakes)
+    mistakes = staticmethod(file_mistakes)
     params: InformationParams
 
     def on_configure(self) -> None:

@@ -1,15 +1,15 @@
 """Vary the stiffness as humans do: the paper's Algorithm 2."""
 
+from collections.abc import Sequence
 from typing import Literal
 
-from nodes.policy import PolicyNode
-from palp_core import Params
+from nodes.policy import PolicyNode, PolicyParams
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy import chain_file, figure5, policies
 from palp_core.units import MillimetresPositive, Probability
 
 
-class MarkovParams(Params):
+class MarkovParams(PolicyParams):
     """Set in the launch file.
 
     ``matrices`` names the reconstruction of Figure 5; ``reading`` how eqs. (4) and (5) choose a level;
@@ -32,13 +32,17 @@ class Markov(PolicyNode):
     params: MarkovParams
 
     @staticmethod
-    def examine(params: MarkovParams) -> dict[str, str]:
+    def mistakes(params: MarkovParams) -> dict[str, str]:
         try:
             if params.chain:
                 _learnt(params)
         except PerceptionError as error:
             return {"chain": str(error)}
         return {}
+
+    @staticmethod
+    def asks(params: MarkovParams) -> dict[str, Sequence[float]]:
+        return {"chain": _learnt(params).rings_m} if params.chain else {"": figure5.RINGS_M}
 
     def choose(self) -> policies.StiffnessPolicy:
         params = self.params

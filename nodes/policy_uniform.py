@@ -1,11 +1,12 @@
 """Draw every ring position with equal probability, whatever was felt: the control for the human strategy."""
 
-from nodes.policy import PolicyNode, RingMillimetres
-from palp_core import Params
+from collections.abc import Sequence
+
+from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
 from palp_core.palpation.perception.strategy import figure5, policies
 
 
-class UniformParams(Params):
+class UniformParams(PolicyParams):
     """Set in the launch file; positions in mm."""
 
     rings_mm: tuple[RingMillimetres, ...] = tuple(round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M)
@@ -16,5 +17,13 @@ class Uniform(PolicyNode):
 
     params: UniformParams
 
+    @staticmethod
+    def asks(params: UniformParams) -> dict[str, Sequence[float]]:
+        return {"rings_mm": _rings_m(params)}
+
     def choose(self) -> policies.StiffnessPolicy:
-        return policies.UniformRings(tuple(round(ring_mm * 1e-3, 9) for ring_mm in self.params.rings_mm))
+        return policies.UniformRings(_rings_m(self.params))
+
+
+def _rings_m(params: UniformParams) -> tuple[float, ...]:
+    return tuple(round(ring_mm * 1e-3, 9) for ring_mm in params.rings_mm)

@@ -222,7 +222,7 @@ class RunningRig:
             before = os.environ.get("XDG_RUNTIME_DIR")
             os.environ["XDG_RUNTIME_DIR"] = str(self.run_folder)
             try:
-                self.running = RunningGraph.find()
+                self.running = RunningGraph.find(str(self.process.pid))
             finally:
                 if before is None:
                     del os.environ["XDG_RUNTIME_DIR"]

@@ -249,9 +249,24 @@ def test_equal_peaks_in_training_get_the_sensors_floor(repeats: int) -> None:
     assert probe(bench, MEAN_N_M[0.008][0.016]).estimate_m == 0.008
 
 
-def test_a_ring_position_that_was_not_trained_is_named() -> None:
-    with pytest.raises(NodeError, match="ring position 10 mm was not trained"):
-        probe(trained(), 0.01, ring_m=0.010)
+def test_a_ring_position_that_was_not_trained_is_named_and_ends_the_trial(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = trained()
+    before = probe(bench, MEAN_N_M[0.004][0.016])
+    dropped = probe(bench, 0.01, ring_m=0.010)
+    assert dropped.verdict == "dropped"
+    np.testing.assert_array_equal(dropped.posterior, before.posterior)  # the reading says nothing
+    assert "is dropped: ring position 10 mm is not trained; trained are" in caplog.text
+
+
+def test_after_a_dropped_trial_the_next_one_is_judged_as_ever() -> None:
+    bench = trained()
+    assert probe(bench, 0.01, ring_m=0.010).verdict == "dropped"
+    bench.feed(Estimator.trial, trial(501, "estimation"))
+    after, fresh = probe(bench, MEAN_N_M[0.004][0.016]), probe(trained(), MEAN_N_M[0.004][0.016])
+    np.testing.assert_array_equal(after.posterior, fresh.posterior)
+    assert after.verdict == fresh.verdict
 
 
 def test_a_missing_cell_of_training_is_named() -> None:

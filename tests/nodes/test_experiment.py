@@ -38,6 +38,7 @@ class Rig:
     Attributes:
         asked: Every request, in order.
         felt: What each sweep met.
+        dropped: Trials whose ring stands at an untrained position, to the estimator's eyes.
     """
 
     def __init__(self, bench: Bench[Experiment], *, policy_first: bool = False) -> None:
@@ -52,6 +53,7 @@ class Rig:
         self._true_m = self._told_m = 0.0
         self._code = ""
         self.felt: list[list[str]] = []
+        self.dropped: set[int] = set()
 
     @staticmethod
     def met(code: str, ring_m: float) -> list[str]:
@@ -165,9 +167,10 @@ class Rig:
         if self._true_m != self._told_m:
             self._told_m = self._true_m
             self._guard(self.met(self._code, self._true_m))
-        open_verdict = iteration < 1 + trial.trial % 3
+        open_verdict = iteration < 1 + trial.trial % 3 and trial.trial not in self.dropped
         if trial.phase == "estimation":
             verdict = "continue" if open_verdict else ("undecided" if trial.trial % 2 else "decided")
+            verdict = "dropped" if trial.trial in self.dropped else verdict
             self.bench.feed(Experiment.belief, self._belief(verdict))
             if open_verdict and self.policy_first:
                 self._command()
@@ -366,6 +369,22 @@ def test_progress_counts_palpations_then_trials_and_ends_once(tmp_path: Path) ->
     assert (told[-1].done_count, told[-1].total_count, told[-1].text) == (6, 6, "trials")
     assert told[-1].score == pytest.approx(2 / 6)  # the rig always says 4 mm
     assert told[-1].busy_s == pytest.approx(0.7 * len(read_rows(tmp_path)))
+
+
+def test_a_dropped_trial_is_over_and_judges_nothing(tmp_path: Path) -> None:
+    rig = Rig(Bench(Experiment, params_in(tmp_path)))
+    rig.dropped = {31, 34}
+    rig.run()
+    rows = [row for row in read_rows(tmp_path) if row.trial in rig.dropped]
+    assert [(row.trial, row.iteration, row.verdict) for row in rows] == [
+        (31, 1, "dropped"),
+        (34, 1, "dropped"),
+    ]
+    last = rig.bench.sent(Experiment.progress)[-1]
+    assert (last.phase, last.done_count, last.total_count) == ("done", 6, 6)
+    judged = [row for row in read_rows(tmp_path) if row.verdict in ("decided", "undecided")]
+    assert last.score == pytest.approx(sum(row.depth_m == 0.004 for row in judged) / 4)
+    assert [r.verdict for r in rig.bench.sent(Experiment.result)].count("dropped") == 2
 
 
 def test_the_order_is_a_function_of_the_seed(tmp_path: Path) -> None:

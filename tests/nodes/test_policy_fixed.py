@@ -1,20 +1,26 @@
-"""The fixed policy, and what it has in common with every other: when it speaks and who may follow it."""
+"""The fixed policy, and what all have in common: when one speaks, who may follow, what it may ask for."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
-from msgs.estimation import Belief
+from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
-from nodes.policy import PolicyNode
-from nodes.policy_fixed import Fixed
-from nodes.policy_markov import Markov
-from nodes.policy_uniform import Uniform
+from nodes.policy import ASKED_AGAIN, PolicyNode
+from nodes.policy_emg import Emg, EmgPolicyParams
+from nodes.policy_fixed import Fixed, FixedParams
+from nodes.policy_information import Information, InformationParams
+from nodes.policy_markov import Markov, MarkovParams
+from nodes.policy_uniform import Uniform, UniformParams
 from palp_core import Bench
+from palp_core.errors import GraphError
 from palp_core.palpation.perception.strategy import figure5
+from palp_core.palpation.perception.strategy.policies import RingChoice, StiffnessPolicy, everywhere
 
 ALL: list[type[PolicyNode]] = [Fixed, Markov, Uniform]
 
@@ -129,3 +135,101 @@ def test_a_replacement_of_the_same_policy_continues_byte_for_byte(policy, succes
 def test_a_policy_that_chooses_nothing_cannot_be_configured() -> None:
     with pytest.raises(Exception, match=r"define choose\(\)"):
         Bench(PolicyNode)
+
+
+LEARNT = PrimitivesLearnt(
+    stamp_ns=0,
+    depths_m=np.array([0.002, 0.004, 0.008]),
+    rings_m=np.array(figure5.RINGS_M),
+    mean_n_m=np.linspace(0.0, 1.0, 15),
+    sd_n_m=np.full(15, 2.4e-4),
+    count=np.full(15, 25.0),
+    floor_n_m=4.5e-6,
+)
+
+
+@dataclasses.dataclass
+class Script:
+    """Asks for positions in turn, and for the last one ever after."""
+
+    rings_m: tuple[float, ...]
+    asked: int = 0
+
+    def start(self, uniform: Any, trial_count: int | None = None) -> RingChoice:
+        self.asked += 1
+        return everywhere(min(self.asked, len(self.rings_m)) - 1, trial_count)
+
+    def step(self, at: RingChoice, belief: Any, uniform: Any) -> RingChoice:
+        return self.start(uniform)
+
+
+class Scripted(PolicyNode):
+    rings_m: tuple[float, ...] = ()
+
+    def choose(self) -> StiffnessPolicy:
+        return Script(self.rings_m)
+
+
+def scripted(*asked_m: float) -> Bench[Any]:
+    bench: Bench[Any] = Bench(type("Scripted", (Scripted,), {"rings_m": asked_m, "__module__": __name__}))
+    bench.feed(PolicyNode.primitives, LEARNT)
+    bench.feed(PolicyNode.trial, trial(0))
+    return bench
+
+
+def test_a_policy_that_asks_for_an_untrained_position_is_asked_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bench = scripted(0.013, 0.9, 0.008)
+    assert rings_m(bench) == [0.008]
+    assert "ring position 13 mm is not trained; trained are 0, 4, 8, 12, 16 mm; the policy is" in caplog.text
+    bench.feed(PolicyNode.belief, belief(0, 1))
+    assert rings_m(bench) == [0.008, 0.008]
+    assert len(caplog.records) == 2
+
+
+@pytest.mark.parametrize(
+    ("asked_m", "sent_m"), [(0.013, 0.013), (0.9, 0.049), (-1.0, 0.0), (math.nan, 0.049)]
+)
+def test_one_that_insists_gets_a_position_in_reach_that_ends_its_trial(
+    asked_m: float, sent_m: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert rings_m(scripted(asked_m)) == [sent_m]
+    assert len(caplog.records) == ASKED_AGAIN
+
+
+def test_a_parameter_that_is_not_trained_is_refused_and_nothing_changes() -> None:
+    bench: Bench[Any] = Bench(Fixed)
+    with pytest.raises(GraphError, match="ring_mm: ring position 13 mm is not trained; trained are 0, 4, 8"):
+        bench.set_parameters(ring_mm=13.0)
+    bench.feed(PolicyNode.trial, trial(0))
+    assert rings_m(bench) == [0.016]
+
+
+def test_what_was_trained_counts_and_not_what_was_announced() -> None:
+    bench: Bench[Any] = Bench(Fixed, {"trained_mm": "0, 4, 8, 12, 13, 16"})
+    bench.set_parameters(ring_mm=13.0)
+    bench.set_parameters(ring_mm=16.0)
+    bench.feed(PolicyNode.primitives, LEARNT)
+    with pytest.raises(GraphError, match="13 mm is not trained"):
+        bench.set_parameters(ring_mm=13.0)
+
+
+@pytest.mark.parametrize(
+    ("policy", "params", "guilty"),
+    [
+        (Fixed, FixedParams(ring_mm=20.0), ["ring_mm"]),
+        (Fixed, FixedParams(ring_mm=20.0, trained_mm="0 20"), []),
+        (Uniform, UniformParams(rings_mm=(4.0, 5.0)), ["rings_mm"]),
+        (Markov, MarkovParams(), []),
+        (Markov, MarkovParams(trained_mm="0, 16"), [""]),
+        (Emg, EmgPolicyParams(trained_mm="0, 16"), [""]),
+        (Emg, EmgPolicyParams(start_level=5), ["start_level"]),
+        (Information, InformationParams(trained_mm="0, 16"), []),
+        (Fixed, FixedParams(trained_mm="sixteen"), ["trained_mm"]),
+        (Fixed, FixedParams(trained_mm="99"), ["trained_mm"]),
+        (Fixed, FixedParams(trained_mm=""), ["trained_mm"]),
+    ],
+)
+def test_the_check_names_the_parameter(policy: type[PolicyNode], params: Any, guilty: list[str]) -> None:
+    assert list(policy.examine(params)) == guilty

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,6 +113,32 @@ def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path
     assert found[0].shadow["compared"] == found[0].shadow["differing"] == 120  # numbers and replies
     assert (found[0].shadow["only_old"], found[0].shadow["only_new"]) == (0, 0)
     assert found[0].at_s == pytest.approx(0.15)
+
+
+def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_the_session(
+    palp: Palp, tmp_path: Path
+) -> None:
+    odd = tmp_path / "odd.py"
+    odd.write_text(
+        "from nodes.policy import PolicyNode\n"
+        "from palp_core.palpation.perception.strategy.policies import FixedRing\n"
+        "class Odd(PolicyNode):\n"
+        "    def choose(self):\n"
+        "        return FixedRing(float('nan'))\n"
+    )
+    swaps = f"2={odd}:Odd,3=nodes.policy_fixed:Fixed"
+    small = ("trials:=2", "training:=3", "seed:=4", "policy:=fixed", f"out:={tmp_path / 'out'}")
+    done = palp.run("launch", SIM, "--compose", f"swaps:={swaps}", *small)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    reason = "ring position 49 mm was not trained"
+    assert [one["reason"] for one in result["trials_dropped"]] == [reason, reason]
+    assert (result["trials_done"], result["trials_unfinished"]) == (4, 0)
+    assert reason in (tmp_path / "out" / "report.html").read_text()
+    again = palp.run("analyse", tmp_path / "out", "--out", tmp_path / "again")
+    assert again.returncode == 0, again.stderr
+    (row,) = json.loads((tmp_path / "again" / "analysis.json").read_text())["results"]
+    assert (row["trials"], row["left_out"]) == (4, 2)
 
 
 @pytest.mark.parametrize("how", [["--compose"], pytest.param([], marks=pytest.mark.slow)])

@@ -89,6 +89,10 @@ def main() -> None:
     except PalpError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
+    except OSError as error:  # a disk that is full, a folder that is gone: no fault of the program
+        where = f"{error.filename}: " if error.filename else ""
+        sys.stderr.write(f"{where}{error.strerror or error}\n")
+        sys.exit(2)
 
 
 def _open_standard_streams() -> None:

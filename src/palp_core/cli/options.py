@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,6 +18,10 @@ GraphOption = Annotated[
         help="Which running graph: its name, id or pid; default: the one of this folder.",
         autocompletion=completion.graphs,
     ),
+]
+Level = Literal["debug", "info", "warning", "error"]
+LevelOption = Annotated[
+    Level | None, typer.Option("--level", help="At least so, with the lines that belong to it.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
 HiddenOption = Annotated[

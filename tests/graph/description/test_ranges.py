@@ -75,6 +75,18 @@ def test_an_argument_out_of_its_range_is_a_mistake_at_each_parameter_that_takes_
         (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
         (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
         (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
+        (
+            ["ring_mm:=20"],
+            "ring_mm: $(var",
+            "ring position 20 mm is not trained; trained are 0, 4, 8, 12, 16",
+        ),
+        (["policy:=fixed", "ring_mm:=13.0"], "ring_mm: $(var", "ring position 13 mm is not trained"),
+        (
+            ["rings_mm:=0,16"],
+            "nodes.policy_markov:Markov",
+            "(Markov): ring position 4, 8, 12 mm is not trained",
+        ),
+        (["rings_mm:=0,x"], "rings_mm: $(var", "'x' is no ring position in mm; write 0, 4, 8, 12, 16"),
         (["filter:=latent", "likelihood:=robust"], "likelihood: $(var", "'latent' needs 'normal'"),
         (["stop:=fixed_number", "stop_value:=20.0"], "stop: $(var", "max_probes is 15"),
         (["noise:=nowhere.yaml"], "noise: $(var", "cannot read the noise file"),
@@ -90,13 +102,18 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
     assert any(where.startswith(place) and words in message for where, message in mistakes), mistakes
 
 
+@pytest.mark.parametrize("chosen", [["policy:=fixed"], ["policy:=information"]])
+def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chosen: list[str]) -> None:
+    assert load(LAUNCH / "sim.yaml", ["rings_mm:=0, 16", *chosen], inspect_classes).nodes
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         ("rate_hz: 1000.0", "rate_hz: -5", "parameter 'rate_hz' does not fit: Expected `float` >= 0.001"),
         ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
         ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
-        ("uniform: {}", "uniform: {rings_mm: [4.0, -8.0]}", "Expected `float` >= 0.0 - at `$[1]`"),
+        ("uniform: {", "uniform: {rings_mm: [4.0, -8.0], ", "Expected `float` >= 0.0 - at `$[1]`"),
         ("stop_url: $", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never trip"),
         ("stop_url: $", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
         ("stop_url: $", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),

@@ -274,6 +274,18 @@ def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:
             check_free(name)
 
 
+def test_a_launch_beside_others_says_which_run_it_is(bench: Bench, palp: Palp, tmp_path: Path) -> None:
+    bench.launch("a", "left")
+    words = ("launch", CHAIN, "clock:=sim", "count:=5", f"out:={tmp_path}/out", "--name")
+    done = palp.run(*words, "right")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith("graph 'right', id right-")
+    assert done.stdout.splitlines()[-1].startswith("right ended after ")
+    done = palp.run(*words, "left")
+    assert done.returncode == 2
+    assert done.stderr.startswith("a graph of that name is running: left (id rig-")
+
+
 def test_who_is_in_no_folder_has_no_graph(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

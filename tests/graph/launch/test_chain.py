@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -74,6 +75,15 @@ def test_tools_see_the_running_graph(palp: Palp) -> None:
 def test_a_crashed_node_restarts_by_its_rule_and_the_run_goes_on(palp: Palp) -> None:
     done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=100.0", "fail_at:=50")
     assert done.returncode == 0, done.stderr
+    logs = palp.run("logs", "--level", "warning", "--since", "1h")  # they are kept after a clean end
+    assert re.match(r"graph 'chain' of \S+chain\.yaml, id chain-\w+, is over; it began at \d", logs.stderr)
+    said = [re.sub(r"^\S+ ", "", line) for line in logs.stdout.splitlines()]
+    failed = "relay: [CRITICAL] [relay]: amplify (handler of 'sample') failed: ValueError: block 50"
+    for begin in (failed, "relay:     Traceback", "relay: [WARNING] [supervisor]: relay amplify"):
+        assert [line for line in said if line.startswith(begin)]
+    assert [line for line in said if "[INFO]" in line or line.startswith("sink")] == []
+    assert palp.run("logs", "--since", "0s").stderr.endswith("nothing like that was printed\n")
+    assert "\n    Traceback (most recent call last):\n" in palp.run("logs", "relay").stdout
 
 
 def test_a_crash_in_lockstep_ends_the_run_and_names_the_node(palp: Palp) -> None:

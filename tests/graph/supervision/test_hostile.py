@@ -238,13 +238,13 @@ def test_pruning_takes_old_runs_but_none_that_is_just_starting(
     old = RunDirectory("old graph/ü")
     os.utime(old.path, (0, 0))
     old.release()
-    later = [RunDirectory("later") for _ in range(12)]
+    later = [RunDirectory("later") for _ in range(22)]
     for folder in later:
         folder.release()
     RunDirectory("last").remove()
     assert starting.path.exists()
     assert not old.path.exists()
-    assert sum(folder.path.exists() for folder in later) == 10
+    assert sum(folder.path.exists() for folder in later) == 20
     starting.remove()
 
 

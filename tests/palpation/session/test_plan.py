@@ -104,7 +104,7 @@ def test_a_trial_goes_on_until_its_verdict() -> None:
     assert iterations == [1, 2, 3, 4] * 6
 
 
-@pytest.mark.parametrize("word", ["decided", "undecided"])
+@pytest.mark.parametrize("word", ["decided", "undecided", "dropped"])
 def test_both_verdicts_end_a_trial(word: str) -> None:
     plan = experiment(ExperimentDesign(repeats=0, trials_per_phantom=1), np.random.default_rng(0))
     step = next(plan)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import psutil
 
-from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
+from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, warning
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, runs
 from palp_core.user_folders import folder_mistake, runtime_folder
 
@@ -22,10 +22,9 @@ def examine_runs() -> Iterator[Diagnostic]:
         yield fine("processes", "no orphans: every process of a run has its launcher")
     if over:
         names = ", ".join(sorted(Path(folder).name for folder in over))
-        yield remark(
+        yield fine(
             str(runtime_folder()),
-            f"{len(over)} run directories of runs that are over, kept for their logs: {names}",
-            f"remove those that are read; the latest {KEEP_ENDED} stay, older ones go with the next launch",
+            f"{len(over)} run directories of runs that are over; the latest {KEEP_ENDED} are kept: {names}",
         )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.options import Level
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
 from palp_core.whole_file import write_whole
@@ -35,6 +36,9 @@ def launch(
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
     ] = None,
+    log_level: Annotated[
+        Level, typer.Option("--log-level", help="The least of what nodes log that is shown here.")
+    ] = "warning",
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
@@ -70,7 +74,12 @@ def launch(
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
-    sys.exit(_run(file, overrides, name=name, compose=compose, digest=digest, record=record, listen=listen))
+    sys.exit(
+        _run(
+            file, overrides, name=name, log_level=log_level, compose=compose, digest=digest, record=record,
+            listen=listen,
+        )
+    )  # fmt: skip
 
 
 def _run(
@@ -78,6 +87,7 @@ def _run(
     overrides: list[str],
     *,
     name: str | None,
+    log_level: Level,
     compose: bool,
     digest: Path | None,
     record: Path | None,
@@ -88,7 +98,7 @@ def _run(
 
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
-    from palp_core.cli.launch.view import LaunchView
+    from palp_core.cli.launch.view import LaunchView, show_log_line
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.supervision.interrupt import Interrupted
 
@@ -110,6 +120,8 @@ def _run(
         listen=listen,
         record=record,
         name=name,
+        log_level=log_level,
+        show_log=show_log_line,
     )
     graph.diagnostics.on_change = view.stand
     try:

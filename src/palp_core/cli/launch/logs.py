@@ -1,13 +1,20 @@
 """``palp logs``: what the nodes of a graph have printed."""
 
+from __future__ import annotations
+
+from collections import deque
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import GraphOption, OptionalNodeArgument, until_ctrl_c
+from palp_core.cli.options import GraphOption, LevelOption, OptionalNodeArgument, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.run_directory import RunRecord
 
 
 def logs(
@@ -15,29 +22,55 @@ def logs(
     *,
     lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="How many of the last lines.")] = 50,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on until the run ends.")] = False,
+    level: LevelOption = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since", metavar="TIME", help="Not before: 5m ago, 14:30 of today, or a date and time."
+        ),
+    ] = None,
     graph: GraphOption = None,
 ) -> None:
     """Show what nodes have printed: of all, with time and name, or of one, as it printed it.
 
-    Of the running graph, or of the latest that left its logs: one that failed or was interrupted.
+    Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
+    --since each line has time and name; what was printed without a level has none.
     """
+    from palp_core.cli.text.since import since as time_of
+    from palp_core.graph.discovery.log_lines import LineFilter, all_lines
     from palp_core.graph.discovery.log_reader import follow as following
     from palp_core.graph.discovery.run_directory import locked
+    from palp_core.graph.node.spec import MERGED_LOG
     from palp_core.graph.supervision.logs import tail
 
-    folder, log = _find(node, graph)
-    said = tail(log, lines)
+    folder, record, log = _find(node, graph)
+    merged, name = log.with_name(f"{MERGED_LOG}.log"), "" if node is None else node.removeprefix("/")
+    sought = LineFilter(name, level or "", time_of(since) if since is not None else None)
+    as_it_is = level is None and since is None and log.exists()
+    source = log if as_it_is else merged
+    note(_header(record, source, lives=locked(folder)))
+    said = tail(log, lines) if as_it_is else deque(filter(sought.passes, all_lines(merged)), maxlen=lines)
     for line in said:
         print_text(line)
     if not (said or follow or lines == 0):
-        note(f"nothing was printed yet ({log})")
+        note("nothing like that was printed" if level or since else "nothing was printed yet")
     if follow:
         with until_ctrl_c():
-            for line in following(log, lambda: locked(folder)):
-                print_text(line)
+            for line in following(source, lambda: locked(folder)):
+                if as_it_is or sought.passes(line):
+                    print_text(line)
 
 
-def _find(node: str | None, graph: str | None) -> tuple[Path, Path]:
+def _header(record: RunRecord, log: Path, *, lives: bool) -> str:
+    """Say which run it is."""
+    began = datetime.fromtimestamp(record.start_unix_ns / 1e9, UTC).astimezone()
+    state = "runs since" if lives else "is over; it began at"
+    return (
+        f"graph '{record.graph}' of {record.file}, id {record.id}, {state} {began:%Y-%m-%d %H:%M:%S} ({log})"
+    )
+
+
+def _find(node: str | None, graph: str | None) -> tuple[Path, RunRecord, Path]:
     from palp_core.graph.discovery.choice import meant
     from palp_core.graph.discovery.run_directory import runs
     from palp_core.graph.node.spec import MERGED_LOG
@@ -45,14 +78,13 @@ def _find(node: str | None, graph: str | None) -> tuple[Path, Path]:
 
     kept = runs()
     chosen = {record.id for record in meant([record for _, record, _ in kept], graph)}
-    found = [(folder, record) for folder, record, _ in kept if record.id in chosen]
+    found = [(not lives, folder, record) for folder, record, lives in kept if record.id in chosen]
     if not found:
         what = f"no graph named '{graph}'" if graph else "no graph of this folder"
         raise GraphError(f"{what} is running or has left logs; start one with: palp launch FILE")
-    folder, record = found[0]
+    _, folder, record = min(found, key=lambda run: run[0])  # one that runs, then the latest
     name = node.removeprefix("/") if node is not None else MERGED_LOG
     known = [entry.name for entry in record.nodes]
     if node is not None and name not in known:
         raise GraphError(f"no node '{node}' in graph '{record.graph}'{hint(name, known)}")
-    log = folder / "log" / f"{name}.log"
-    return folder, log if log.exists() else folder / "log" / "composition.log"
+    return folder, record, folder / "log" / f"{name}.log"

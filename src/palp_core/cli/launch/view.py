@@ -7,6 +7,9 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import typer
+
+from palp_core.cli.output import note
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.launch.diagnostics import time_of_day
 from palp_core.graph.messages.builtin import Progress
@@ -17,10 +20,19 @@ from palp_core.graph.messages.schema import schema_of
 if TYPE_CHECKING:
     from palp_core.cli.launch.bars import Bars
     from palp_core.graph.description.checked import CheckedGraph
+    from palp_core.graph.discovery.log_lines import LogLine
     from palp_core.graph.launch.diagnostics import Incident
 
 REDRAW_NS = 100_000_000
+COLOURS = {"warning": "yellow", "error": "red"}
 PLAIN_NS = 5_000_000_000
+
+
+def show_log_line(line: LogLine) -> None:
+    """Show a line of a node's log with the node's name; on a terminal, warnings in yellow, errors in red."""
+    text = line.text if line.begins else f"[{line.node}]: {line.text}"
+    colour = COLOURS.get(line.level)
+    note(typer.style(text, fg=colour) if colour and sys.stderr.isatty() else text)
 
 
 class LaunchView:

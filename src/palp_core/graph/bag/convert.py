@@ -7,6 +7,8 @@ from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 
+from palp_core.errors import BagError
+
 
 class BagForm(StrEnum):
     """What a bag can become."""
@@ -26,8 +28,14 @@ def convert(bag: str | Path, out: str | Path, form: BagForm) -> int:
         form: Which form.
 
     Raises:
-        BagError: No such bag, ``out`` exists, or a library that the form needs is not installed.
+        BagError: No such bag, ``out`` exists or cannot be written, or a library that the form needs is not
+            installed.
         BagDamaged: The bag is damaged.
     """
-    count: int = import_module(f"palp_core.graph.bag.forms.{form}").write(bag, out)
+    try:
+        count: int = import_module(f"palp_core.graph.bag.forms.{form}").write(bag, out)
+    except OSError as error:
+        raise BagError(
+            f"{out} cannot be written: {error.strerror or error}; it lacks a part of {bag}: remove it"
+        ) from error
     return count

@@ -235,6 +235,10 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
             self._writer.close()
         return self._summary
 
+    def abandon(self) -> None:
+        """Leave the bag as a crash would: it cannot be written any more."""
+        self._writer.abandon()
+
     def _open_route(self, now_ns: int, frame: bytes, end: int) -> None:
         """Take a frame that is not the next one of a known stream."""
         try:

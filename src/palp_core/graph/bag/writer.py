@@ -36,7 +36,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         custom: Facts for ``metadata.yaml``.
 
     Raises:
-        BagError: The folder exists.
+        BagError: The folder exists, or it cannot be made or written.
     """
 
     def __init__(
@@ -74,7 +74,10 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             raise BagError(f"{self.folder} exists already: choose another name") from error
         except OSError as error:
             raise BagError(f"{self.folder} cannot be made: {error.strerror}") from error
-        self._open()
+        try:
+            self._open()
+        except OSError as error:
+            raise BagError(f"{self.folder} cannot be written: {error.strerror}") from error
 
     def stream(self, stream: Stream) -> int:
         """Return the number of a stream, by which messages are written.
@@ -158,6 +161,11 @@ class BagWriter(AbstractContextManager["BagWriter"]):
                 count = self._totals.get(number, 0) + topics.get(stream.topic.name, (None, "", 0))[2]
                 topics[stream.topic.name] = (stream.topic, stream.encoding, count)
         write_metadata(self.folder, topics, self._parts, self._custom)
+
+    def abandon(self) -> None:
+        """Leave the bag as a crash would: it cannot be written any more, and what is written stays."""
+        self._closed = True
+        self._file.abandon()
 
     def _open(self) -> None:
         path = self.folder / f"{self.folder.name}_{len(self._parts)}.mcap"

@@ -80,6 +80,8 @@ def _check_class(reader: GraphNode, nodes: _Nodes, problems: Problems) -> None:
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
+        if reader.declared.examined and not reader.chose(name):
+            continue  # a branch that is not taken; with these arguments it could not be
         if name in reader.param_marks or reader.complete:
             problems.add(reader.param_marks.get(name, reader.run_mark), f"{reader}: {error}")
     readable = reader.ports("sub", "client")

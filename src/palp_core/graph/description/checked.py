@@ -162,6 +162,8 @@ def resolved_yaml(graph: CheckedGraph) -> str:
             node["joined"] = True
         if spec.realtime_priority:
             node["realtime_priority"] = spec.realtime_priority
+        if spec.output != "log":
+            node["output"] = spec.output
         tree["nodes"][spec.name] = node
     if graph.report:
         tree["report"] = graph.report

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Located:
-    """A value and where it is written."""
+    """A value, where it is written, and whether it is an argument's default."""
 
     value: Any
     mark: Mark
+    defaulted: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class GraphNode:
         mark: Where it is named.
         run_mark: Where it is written what runs.
         param_marks: Where each parameter is given.
+        defaulted: Parameters whose value is an argument's default.
         inputs: Wires by port.
         complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
@@ -75,6 +77,7 @@ class GraphNode:
     run_mark: Mark
     param_marks: dict[str, Mark]
     inputs: dict[str, InputEntry]
+    defaulted: frozenset[str] = frozenset()
     complete: bool = True
     answer: NodeClass | None = None
 
@@ -83,6 +86,10 @@ class GraphNode:
         """What its class declares; it must have been asked."""
         assert self.answer is not None
         return self.answer
+
+    def chose(self, parameter: str) -> bool:
+        """Tell whether the file or its caller wants a parameter to be what it is, in this assignment."""
+        return self.present or (parameter in self.param_marks and parameter not in self.defaulted)
 
     def __str__(self) -> str:
         return f"node '{self.spec.name}' ({self.declared.run.rpartition(':')[2]})"

@@ -72,6 +72,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
         error: Why there is nothing more to say; None when all is well.
         doc: First line of the class's docstring.
         param_errors: What is wrong with the parameters tried, by name; "" for all of them together.
+        examined: Each fits by itself, and the class has something against them all the same.
     """
 
     run: str
@@ -80,6 +81,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     ports: dict[str, NodePort] = {}
     params: dict[str, ParamDescription] = {}
     param_errors: dict[str, str] = {}
+    examined: bool = False
     moves: bool = False
     simulates: bool = False
     records: bool = False
@@ -123,7 +125,7 @@ def _inspect(request: NodeClassRequest, workspace: Path) -> NodeClass:
 def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
     declared = declaration_of(cls)
     errors = param_errors(declared, request.params)
-    if not errors:
+    if examined := not errors:
         errors = cls.examine(load_params(declared, request.params, declared.params.__name__))
     ports = [
         *declared.subs.values(),
@@ -137,6 +139,7 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         ports={port.name: _port(port) for port in ports},
         params=describe_params(declared.params),
         param_errors=errors,
+        examined=examined,
         moves=cls.moves,
         simulates=cls.simulates,
         records=cls.records,

@@ -122,7 +122,8 @@ def branch_name(value: object) -> str:
 
 
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
-_KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined")
+_KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined", "output")
+_OUTPUTS = ("screen", "log")
 _RESTART = ("never", "on_failure")
 HIGHEST_PRIORITY = 99
 MOST_RESTARTS = 1_000_000
@@ -178,9 +179,12 @@ class NodeReader:
         )
         if joined:
             self.joined[name] = entry.mark
+        output = (
+            self._word(fields["output"].value, f"output of {what}", _OUTPUTS) if "output" in fields else None
+        )
         spec = NodeSpec(
             name=name, run="", shutdown_on_exit=bool(shutdown), cpus=cpus, realtime_priority=priority,
-            joined=joined, **restart,
+            joined=joined, output=output or "log", **restart,
         )  # fmt: skip
         nodes = self._nodes(spec, entry.mark, fields)
         complete = len(self._problems) == before and not self._hidden
@@ -213,6 +217,7 @@ class NodeReader:
                 mark=mark,
                 run_mark=target.mark,
                 param_marks={key: item.mark for key, item in given.items()},
+                defaulted=frozenset(key for key, item in given.items() if item.defaulted),
                 inputs=Selection(inputs.choice, wires).under(assignment) or {},
             )
             nodes.append(node)
@@ -265,7 +270,9 @@ class NodeReader:
             value = self._evaluate(entry.value)
             if value is not UNKNOWN:
                 argument = sole_variable(entry.value) or ""
-                found[name] = Located(value, self._scope.marks.get(argument, entry.mark))
+                mark = self._scope.marks.get(argument, entry.mark)
+                declared = self._arguments.get(argument)
+                found[name] = Located(value, mark, declared is not None and value == declared.default)
         return found
 
     def _inputs(self, what: str, tree: Tree) -> dict[str, InputEntry]:

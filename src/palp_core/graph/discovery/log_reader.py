@@ -11,15 +11,23 @@ IN_MODIFY, IN_MOVED_TO, IN_CREATE, IN_DELETE = 0x2, 0x80, 0x100, 0x200
 LOOK_MS = 500
 
 
-def follow(log: Path, lives: Callable[[], bool]) -> Iterator[str]:
+def follow(
+    log: Path, lives: Callable[[], bool], *, begin: bool = False, wake: int | None = None
+) -> Iterator[str]:
     """Yield each line that is added to a log from now on, until its run has ended.
+
+    Args:
+        log: The file, which need not be there yet.
+        lives: Whether the run goes on.
+        begin: Yield the lines that are there, too.
+        wake: A descriptor that is readable when it is to look at once.
 
     When the log becomes the old one, the new one is followed. Between lines it waits for the kernel's word
     that something in the folder has changed.
     """
     folder = _Folder(log.parent)
     file = _open(log)
-    if file is not None:
+    if file is not None and not begin:
         file.seek(0, os.SEEK_END)
     try:
         while True:
@@ -34,7 +42,7 @@ def follow(log: Path, lives: Callable[[], bool]) -> Iterator[str]:
                     continue
             if last:
                 return
-            folder.wait()
+            folder.wait(wake)
     finally:
         folder.close()
         if file is not None:
@@ -76,12 +84,13 @@ class _Folder:
             events = IN_MODIFY | IN_MOVED_TO | IN_CREATE | IN_DELETE
             libc.inotify_add_watch(self._descriptor, os.fsencode(folder), events)
 
-    def wait(self) -> None:
-        """Return after a change, or a while."""
+    def wait(self, wake: int | None) -> None:
+        """Return after a change, a while, or when it is woken."""
         poll = select.poll()
-        if self._descriptor >= 0:
-            poll.register(self._descriptor, select.POLLIN)
-        if poll.poll(LOOK_MS):
+        for descriptor in (self._descriptor, wake):
+            if descriptor is not None and descriptor >= 0:
+                poll.register(descriptor, select.POLLIN)
+        if any(descriptor == self._descriptor for descriptor, _ in poll.poll(LOOK_MS)):
             os.read(self._descriptor, 4096)
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.user_folders import folder_mistake, own_folder, runtime_folder
 from palp_core.whole_file import PRIVATE, open_private, write_json
 
-KEEP_ENDED = 10
+KEEP_ENDED = 20
 RECORD = "graph.json"
 
 
@@ -127,10 +127,18 @@ class RunDirectory:
         self.release()
 
     def release(self) -> None:
-        """Leave the folder with its logs to later runs, which remove it when it is one of many."""
+        """Leave the folder with logs and record to later runs, which remove it when it is one of many."""
         if self._lock >= 0:
+            self._remove_sockets()
             os.close(self._lock)
         self._lock = -1
+
+    def _remove_sockets(self) -> None:
+        """Remove what nobody needs when all of the run's processes have ended."""
+        with contextlib.suppress(OSError):
+            for entry in self.path.iterdir():
+                if entry.is_socket():
+                    entry.unlink()
 
 
 def present_folder() -> str:
@@ -193,10 +201,10 @@ def _prune() -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def locked(folder: Path) -> bool:
-    """Tell whether a run holds its folder: the lock goes with the process that has it, however that ends."""
+def locked(held: Path) -> bool:
+    """Tell whether a run holds its folder, or a recorder its note: a lock ends with its process."""
     try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        descriptor = os.open(held, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return False
     try:

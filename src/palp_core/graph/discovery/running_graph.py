@@ -12,7 +12,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
 from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.spec import COMPOSITION, LAUNCHER
+from palp_core.graph.node.spec import COMPOSITION, LAUNCHER, MERGED_LOG
 from palp_core.graph.problems import hint
 
 REPLY_TIMEOUT_S = 5.0
@@ -259,7 +259,7 @@ class RunningGraph:
         pid = self.process_of(entry)
         if pid == 0:
             return "it has joined from elsewhere; look there, and at the connection"
-        log = self.folder / "log" / f"{entry.name if entry.pid else COMPOSITION}.log"
+        log = self.folder / "log" / f"{entry.name if entry.pid else MERGED_LOG}.log"
         try:
             status = psutil.Process(pid).status()
         except psutil.NoSuchProcess:

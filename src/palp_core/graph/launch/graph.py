@@ -22,8 +22,10 @@ from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.diagnostics import Diagnostics
+from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
+from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
@@ -72,6 +74,8 @@ class Graph:
         listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
         record: Record every topic into this bag, which must not exist.
         name: What the running graph is called; the launch file's ``graph`` by default.
+        log_level: The least of what nodes log that is shown; with ``debug`` they log that, too.
+        show_log: Shows a line of their logs; on a thread of its own.
         args: Arguments as Python values.
 
     Raises:
@@ -91,6 +95,8 @@ class Graph:
         listen: str | None = None,
         record: str | Path | None = None,
         name: str | None = None,
+        log_level: str = "warning",
+        show_log: Show | None = None,
         **args: Any,
     ) -> None:
         self.path = Path(path)
@@ -100,6 +106,7 @@ class Graph:
         self.gateway: GatewayHandle | None = None
         self._started, self._name = started, name
         self._compose = compose
+        self._log_level, self._show_log = log_level, show_log
         self._observe = observe or (lambda *_: None)
         self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
         self._stack = contextlib.ExitStack()
@@ -137,6 +144,7 @@ class Graph:
                 self.directory.remove()
                 raise
             stack.callback(self.recorders.close)
+            stack.enter_context(self._showing_log())
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
@@ -148,7 +156,9 @@ class Graph:
                 from palp_core.graph.lockstep.composition import composed
 
                 server.close()
-                self._nodes: LockstepNodes = stack.enter_context(composed(self.checked, self.directory))
+                self._nodes: LockstepNodes = stack.enter_context(
+                    composed(self.checked, self.directory, self._logged)
+                )
             else:
                 self._nodes = self._supervisor = self._supervised(stack, server)
                 self._supervisor.on_new_process, self._supervisor.on_turn = self._announce, self._serve
@@ -168,8 +178,18 @@ class Graph:
         self._stack.close()
         if error is not None and self._begun and self.summary is None:
             self.summary = self._cut_short(error)
-        if error is None and self.summary is not None and self.summary.exit_code == 0:
-            self.directory.remove()  # otherwise its logs may be wanted
+
+    @property
+    def _logged(self) -> str:
+        """The least that nodes log: what is shown is logged."""
+        return "debug" if self._log_level == "debug" else "info"
+
+    def _showing_log(self) -> contextlib.AbstractContextManager[None]:
+        if self._show_log is None:
+            return contextlib.nullcontext()
+        outputs = {spec.name: spec.output for spec in self.checked.nodes}
+        shown = Shown(self._log_level, outputs, self._show_log)
+        return showing_log(self.directory.log(MERGED_LOG), shown)
 
     def _tell_report(self, stage: Literal["prepare", "begin"]) -> None:
         """Let the launch file's report look at the run before it begins, if it wants to."""
@@ -231,6 +251,7 @@ class Graph:
             self._interrupt,
             self._show,
             self.launcher_node,
+            self._logged,
         )
         stack.callback(supervisor.close)
         if self.gateway is not None:

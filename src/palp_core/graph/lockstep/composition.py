@@ -11,7 +11,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
-from palp_core.graph.node.spec import COMPOSITION, NodeSpec
+from palp_core.graph.node.log_format import MergedFormatter
+from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
 from palp_core.graph.process.node_services import CHANGING, NodeServices
@@ -143,16 +144,21 @@ class Composition:
 
 
 @contextlib.contextmanager
-def composed(checked: CheckedGraph, directory: RunDirectory) -> Iterator[Composition]:
-    """Compose a graph; tools find it in its run directory, and there is its log."""
-    handler = logging.FileHandler(directory.log(COMPOSITION))
-    handler.setFormatter(logging.Formatter("[%(levelname)s] [%(name)s]: %(message)s"))
+def composed(
+    checked: CheckedGraph, directory: RunDirectory, log_level: str = "info"
+) -> Iterator[Composition]:
+    """Compose a graph; tools find it in its run directory, and there is the log of all its nodes."""
+    handler = logging.FileHandler(directory.log(MERGED_LOG))
+    handler.setFormatter(MergedFormatter())
     logger = logging.getLogger("palp")
+    level = logger.level
     logger.addHandler(handler)
+    logger.setLevel(log_level.upper())
     sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
     try:
         yield Composition(checked.nodes, checked.workspace, sockets)
     finally:
         sockets.close()
         logger.removeHandler(handler)
+        logger.setLevel(level)
         handler.close()

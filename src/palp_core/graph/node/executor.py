@@ -269,19 +269,20 @@ class Failing:
         try:
             getattr(hooks, name)()
         except (Exception, SystemExit) as error:
-            self.fail(error)
-            raise NodeError(self._executor.name, f"{name} failed: {in_words(error)}") from error
+            text = f"{name} failed: {in_words(error)}"
+            self.fail(error, text)
+            raise NodeError(self._executor.name, text) from error
 
     def failed(self, port: str, handler: str, error: BaseException) -> NodeError:
         """Fail, because a handler did; return what to raise."""
-        self.fail(error)
         text = f"{handler} (handler of '{port}') failed: {in_words(error)}"
+        self.fail(error, text)
         return NodeError(self._executor.name, text)
 
-    def fail(self, error: BaseException) -> None:
-        """Finalize the node, its safe state reached."""
+    def fail(self, error: BaseException, text: str) -> None:
+        """Finalize the node, its safe state reached; its log says what has failed, with the trace."""
         executor = self._executor
-        executor.log.error("failed", exc_info=error)
+        executor.log.critical("%s", text, exc_info=error)
         reason = error if isinstance(error, Exception) else NodeError(executor.name, in_words(error))
         executor.lifecycle = Lifecycle.FINALIZED
         hooks: list[Callable[[], None]] = [
@@ -340,8 +341,9 @@ class Succession:
         try:
             return encode_any(executor.node.state)
         except (SchemaMismatch, TypeError, ValueError, OverflowError) as error:
-            executor.failing.fail(error)
-            raise NodeError(executor.name, f"its state cannot be written down: {error}") from error
+            text = f"its state cannot be written down: {error}"
+            executor.failing.fail(error, text)
+            raise NodeError(executor.name, text) from error
 
     def snapshot(self) -> HandOver:
         """Return the hand-over without inbox and histories."""

@@ -22,6 +22,12 @@ def set_parameters(executor: Executor, changes: dict[str, Any]) -> None:
     executor.begin_command()
     node = executor.node
     params = changed_params(executor.declaration, node.params, changes, executor.name)
+    wrong = node.examine(params)
+    if wrong:  # what was so at the start, or has become so since, is nothing that the change does
+        wrong = {name: why for name, why in wrong.items() if node.examine(node.params).get(name) != why}
+    if wrong:
+        text = "; ".join(f"{name}: {why}" if name else why for name, why in wrong.items())
+        raise GraphError(f"{executor.name} refuses the parameters: {text}")
     try:
         node.on_parameters(params)
     except ValueError as error:

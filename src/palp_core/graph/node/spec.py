@@ -55,6 +55,8 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
         external: Input ports that take messages from outside the graph, on the topic ``/<name>/<port>``.
         cpus: Cores the process may run on; empty: all.
         realtime_priority: SCHED_FIFO priority; 0: the ordinary scheduler.
+        output: ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings
+            and errors are.
         joined: Its process is on another host, from where it joins with ``palp run --join``.
     """
 
@@ -75,4 +77,5 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     external: list[str] = []
     cpus: list[int] = []
     realtime_priority: int = 0
+    output: str = "log"
     joined: bool = False

@@ -20,6 +20,7 @@ class Spawn(ChannelMessage, frozen=True, kw_only=True):
         place: Under which name its endpoints are; a node that has changed hands is at another than its own.
         successor: It takes the place of one that works.
         fresh: Its source file may have changed since another process compiled it.
+        log_level: The least that it logs.
     """
 
     spec: NodeSpec
@@ -30,6 +31,7 @@ class Spawn(ChannelMessage, frozen=True, kw_only=True):
     place: str
     successor: bool = False
     fresh: bool = False
+    log_level: str = "info"
 
 
 class Activate(ChannelMessage, frozen=True):

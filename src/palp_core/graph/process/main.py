@@ -6,10 +6,10 @@ import logging
 import os
 import signal
 import socket
-import sys
 
 from palp_core.errors import NodeError, PalpError, in_words
 from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.log_format import begin_log
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Failed, Hello, Spawn, node_end
 from palp_core.graph.process.lockstep_loop import LockstepLoop
@@ -18,12 +18,7 @@ from palp_core.graph.process.wall_loop import WallLoop
 
 def run_node(order: Spawn) -> int:
     """Run one node until the supervisor ends it, and return the exit status of its process."""
-    logging.basicConfig(
-        level=logging.INFO,
-        format=f"[%(levelname)s] [{order.spec.name}]: %(message)s",
-        stream=sys.stderr,
-        force=True,
-    )
+    begin_log(order.spec.name, order.log_level)
     channel = node_end(f"{order.run_dir}/supervisor.sock")
     channel.send(Hello(order.place, os.getpid()))
     for number in (signal.SIGINT, signal.SIGTERM):  # the loop sees the channel's end at a handler boundary
@@ -39,8 +34,8 @@ def run_node(order: Spawn) -> int:
         return 1
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         text = in_words(error)
-        trace = None if isinstance(error, NodeError) else error  # a NodeError's trace is in the log already
-        logging.getLogger("palp").error("%s", text, exc_info=trace)  # noqa: TRY400
+        if not (isinstance(error, NodeError) and error.__cause__):  # that one is in the log already
+            logging.getLogger("palp").critical("%s", text, exc_info=error)
         with contextlib.suppress(ChannelClosed):
             channel.send(Failed(text))
         _safe_end(loop)

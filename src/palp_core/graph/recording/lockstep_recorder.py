@@ -18,14 +18,15 @@ class LockstepRecorder:
     """Observes a lockstep graph and writes its bag.
 
     Args:
+        name: By which it is spoken of.
         graph: The graph about to run.
         options: What to record, and how.
 
     Raises:
-        BagError: The bag exists, or snapshots are wanted: in lockstep nobody can ask in time.
+        BagError: The bag exists or cannot be made; or snapshots are wanted, for which nobody asks in time.
     """
 
-    def __init__(self, graph: CheckedGraph, options: RecordOptions) -> None:
+    def __init__(self, name: str, graph: CheckedGraph, options: RecordOptions) -> None:
         if options.snapshot_s:
             raise BagError(f"{graph.file}: a recorder keeps the last seconds on the wall clock only")
         select = topic_selection(options.topics, options.regex, options.exclude_regex)
@@ -40,10 +41,14 @@ class LockstepRecorder:
             msgspec.structs.replace(info.as_topic(name), latched_depth=info.qos.latched_depth)
             for name, info in graph.topics.items()
         ]
-        self._recorder = BagRecorder(
-            writer, topics, select=select, attachments=attachments(launch_provenance(graph))
-        )
-        self._out = options.out
+        try:
+            self._recorder = BagRecorder(
+                writer, topics, select=select, attachments=attachments(launch_provenance(graph))
+            )
+        except OSError as error:
+            writer.abandon()
+            raise BagError(f"{options.out} cannot be written: {error.strerror}") from error
+        self.name, self.out = name, options.out
         self._count = 0
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
@@ -55,5 +60,16 @@ class LockstepRecorder:
 
     def close(self) -> tuple[bool, str]:
         """Close the bag; return whether nothing is missing, and what to say."""
-        summary = self._recorder.close()
-        return summary.complete, f"{self._out}: {summary.text()}"
+        try:
+            summary = self._recorder.close()
+        except OSError as error:
+            return False, self.fail(error)
+        return summary.complete, f"{self.out}: {summary.text()}"
+
+    def fail(self, error: OSError) -> str:
+        """Leave a bag that cannot be written any more; return what to say."""
+        self._recorder.abandon()
+        return (
+            f"{self.out}: cannot be written any more: {error.strerror or error}; "
+            f"save what it has: palp bag recover {self.out} -o NEW"
+        )

@@ -47,24 +47,43 @@ class Recorders:
         self._writers: list[LockstepRecorder] = []
         self._processes: list[RecorderProcess] = []
         self._wanted: list[tuple[str, recorder_messages.RecordOptions, bool]] = []
+        self._launcher_node: LauncherNode | None = None
         if out is not None:
             options = recorder_messages.RecordOptions(out=str(out.absolute()), from_start=True)
             self._wanted.append((DEFAULT_NAME, options, False))
         for spec in graph.recorders if graph is not None else ():
             params = msgspec.convert(spec.params, RecorderParams)
             self._wanted.append((spec.name, _options(params), params.required))
-        for _, options, _ in self._wanted:
+        for name, options, _ in self._wanted:
             if Path(options.out).exists():
                 raise BagError(f"{options.out} exists already: choose another name")
             if graph is not None and graph.clock == "sim":
                 from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
 
-                self._writers.append(LockstepRecorder(graph, options))
+                self._writers.append(LockstepRecorder(name, graph, options))
 
     def observe(self, now_ns: int, frame: bytes) -> None:
-        """Simulated clock: take a frame."""
+        """Simulated clock: take a frame.
+
+        Raises:
+            NodeError: It cannot be recorded, and the launch file wants the graph to end with its recorder.
+        """
         for writer in self._writers:
-            writer(now_ns, frame)
+            try:
+                writer(now_ns, frame)
+            except OSError as error:
+                self._lose(writer, error)
+
+    def _lose(self, writer: LockstepRecorder, error: OSError) -> None:
+        """Go on without a bag that cannot be written any more, and say so."""
+        self._writers = [other for other in self._writers if other is not writer]
+        text = writer.fail(error)
+        self._results.append((False, text))
+        if self._launcher_node is not None:
+            self._launcher_node.report("recorder", writer.name, text)
+        _LOG.warning("%s: %s", writer.name, text)
+        if writer.name in {name for name, _, required in self._wanted if required}:
+            raise NodeError(writer.name, text)
 
     def start(self, folder: Path, launcher_node: LauncherNode, supervisor: Supervisor | None) -> None:
         """Wall clock: start the recorders; return when each hears every topic.
@@ -77,6 +96,7 @@ class Recorders:
         Raises:
             BagError: One cannot record.
         """
+        self._launcher_node = launcher_node
         if self._writers or not self._wanted or supervisor is None or launcher_node.record is None:
             return
         for name, options, required in self._wanted:

@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
+from palp_core.graph.node.log_format import begin_log
 from palp_core.graph.process.parent_death import die_with_parent
 
 
@@ -63,7 +64,7 @@ def apply_scheduling(name: str, cpus: Sequence[int], realtime_priority: int) -> 
     """
     if not cpus and not realtime_priority:
         return
-    logging.basicConfig(level=logging.INFO, format=f"[%(levelname)s] [{name}]: %(message)s")
+    begin_log(name)
     log = logging.getLogger(f"palp.{name}")
     if cpus:
         allowed = os.sched_getaffinity(0)

@@ -7,10 +7,9 @@ a line is in its file before anybody hears of the crash that it explains.
 import contextlib
 import fcntl
 import os
-from datetime import UTC, datetime
 from pathlib import Path
 
-from palp_core.graph.clock import unix_ns
+from palp_core.graph.node.log_format import time_text
 from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.whole_file import open_private
 
@@ -125,18 +124,14 @@ class LogWriter:
 
     def _merge(self, stream: _Stream, lines: list[bytes]) -> None:
         if lines and self._merged is not None:
-            head = f"{_now()} {stream.name}: ".encode()
+            head = f"{time_text()} {stream.name}: ".encode()
             self._merged.write(b"".join(b"%s%s\n" % (head, line) for line in lines))
-
-
-def _now() -> str:
-    return datetime.fromtimestamp(unix_ns() / 1e9, UTC).astimezone().isoformat(timespec="milliseconds")
 
 
 def note(log: Path, level: str, text: str) -> None:
     """Write a line of the supervisor's into a node's log and into the merged one."""
     line = f"[{level}] [supervisor]: {text}\n"
-    for path, head in ((log, ""), (log.with_name(f"{MERGED_LOG}.log"), f"{_now()} {log.stem}: ")):
+    for path, head in ((log, ""), (log.with_name(f"{MERGED_LOG}.log"), f"{time_text()} {log.stem}: ")):
         with contextlib.suppress(OSError), open(path, "a", encoding="utf-8", opener=open_private) as file:
             file.write(head + line)
 

@@ -97,11 +97,16 @@ class ProcessLauncher:
         clock: ``sim`` or ``wall``.
         folder: The run directory.
         workspace: Folder that holds ``nodes/``.
+        log_level: The least that nodes log.
     """
 
-    def __init__(self, server: ForkServer, clock: str, folder: Path, workspace: str) -> None:
+    def __init__(
+        self, server: ForkServer, clock: str, folder: Path, workspace: str, log_level: str = "info"
+    ) -> None:
         self._server = server
-        self._run = {"clock": clock, "run_dir": str(folder), "workspace": workspace}
+        self._run = {
+            "clock": clock, "run_dir": str(folder), "workspace": workspace, "log_level": log_level
+        }  # fmt: skip
 
     def spawn(self, process: ManagedProcess, *, successor: bool = False, fresh: bool = False) -> None:
         """Start a node's process."""

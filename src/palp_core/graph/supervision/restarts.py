@@ -176,7 +176,6 @@ class Restarts:
             topic=event.topic,
             action=event.action,
         )
-        _LOG.warning("%s: %s", reader, event.text)
         if event.action == "shutdown":
             raise NodeError(reader, f"{event.text}; its launch entry ends the graph at this")
         if event.action == "restart":

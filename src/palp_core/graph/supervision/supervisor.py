@@ -39,6 +39,7 @@ class Supervisor:
         interrupt: Raises when the user wants the end.
         observe: Wall clock: is shown every message for the launch view.
         launcher_node: Where the graph's events and health are published.
+        log_level: The least that nodes log.
 
     Attributes:
         start_ns: The graph's start on the wall clock; 0 before.
@@ -63,6 +64,7 @@ class Supervisor:
         interrupt: Interrupt,
         observe: Callable[[int, bytes], None],
         launcher_node: LauncherNode,
+        log_level: str = "info",
     ) -> None:
         self.names = [spec.name for spec in specs]
         self.processes = [ManagedProcess(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
@@ -78,7 +80,7 @@ class Supervisor:
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
-        self._launcher = ProcessLauncher(server, clock, folder, workspace)
+        self._launcher = ProcessLauncher(server, clock, folder, workspace, log_level)
         self._restarts = Restarts(
             self.processes, self._launcher, self._activate_on_wall, launcher_node, restarts=clock == "wall"
         )

@@ -152,6 +152,7 @@ def _row(
         "calibration_error": None if combo.depth_count else error,  # of a grid a cell is not a verdict
         "undecided": sum(t.verdict == "undecided" for t in trials),
         "ran_out": sum(t.verdict == "ran_out" for t in trials),
+        "left_out": sum(len(again.left_out) for again in decided),
     }
 
 

@@ -11,6 +11,7 @@ BASIS = {
     "experiment.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
     "experiment.trials": "published for the human strategy: 100; not stated for a fixed position",
     "experiment.training": "published: 25",
+    "experiment.rings_mm": "published: 0, 4, 8, 12, 16 mm",
     "experiment.training_order": "not published; assumed",
     "experiment.rehome": "not published; assumed",
     "experiment.training_mounts": "not published; assumed",
@@ -19,6 +20,7 @@ BASIS = {
     "experiment.from_m": "assumed",
     "experiment.to_m": "assumed",
     "policy.ring_mm": "published: one of 0, 4, 8, 12, 16 mm; 16 was the best",
+    "policy.trained_mm": "published: 0, 4, 8, 12, 16 mm; as of the experiment",
     "policy.rings_mm": "published: 0, 4, 8, 12, 16 mm",
     "policy.matrices": (
         "reconstruction: eigenvalues published, entries not legible; the share of each position (mean level "

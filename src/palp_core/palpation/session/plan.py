@@ -93,10 +93,10 @@ class StepReply:
 
     Attributes:
         word: ``done`` for any step but a palpation in estimation, which is answered by the verdict:
-            ``continue``, ``decided`` or ``undecided``. ``failed`` repeats a palpation.
+            ``continue``, ``decided``, ``undecided`` or ``dropped``. ``failed`` repeats a palpation.
     """
 
-    word: Literal["done", "continue", "decided", "undecided", "failed"] = "done"
+    word: Literal["done", "continue", "decided", "undecided", "dropped", "failed"] = "done"
 
 
 Plan = Generator[Step, StepReply, None]
@@ -177,7 +177,9 @@ def experiment(design: ExperimentDesign, rng: np.random.Generator) -> Plan:
                     yield from _done(Rehome())
                 word = (yield Palpate(index, iteration, training, ring_m)).word
                 if word not in (
-                    ("done", "failed") if training else ("continue", "decided", "undecided", "failed")
+                    ("done", "failed")
+                    if training
+                    else ("continue", "decided", "undecided", "dropped", "failed")
                 ):
                     raise PerceptionError(
                         f"palpation {iteration} of {phase} trial {index} was answered '{word}'"

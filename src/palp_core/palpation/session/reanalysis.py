@@ -17,6 +17,7 @@ from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, TrialReading
 from palp_core.palpation.perception.signal.smoothers import smoother
+from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.units import Float64Array
@@ -76,11 +77,12 @@ class ReanalysedTrial:
 
 @dataclass(frozen=True, eq=False)
 class ReanalysedSession:
-    """A session decided again: what training taught, and every trial."""
+    """A session decided again: what training taught, and every trial but the dropped ones, left out."""
 
     session: RecordedSweeps
     primitives: Primitives
     trials: tuple[ReanalysedTrial, ...]
+    left_out: tuple[int, ...] = ()
 
 
 def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
@@ -153,10 +155,14 @@ def reanalyse(
     )
     each = bool(session.ring_moves_each_time)
     trials = []
+    left_out = []
     for number, group in groupby(estimation, key=lambda sweep: sweep.trial):
         sweeps = sorted(group, key=lambda sweep: sweep.iteration)
+        if untrained([sweep.ring_m for sweep in sweeps], primitives.rings_m.tolist()):
+            left_out.append(number)  # the session dropped it, too
+            continue
         trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, each, methods))
-    return ReanalysedSession(session, primitives, tuple(trials))
+    return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
 
 
 def _decide(
@@ -174,10 +180,7 @@ def _decide(
     gains: list[Float64Array] = []
     word = "ran_out"
     for sweep, value in zip(sweeps, values, strict=True):
-        near = np.flatnonzero(np.isclose(rings_m, sweep.ring_m, atol=1e-9))
-        if not near.size:
-            raise PalpError(f"trial {number}: ring at {sweep.ring_m:g} m was not trained")
-        ring = int(near[0])
+        ring = int(np.flatnonzero(np.isclose(rings_m, sweep.ring_m, atol=1e-9))[0])
         landed = sweep.landed if sweep.landed is not None else lands_each_time
         probes.append(TrialReading(value, ring, landed or not probes or ring != probes[-1].setting))
         posteriors.append(belief.posterior(probes))

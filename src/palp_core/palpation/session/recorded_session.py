@@ -43,7 +43,7 @@ class RecordedTrial:
 
     @property
     def verdict(self) -> str:
-        """``decided``, ``undecided``, or ``continue`` where the record ends within the trial."""
+        """``decided``, ``undecided``, ``dropped``, or ``continue`` where the record ends within the trial."""
         return self.probes[-1].verdict
 
     @property
@@ -64,6 +64,7 @@ class RecordedSession:
         primitives: The memory primitives; None where training did not reach every cell.
         trials: Trials of estimation that came to a verdict.
         unfinished_count: Trials of estimation without one: the record ends within them.
+        dropped: Trials that ended without one, as the ring stood at an untrained position.
         grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
             of a depth of the grid is counted to the class nearest to it.
     """
@@ -75,6 +76,7 @@ class RecordedSession:
     trials: tuple[RecordedTrial, ...]
     unfinished_count: int
     grid_count: int = 0
+    dropped: tuple[RecordedTrial, ...] = ()
 
     @property
     def training(self) -> list[Row]:
@@ -127,9 +129,10 @@ def read_session(out: str | Path) -> RecordedSession:
     counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
     every = list(_trials(rows, counted, believed_m, depths_m))
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
-    unfinished = len(every) - len(ended)
+    dropped = tuple(trial for trial in every if trial.verdict == "dropped")
+    unfinished = len(every) - len(ended) - len(dropped)
     return RecordedSession(
-        folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid
+        folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid, dropped
     )
 
 

@@ -23,7 +23,7 @@ from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
-from palp_core.palpation.perception.strategy.figure5 import RINGS_M
+from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
@@ -69,6 +69,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "trials_done": len(trials),
         "trials_unfinished": session.unfinished_count,
         "unfinished": _unfinished(session, summary, roles),
+        "trials_dropped": [_dropped(trial) for trial in session.dropped],
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),
@@ -161,11 +162,12 @@ def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> 
     experiment, phases = roles.params("experiment"), {row.phase for row in session.rows}
     count = _phantom_count(experiment.get("phantoms", ""))
     training, trials = experiment.get("training", 0), experiment.get("trials", 0)
-    done, of, what = len(session.rows), training * count * len(RINGS_M), "palpations of training"
+    ring_count = len(rings_of(experiment.get("rings_mm") or PUBLISHED))
+    done, of, what = len(session.rows), training * count * ring_count, "palpations of training"
     if experiment.get("plan") == "repeatability":
         of, what = sweep_count(RepeatDesign("")), "palpations"
     elif "estimation" in phases or done >= of > 0:
-        done, of, what = len(session.trials), trials * count, "trials"
+        done, of, what = len(session.trials) + len(session.dropped), trials * count, "trials"
     return {"done": done, "of": of, "what": what, "why": summary.ended}
 
 
@@ -199,6 +201,11 @@ def _mounts(session: RecordedSession, phase: str) -> int:
 
 def _probes(trials: Sequence[RecordedTrial]) -> float | None:
     return float(np.mean([len(trial.probes) for trial in trials])) if trials else None
+
+
+def _dropped(trial: RecordedTrial) -> dict[str, Any]:
+    last = trial.probes[-1]
+    return {"trial": last.trial, "reason": f"ring position {last.ring_m * 1e3:g} mm was not trained"}
 
 
 def _verdicts(trials: Sequence[RecordedTrial]) -> Counter[str]:

@@ -67,15 +67,23 @@ def note_begin(summary: RunSummary) -> None:
 
 
 def note_end(summary: RunSummary) -> bool:
-    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays."""
+    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays.
+
+    Raises:
+        PalpError: The folder is gone.
+        OSError: It cannot be written.
+    """
     folder = out_of(summary)
+    if not folder.is_dir():
+        raise PalpError(
+            f"'{folder}' is gone; if it was renamed, `palp report` makes the report where it is now"
+        )
     (folder / NEXT_RUN).unlink(missing_ok=True)
     if summary.exit_code != 0 and _run_of(folder) != summary.run:
-        if folder.is_dir() and not any(folder.iterdir()):
+        if not any(folder.iterdir()):
             folder.rmdir()
         return False
-    if folder.is_dir():
-        write_json(folder / RUN, summary)
+    write_json(folder / RUN, summary)
     return True
 
 

@@ -187,6 +187,11 @@ class SessionWriter:
                 f"{what} cannot be written: the record's folder '{where}' was removed or renamed while the "
                 f"session ran; where it is now, it has {kept}"
             )
+        if not (where / TABLE).exists():
+            return PalpError(
+                f"{what} cannot be written: {where / TABLE} was removed while the session ran; "
+                "the sweeps of the palpations before are kept beside it"
+            )
         return PalpError(
             f"{what} cannot be written to '{where}': {error.strerror or error}; {kept} are kept there, each "
             "with its sweep"

@@ -19,9 +19,12 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link import guard_process
 from palp_core.palpation.devices.link.guard import LinkGuard
+from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.safety.dead_man import dead_man
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
+from palp_core.palpation.devices.unverified import UnverifiedWarning
 from tests.support.palp import ROOT
 
 OWNER = """
@@ -92,6 +95,19 @@ def test_a_guard_that_is_gone_is_missed_and_one_that_is_stopped_is_noticed(
     guard.release()
 
 
+def test_a_link_that_no_other_process_can_hold_is_not_guarded_and_that_is_said(
+    quick_rig: Callable[..., EmulatedRig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = SerialLink("stage", "loop://", 115200)
+    assert not port.guard([])
+    port.close()
+    monkeypatch.setattr(SerialLink, "guard", lambda *_: False)
+    with pytest.warns(UnverifiedWarning, match="cannot be shared with a guard"):
+        stop = AerotechStop(quick_rig("aerotech").stop_url, timeout_s=30.0)
+    assert "has no guard" in dead_man(stop)
+    stop.close()
+
+
 def kill_guards() -> None:
     for child in psutil.Process().children():
         if child.name() == guard_process.NAME:
@@ -120,7 +136,7 @@ def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_o
 
 def test_a_second_link_whose_guard_is_gone_is_lost(quick_rig: Callable[..., EmulatedRig], wait: Any) -> None:
     stop = AerotechStop(quick_rig("aerotech").stop_url, timeout_s=30.0, look_hz=200.0)
-    assert stop.guarded
+    assert "one or two processes are killed" in dead_man(stop)
     kill_guards()
 
     def lost() -> bool:

@@ -6,6 +6,7 @@ A channel's definition stands in the first two chunks that use it and in the sum
 messages unreadable elsewhere.
 """
 
+import contextlib
 import os
 import struct
 import zlib
@@ -68,9 +69,13 @@ class FileWriter:
             self._file = path.open("xb", buffering=0)
         except FileExistsError as error:
             raise BagError(f"{path} exists already: choose another name") from error
-        self._write_bytes(
-            records.MAGIC + records.record(records.Op.HEADER, records.text(""), records.text("palp"))
-        )
+        try:
+            self._write_bytes(
+                records.MAGIC + records.record(records.Op.HEADER, records.text(""), records.text("palp"))
+            )
+        except OSError:
+            self._file.close()
+            raise
 
     def add_schema(self, schema: records.SchemaRecord) -> None:
         """Make a schema known; its id is 1 or more."""
@@ -216,6 +221,10 @@ class FileWriter:
         os.fsync(self._file.fileno())
         self._file.close()
 
+    def abandon(self) -> None:
+        """Leave the file without a summary, as a crash would: it cannot be written any more."""
+        self._file.close()
+
     def _define(self, channel: int) -> tuple[list[int], list[int]]:
         if channel not in self._channels:
             raise BagError(f"{self.path} has no channel {channel}: add it before writing to it")
@@ -230,7 +239,12 @@ class FileWriter:
 
     def _write_bytes(self, data: bytes) -> None:
         view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError as error:  # a full disk takes a part: what stays ends with a whole record
+            with contextlib.suppress(OSError):
+                self._file.truncate(self.written_bytes)
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
         self._crc = zlib.crc32(data, self._crc)
         self.written_bytes += len(data)

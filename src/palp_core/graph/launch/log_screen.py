@@ -1,0 +1,82 @@
+"""Lines of a run's log as they come, for whoever shows them; in a thread: a terminal holds up no graph."""
+
+import contextlib
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
+from palp_core.graph.discovery.log_reader import follow
+
+MOST_PER_S = 100
+"""Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""
+
+SECOND_NS = 1_000_000_000
+LAST_WORDS_S = 2.0
+"""How long the end of a run waits for a terminal that takes nothing."""
+
+Show = Callable[[LogLine], None]
+
+
+class Shown:
+    """Chooses the lines that are shown.
+
+    Args:
+        level: At least so; not what ended a node, which the launcher itself tells.
+        outputs: Of which nodes all is shown: those with ``screen``.
+        show: Shows a line.
+    """
+
+    def __init__(self, level: str, outputs: Mapping[str, str], show: Show) -> None:
+        self._least, self._outputs, self._show = RANK[level], outputs, show
+        self._reader = LineReader()
+        self._end_ns = self._count = 0
+
+    def take(self, text: str) -> None:
+        """Show a line of the merged log if it is one of those."""
+        line = self._reader.read(text)
+        if not self._is_wanted(line):
+            return
+        if monotonic_ns() > self._end_ns:
+            self.flush()
+            self._end_ns = monotonic_ns() + SECOND_NS
+        self._count += 1
+        if self._count <= MOST_PER_S:
+            self._show(line)
+
+    def _is_wanted(self, line: LogLine) -> bool:
+        if "[supervisor]: " in line.text or line.level == "critical":
+            return False
+        return self._outputs.get(line.node) == "screen" or (line.begins and RANK[line.level] >= self._least)
+
+    def flush(self) -> None:
+        """Say how many lines were too many."""
+        if self._count > MOST_PER_S:
+            text = f"... and {self._count - MOST_PER_S} more lines: palp logs"
+            self._show(LogLine("", "", "warning", True, text))
+        self._count = 0
+
+
+@contextlib.contextmanager
+def showing_log(log: Path, shown: Shown) -> Iterator[None]:
+    """Show lines of a log, from its first on, until the end; then what is left of them."""
+    ended = threading.Event()
+    wake = os.eventfd(0, os.EFD_CLOEXEC)
+
+    def read() -> None:
+        for line in follow(log, lambda: not ended.is_set(), begin=True, wake=wake):
+            shown.take(line)
+        shown.flush()
+
+    reader = threading.Thread(target=read, name="palp-log-screen", daemon=True)
+    reader.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        os.eventfd_write(wake, 1)
+        reader.join(LAST_WORDS_S)
+        if not reader.is_alive():
+            os.close(wake)

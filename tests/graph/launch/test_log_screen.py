@@ -1,0 +1,118 @@
+"""What nodes log is shown where their graph was launched: from a level on, or all that a node prints."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.discovery.log_lines import LogLine
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
+from tests.support.palp import Palp
+
+TOYS = """
+import warnings
+
+from palp_core import Node, Params, every
+
+
+class TalkerParams(Params):
+    rate_hz: float = 100.0
+
+
+class Talker(Node):
+    params: TalkerParams
+
+    @every("rate_hz")
+    def talk(self):
+        self.log.debug("a debug")
+        self.log.info("an info")
+        self.log.warning("a warning\\nof two lines")
+        warnings.warn("of Python", RuntimeWarning)
+        self.log.error("an error")
+        print("printed")
+        self.finish()
+"""
+LAUNCH = """
+graph: talkers
+clock: $(var clock)
+args:
+  clock: {default: wall, choices: [sim, wall]}
+  output: {default: log, choices: [screen, log]}
+nodes:
+  talker: {run: talker_toys:Talker, on_exit: shutdown, output: $(var output)}
+"""
+WARNING, ERROR = "[WARNING] [talker]: a warning", "[ERROR] [talker]: an error"
+
+
+@pytest.fixture
+def talkers(tmp_path: Path) -> Path:
+    for folder in ("nodes", "launch"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "talker_toys.py").write_text(TOYS)
+    path = tmp_path / "launch" / "talkers.yaml"
+    path.write_text(LAUNCH)
+    return path
+
+
+@pytest.mark.parametrize("more", [(), ("clock:=sim", "--compose")])
+def test_warnings_and_errors_of_nodes_are_shown(palp: Palp, talkers: Path, more: tuple[str, ...]) -> None:
+    done = palp.run("launch", talkers, *more)
+    assert done.returncode == 0
+    *said, error = done.stderr.splitlines()
+    assert (said[0], error) == (WARNING, ERROR)
+    assert "RuntimeWarning: of Python" in "".join(said[1:]) or more  # the launcher's own are the launcher's
+
+
+@pytest.mark.parametrize(("log_level", "first"), [("error", 3), ("info", 1), ("debug", 0)])
+def test_the_level_says_what_is_shown(talkers: Path, log_level: str, first: int) -> None:
+    lines: list[str] = []
+    with Graph(
+        talkers, log_level=log_level, show_log=lambda line: lines.append(line.text), clock="sim"
+    ) as graph:
+        graph.run()
+    everything = ["[DEBUG] [talker]: a debug", "[INFO] [talker]: an info", WARNING, ERROR]
+    assert [line for line in lines if "RuntimeWarning" not in line] == everything[first:]
+
+
+def test_all_that_a_node_prints_reaches_the_screen_if_its_launch_entry_says_so(
+    palp: Palp, talkers: Path
+) -> None:
+    done = palp.run("launch", talkers, "output:=screen")
+    assert done.returncode == 0
+    said = done.stderr.splitlines()
+    for line in (
+        "[INFO] [talker]: an info",
+        WARNING,
+        "[talker]:     of two lines",
+        ERROR,
+        "[talker]: printed",
+    ):
+        assert line in said
+    assert [line for line in said if re.match(r"\[WARNING\] \[talker\]: \S+ RuntimeWarning: of Python", line)]
+    mistake = palp.run("launch", talkers, "output:=both", "--check")
+    assert mistake.returncode == 2
+
+
+def test_a_flood_is_cut_and_what_is_left_out_is_counted() -> None:
+    lines: list[LogLine] = []
+    screen = Shown("warning", {}, lines.append)
+    for _ in range(MOST_PER_S + 7):
+        screen.take("2026-11-22T12:00:00.000+00:00 a: [WARNING] [a]: again")
+    screen.flush()
+    assert len(lines) == MOST_PER_S + 1
+    assert lines[-1].text == "... and 7 more lines: palp logs"
+
+
+def test_what_ends_a_node_is_left_to_the_launcher_to_say() -> None:
+    lines: list[LogLine] = []
+    screen = Shown("warning", {"a": "screen"}, lines.append)
+    for text in (
+        "[CRITICAL] [a]: failed",
+        "    Traceback",
+        "[WARNING] [supervisor]: a failed; restart 1 of 3",
+    ):
+        screen.take(f"2026-11-22T12:00:00.000+00:00 a: {text}")
+    assert lines == []
