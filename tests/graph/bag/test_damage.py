@@ -134,6 +134,33 @@ def test_of_a_torn_uncompressed_chunk_whole_messages_are_saved_and_marked(tmp_pa
     assert "no CRC vouches" in report.text()
 
 
+def _without_crcs(bag: Path, library: bytes) -> bytearray:
+    """Return a bag whose header names a program, whose chunks have no CRC, and of which a byte is wrong."""
+    data = bytearray((bag / "run_0.mcap").read_bytes().replace(b"\4\0\0\0palp", b"\4\0\0\0" + library, 1))
+    with Bag(bag) as opened:
+        places = opened.files[0].chunks
+    for place in places:
+        data[place.offset + 33 : place.offset + 37] = bytes(4)
+    data[places[0].offset + places[0].length - 3] ^= 1
+    return data
+
+
+def test_a_crc_of_0_is_a_crc_in_a_bag_of_ours_and_none_in_anothers(tmp_path: Path, kit: Any) -> None:
+    bag, _ = kit.record(tmp_path / "run", kit.run_frames(100), compression="none")
+    ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
+    ours.write_bytes(_without_crcs(bag, b"palp"))
+    theirs.write_bytes(_without_crcs(bag, b"some"))
+    with pytest.raises(BagDamaged, match="the CRC does not match"):
+        list(read(ours))
+    report = recover(ours, tmp_path / "of_ours")
+    assert (report.chunk_count, report.message_count) == (0, {})
+    assert report.damaged_chunk_count == 1
+    report = recover(theirs, tmp_path / "of_theirs")
+    assert report.unchecked_chunk_count == report.chunk_count == 1
+    assert report.unverified_count == sum(report.message_count.values()) > 100
+    assert "they may be wrong" in report.text()
+
+
 def test_an_unclosed_file_reads_to_its_end_and_says_so(tmp_path: Path, bag: Path) -> None:
     with Bag(bag) as opened:
         chunk = opened.files[0].chunks[2]

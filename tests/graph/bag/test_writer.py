@@ -128,14 +128,18 @@ def test_what_is_written_is_what_is_read(
         ] == messages
 
 
-def test_a_tick_closes_a_chunk_within_half_a_second_of_its_first_message(tmp_path: Path) -> None:
+def test_the_first_tick_closes_the_first_chunk_and_others_within_half_a_second(tmp_path: Path) -> None:
     writer = FileWriter(tmp_path / "x.mcap")
     writer.add_schema(SchemaRecord(1, "", "jsonschema", b"{}"))
     writer.add_channel(ChannelRecord(1, 1, "/t", "msgpack"))
     writer.tick(0)
     writer.write(1, 1, 0, 0, b"x")
     sizes = []
-    for now_ns in (100_000_000, 400_000_000, 499_999_999, 500_000_000):
+    writer.tick(1)
+    with Bag(tmp_path / "x.mcap") as cut_off:
+        assert len(list(cut_off.recorded())) == 1
+    writer.write(1, 2, 0, 0, b"x")
+    for now_ns in (100_000_000, 400_000_000, 500_000_000, 500_000_001):
         writer.tick(now_ns)
         sizes.append(writer.written_bytes)
     assert sizes[0] == sizes[2] < sizes[3]

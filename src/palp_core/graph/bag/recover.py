@@ -19,8 +19,10 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     """What was saved and what was not.
 
     Attributes:
-        message_count: Messages saved, per topic; no CRC vouches for the ``unverified_count`` last of them,
-            from a chunk that the file's end cuts off.
+        message_count: Messages saved, per topic.
+        unverified_count: Of them, those for which no CRC vouches: from a chunk that the file's end cuts off
+            (the last ones), or from one that another program wrote without a CRC.
+        unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
         orphan_count: Messages whose topic is no longer known; they are not saved.
     """
@@ -31,6 +33,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     damaged_bytes: int = 0
     message_count: dict[str, int] = {}
     unverified_count: int = 0
+    unchecked_chunk_count: int = 0
     orphan_count: int = 0
     gaps: dict[str, int] = {}
 
@@ -41,7 +44,10 @@ class RecoverReport(msgspec.Struct, kw_only=True):
             f"{self.damaged_chunk_count} damaged chunks, {self.damaged_bytes} damaged bytes"
         ]
         if self.unverified_count:
-            lines.append(f"the last {self.unverified_count} are from a torn chunk: no CRC vouches for them")
+            lines.append(
+                f"no CRC vouches for {self.unverified_count} of them, from a torn chunk or from "
+                f"{self.unchecked_chunk_count} chunks that have none: they may be wrong"
+            )
         if self.orphan_count:
             lines.append(f"{self.orphan_count} messages of unknown topics are not saved")
         lines += [f"{name}: {lost} missing in between" for name, lost in self.gaps.items() if lost]
@@ -72,8 +78,10 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
             report.damaged_chunk_count += found.damaged_chunk_count
             report.damaged_bytes += found.damaged_bytes
             saver = _Saver(writer, report, accounts, seen, found)
-            for messages in found.messages():
-                saver.save(messages)
+            report.unchecked_chunk_count += len(found.unchecked)
+            for messages, checked in found.messages():
+                saved = saver.save(messages)
+                report.unverified_count += 0 if checked else saved
             report.unverified_count += saver.save(found.torn_messages())
             for attachment in found.attachments.values():
                 if attachment.name != SUMMARY_NAME and place == len(files) - 1:

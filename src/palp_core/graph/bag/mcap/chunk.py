@@ -6,7 +6,16 @@ from collections.abc import Callable
 
 from palp_core.graph.bag.mcap.compression import decompress
 from palp_core.graph.bag.mcap.index_records import ChunkIndex
-from palp_core.graph.bag.mcap.records import MESSAGE, MESSAGE_BYTES, RECORD, RECORD_BYTES, Cursor, Op
+from palp_core.graph.bag.mcap.records import (
+    LIBRARY,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_BYTES,
+    RECORD,
+    RECORD_BYTES,
+    Cursor,
+    Op,
+)
 
 RawMessage = tuple[int, int, int, int, bytes]
 """Channel, sequence, log time, publish time, payload."""
@@ -37,12 +46,28 @@ def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHea
     return start_ns, end_ns, size, crc, compression, stored
 
 
-def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None) -> bytes:
+def made_by_palp(start: bytes) -> bool:
+    """Tell from a file's first bytes whether palp wrote it: each of its chunks has a CRC.
+
+    In another's file a CRC of 0 says that there is none.
+    """
+    cursor = Cursor(start)
+    try:
+        if cursor.raw(len(MAGIC)) != MAGIC or RECORD.unpack(cursor.raw(RECORD_BYTES))[0] != Op.HEADER:
+            return False
+        _profile, library = cursor.text(), cursor.text()
+    except ValueError:
+        return False
+    return library == LIBRARY
+
+
+def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has_crc: bool = False) -> bytes:
     """Return the records of a chunk, given its whole record.
 
     Args:
         data: The chunk's record.
         index: Its entry in a checked summary, which it must match.
+        has_crc: Its CRC is one even if it is 0; else that says that there is none.
 
     Raises:
         ValueError: It is not what was written.
@@ -59,7 +84,7 @@ def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None) -> byt
         ):
             raise ValueError("it is not the chunk that the summary describes")
     records = decompress(compression, stored, size)
-    if crc and zlib.crc32(records) != crc:
+    if (crc or has_crc) and zlib.crc32(records) != crc:
         raise ValueError("the CRC does not match")
     return records
 

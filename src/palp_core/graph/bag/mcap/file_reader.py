@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap import records
-from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, split_chunk
+from palp_core.graph.bag.mcap.chunk import RawMessage, made_by_palp, open_chunk, split_chunk
 from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 T = TypeVar("T", records.Attachment, records.Metadata)
@@ -66,6 +66,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             self.size = path.stat().st_size
             if self._read_at(0, len(records.MAGIC)) != records.MAGIC:
                 raise BagDamaged(path, 0, "not an MCAP file")
+            self._has_crcs = made_by_palp(self._read_at(0, records.HEADER_SEEN_BYTES))
             try:
                 self.closed = self._read_summary()
             except (ValueError, struct.error) as error:
@@ -120,7 +121,8 @@ class FileReader(AbstractContextManager["FileReader"]):
         """
         try:
             return split_chunk(
-                open_chunk(self._read_at(place.offset, place.length), place.entry), self._define
+                open_chunk(self._read_at(place.offset, place.length), place.entry, has_crc=self._has_crcs),
+                self._define,
             )
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error

@@ -1,7 +1,8 @@
 """Write one MCAP file, chunk by chunk.
 
-A chunk is closed when it is full or when :meth:`FileWriter.tick` finds it half a second old, and reaches the
-operating system in one write, so whatever happens to this process, every closed chunk is whole in the file.
+A chunk is closed when it is full or when :meth:`FileWriter.tick` finds it half a second old, the first one at
+the first tick that finds anything in it, and reaches the operating system in one write, so whatever happens
+to this process, every closed chunk is whole in the file.
 A channel's definition stands in the first two chunks that use it and in the summary: no single damage makes
 messages unreadable elsewhere.
 """
@@ -34,7 +35,8 @@ class FileWriter:
         path: The file, which must not exist.
         compression: Of the chunks.
         chunk_bytes: A chunk is closed when it holds this much, before compression.
-        chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given.
+        chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given; the first one of
+            a file earlier, so that a file that is cut off soon has something in it.
 
     Raises:
         BagError: The file exists.
@@ -70,9 +72,8 @@ class FileWriter:
         except FileExistsError as error:
             raise BagError(f"{path} exists already: choose another name") from error
         try:
-            self._write_bytes(
-                records.MAGIC + records.record(records.Op.HEADER, records.text(""), records.text("palp"))
-            )
+            head = records.record(records.Op.HEADER, records.text(""), records.text(records.LIBRARY))
+            self._write_bytes(records.MAGIC + head)
         except OSError:
             self._file.close()
             raise
@@ -118,7 +119,7 @@ class FileWriter:
         if self._index:
             if self._opened_ns is None:  # the chunk was begun after the last tick
                 self._opened_ns = now_ns if self._tick_ns is None else self._tick_ns
-            if now_ns - self._opened_ns >= self._chunk_ns:
+            if not self._chunks or now_ns - self._opened_ns >= self._chunk_ns:
                 self.close_chunk()
         self._tick_ns = now_ns
 

@@ -14,6 +14,12 @@ from enum import IntEnum
 import msgspec
 
 MAGIC = b"\x89MCAP0\r\n"
+LIBRARY = "palp"
+"""Who writes a file, as its header says."""
+
+HEADER_SEEN_BYTES = 256
+"""Of a file's first bytes; its header is in them."""
+
 RECORD = struct.Struct("<BQ")
 RECORD_BYTES = RECORD.size
 MESSAGE = struct.Struct("<BQHIQQ")

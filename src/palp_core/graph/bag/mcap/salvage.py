@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap import records
-from palp_core.graph.bag.mcap.chunk import RawMessage, open_chunk, read_chunk_head, split_chunk
+from palp_core.graph.bag.mcap.chunk import RawMessage, made_by_palp, open_chunk, read_chunk_head, split_chunk
 from palp_core.graph.bag.mcap.file_reader import FileReader
 
 _CHUNK = re.compile(
@@ -24,7 +24,8 @@ class Salvage(msgspec.Struct, kw_only=True):
     """What is intact in a file.
 
     Attributes:
-        chunks: Offset and length of every chunk whose CRC matches.
+        chunks: Offset and length of every chunk whose CRC matches, or that has none.
+        unchecked: Offsets of those that have none: whether they are what was written, nothing tells.
         torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
         damaged_chunk_count: Chunks that are not what was written.
         damaged_bytes: Bytes that belong to nothing intact.
@@ -32,6 +33,8 @@ class Salvage(msgspec.Struct, kw_only=True):
 
     path: Path
     chunks: list[tuple[int, int]] = []
+    unchecked: set[int] = set()
+    has_crcs: bool = False
     torn: int = -1
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
@@ -40,12 +43,12 @@ class Salvage(msgspec.Struct, kw_only=True):
     attachments: dict[str, records.Attachment] = {}
     metadata: dict[str, records.Metadata] = {}
 
-    def messages(self) -> Iterator[list[RawMessage]]:
-        """Iterate the messages of the intact chunks, in file order."""
+    def messages(self) -> Iterator[tuple[list[RawMessage], bool]]:
+        """Iterate the messages of the intact chunks, in file order, and whether a CRC vouches for them."""
         with self.path.open("rb") as file:
             for offset, length in self.chunks:
                 file.seek(offset)
-                yield split_chunk(open_chunk(file.read(length)), _ignore)
+                yield split_chunk(open_chunk(file.read(length)), _ignore), offset not in self.unchecked
 
     def torn_messages(self) -> list[RawMessage]:
         """Return the whole messages of the chunk that is cut off; no CRC vouches for them."""
@@ -87,6 +90,7 @@ def salvage(path: Path) -> Salvage:
         if path.stat().st_size == 0:
             return found
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            found.has_crcs = made_by_palp(data[: records.HEADER_SEEN_BYTES])
             intact = _by_summary(found, path, data)
             if intact is None:
                 intact = _by_search(found, data)
@@ -127,7 +131,7 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
         if length is None:
             if _is_torn(data, offset):
                 found.torn = offset
-            offset = _next_chunk(data, doubt)
+            offset = _next_chunk(data, doubt, has_crc=found.has_crcs)
             length = _record_length(data, offset)
             if length is None:
                 return intact
@@ -149,13 +153,13 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
         offset += length
 
 
-def _next_chunk(data: mmap.mmap, start: int) -> int:
+def _next_chunk(data: mmap.mmap, start: int, *, has_crc: bool) -> int:
     """Return where the next intact chunk begins, or -1."""
     for match in _CHUNK.finditer(data, start):
         length = _record_length(data, match.start())
         if length is not None:
             try:
-                open_chunk(data[match.start() : match.start() + length])
+                open_chunk(data[match.start() : match.start() + length], has_crc=has_crc)
             except (ValueError, struct.error):
                 continue
             return match.start()
@@ -174,11 +178,14 @@ def _record_length(data: mmap.mmap, offset: int) -> int | None:
 def _take_chunk(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
     schemas, channels = dict(found.schemas), dict(found.channels)
     try:
-        split_chunk(open_chunk(data[offset : offset + length]), found.define)
+        chunk = data[offset : offset + length]
+        split_chunk(open_chunk(chunk, has_crc=found.has_crcs), found.define)
     except (ValueError, struct.error):
         found.schemas, found.channels = schemas, channels
         return False
     found.chunks.append((offset, length))
+    if not found.has_crcs and not read_chunk_head(chunk)[3]:
+        found.unchecked.add(offset)
     return True
 
 
