@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zmq
 
@@ -17,7 +18,9 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.transport.receiver import TopicReceiver
+from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
+from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
+from palp_core.units import RatioArray
 
 DEADLINE_MS = 10.0
 WHILE_BUSY_NS = 35_000_000
@@ -96,3 +99,40 @@ def test_a_message_that_is_late_does_not_hide_that_its_deadline_was_missed(
     wired.arrive(2, WHILE_BUSY_NS)
     assert wired.work() == ["word 1", "deadline 3", "word 2"]
     wired.receiver.close()
+
+
+class Block(Message):
+    values: RatioArray
+
+
+class Collector(Node):
+    block = Sub(Block)
+
+    @on(block)
+    def take(self, block: Block) -> None:
+        """Take it."""
+
+
+def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Path, context: Any) -> None:
+    spec = NodeSpec(name="c", run="m:C", inputs={"block": "/p/block"})
+    executor = Executor(Collector, spec, SimClock(), lambda _: None)
+    place = f"ipc://{tmp_path}/p"
+    receiver = TopicReceiver(executor, {"/p/block": (place, place)}, context, None)
+    executor.transition(Transition.CONFIGURE)
+    receiver.set_start(0)
+    assert receiver._subscriber._socket.getsockopt(zmq.RCVHWM) == ARRAY_QUEUE
+    payload = encode(Block(values=np.zeros(640_000)))
+    kind = schema_of(Block).type_hash
+    publisher = context.socket(zmq.PUB)
+    publisher.bind(place)
+    sent = 0
+    while len(executor.inbox) * len(payload) < MOST_UNREAD_BYTES:
+        sent += 1
+        publisher.send(pack(b"/p/block", Kind.DATA, 0, sent, 0, kind, payload))
+        receiver.receive(1_000_000_000, 10)
+    unread = len(executor.inbox)
+    receiver.receive(1_000_000_000, 10)
+    assert len(executor.inbox) == unread
+    assert unread * len(payload) < MOST_UNREAD_BYTES + (ARRAY_QUEUE + 1) * len(payload)
+    publisher.close(linger=0)
+    receiver.close()

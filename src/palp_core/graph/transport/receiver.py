@@ -18,6 +18,7 @@ from palp_core.graph.messages.frame import (
     quick_header,
 )
 from palp_core.graph.messages.qos import strictest
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
@@ -27,10 +28,10 @@ from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
 MOST_UNREAD = 100_000
-MOST_UNREAD_BYTES = 256 << 20
+MOST_UNREAD_BYTES = 64 << 20
 _DATA = int(Kind.DATA)
 
 
@@ -61,7 +62,9 @@ class TopicReceiver:
         self.more = False
         self._executor, self._inbox = executor, executor.inbox
         places = {name: publish for name, (publish, _) in publishers.items()}
-        self._subscriber = SubscriberSocket(places, context, name=executor.name)
+        self._subscriber = SubscriberSocket(
+            places, context, _queue(executor.ends.subscriptions), name=executor.name
+        )
         self._requester = RequesterSocket(context)
         self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
         self.buffers = {
@@ -271,6 +274,16 @@ class TopicReceiver:
         self._requester.close()
         if self._offsets is not None:
             self._offsets.close()
+
+
+def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
+    """Return how many messages may wait in the socket: ZeroMQ counts them, whatever their size.
+
+    The rest waits at the publisher, which counts the bytes of large ones; what it has no room for is a gap.
+    """
+    several = itertools.chain.from_iterable(subscriptions.values())
+    arrays = any(field.packed for one in several for field in schema_of(one.message).fields)
+    return ARRAY_QUEUE if arrays else RECEIVE_QUEUE
 
 
 def _merged(
