@@ -37,7 +37,7 @@ def arguments(path: Path) -> dict[str, tuple[Any, ...]]:
 
 
 def resolved(path: Path) -> dict[str, Any]:
-    loaded: dict[str, Any] = yaml.safe_load(resolved_yaml(check_file(path)))
+    loaded: dict[str, Any] = yaml.safe_load(resolved_yaml(check_file(path, ["out:=results"])))
     return loaded
 
 

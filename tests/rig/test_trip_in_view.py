@@ -81,7 +81,7 @@ def tripped_ns(graph: RunningGraph) -> int:
 
 @pytest.mark.nightly
 def test_a_trip_is_on_the_screen_within_half_a_second_and_in_top_and_doctor(
-    palp: Palp, screen: Screen, monkeypatch: pytest.MonkeyPatch
+    palp: Palp, screen: Screen, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
     screen.until(lambda said: re.search(r"training +\S+ +[1-9]", re.sub(r"\x1b\[[0-9;]*m", "", said)))
@@ -106,4 +106,10 @@ def test_a_trip_is_on_the_screen_within_half_a_second_and_in_top_and_doctor(
     screen.process.send_signal(signal.SIGINT)
     last = [line for line in screen.rest().splitlines() if line.strip()][-1]
     assert re.search(r"/safety: tripped: operator: palp stop \(until the end\)", last)
+    incidents = json.loads((tmp_path / "result.json").read_text())["incidents"]
+    assert len(incidents) == TRIES + 1
+    assert (
+        "/safety: tripped: operator: palp stop</strong>\nuntil the end"
+        in (tmp_path / "report.html").read_text()
+    )
     assert max(took_s) <= LONGEST_S, took_s

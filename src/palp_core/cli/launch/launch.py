@@ -132,28 +132,29 @@ def _run(
             with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
                 summary = graph.run()
     except Interrupted as stop:
-        note(f"{stop}; every node has ended{_incidents(graph)}")
+        note(f"{stop}; every node has ended")
         _say_report(graph)
         return 128 + int(stop.signal)
     except NodeError as error:
-        note(f"{error}{_incidents(graph)}")
+        note(str(error))
         _say_report(graph)
         return 1
     except PalpError as error:
-        note(f"{error}{_incidents(graph)}")
+        note(str(error))
         _say_report(graph)
         return 2
     _print_summary(summary)
-    if graph.diagnostics.incidents:
-        note(_incidents(graph).lstrip())
+    _say_incidents(graph)
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
 
 
-def _incidents(graph: Graph) -> str:
-    """Return lines of what nodes said was wrong, for the end of what is said of a run."""
-    return "".join(f"\n{incident}" for incident in graph.diagnostics.incidents)
+def _say_incidents(graph: Graph) -> None:
+    """Say at the very end what nodes said was wrong, a trip of a safety node above all."""
+    sys.stdout.flush()
+    for incident in graph.diagnostics.incidents:
+        note(str(incident))
 
 
 def _say_beside(graph: Graph) -> None:
@@ -202,6 +203,7 @@ def _say_report(graph: Graph) -> None:
     """Say what is kept of a run that did not come to its end."""
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
+    _say_incidents(graph)
 
 
 def _print_summary(summary: RunSummary) -> None:
