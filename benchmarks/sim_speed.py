@@ -39,7 +39,9 @@ PLACES = (
 
 def run(folder: Path, *, compose: bool, trials: int, training: int) -> dict[str, Any]:
     """Run one session and return its result."""
-    with Graph(LAUNCH, compose=compose, out=str(folder), trials=trials, training=training) as graph:
+    with Graph(
+        LAUNCH, compose=compose, out=str(folder), overwrite=True, trials=trials, training=training
+    ) as graph:
         graph.run()
     return read_result(folder)
 

@@ -68,7 +68,7 @@ def small_disk(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def test_in_lockstep_it_is_said_and_the_graph_goes_on(small_disk: list[str], tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    with Graph(CHAIN, compose=True, record=bag, clock="sim", count=100) as graph:
+    with Graph(CHAIN, record=bag, clock="sim", count=100) as graph:
         summary = graph.run()
     assert summary.exit_code == 0
     assert not graph.recorders.complete
@@ -79,7 +79,7 @@ def test_in_lockstep_it_is_said_and_the_graph_goes_on(small_disk: list[str], tmp
 
 def test_what_was_written_before_the_disk_was_full_is_whole(small_disk: list[str], tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    with Graph(CHAIN, compose=True, record=bag, clock="sim", count=100) as graph:
+    with Graph(CHAIN, record=bag, clock="sim", count=100) as graph:
         graph.run()
     assert small_disk
     with pytest.MonkeyPatch.context() as patch:
@@ -101,7 +101,7 @@ def test_a_recorder_that_the_graph_needs_ends_it_in_order(small_disk: list[str],
     (tmp_path / "nodes").symlink_to(CHAIN.parents[1] / "nodes")
     (tmp_path / "msgs").symlink_to(CHAIN.parents[1] / "msgs")
     (tmp_path / "chain.yaml").write_text(text)
-    graph = Graph(tmp_path / "chain.yaml", compose=True, clock="sim", count=100)
+    graph = Graph(tmp_path / "chain.yaml", clock="sim", count=100)
     with pytest.raises(NodeError, match=r"tape: .*No space left on device"), graph:
         graph.run()
     assert small_disk
@@ -116,7 +116,7 @@ def test_a_bag_that_cannot_be_begun_is_refused_before_anything_starts(
     monkeypatch.setattr(FileWriter, "_write_bytes", refuse)
     with (
         pytest.raises(BagError, match="Read-only file system"),
-        Graph(CHAIN, compose=True, record=tmp_path / "bag", clock="sim"),
+        Graph(CHAIN, record=tmp_path / "bag", clock="sim"),
     ):
         pass
 
