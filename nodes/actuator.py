@@ -6,7 +6,8 @@ import msgspec
 
 from msgs.actuator import RingCommand, RingState, RingTruth
 from palp_core import Alarm, Node, Params, Pub, State, Sub, on
-from palp_core.palpation.devices.registry import open_device
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.registry import back_end, open_device
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.ring import SimRingState as DeviceState
 from palp_core.palpation.perception.belief.rig_noise import read_noise
@@ -46,7 +47,6 @@ class Actuator(Node):
 
     moves = True
     simulates = True
-    examine = staticmethod(file_mistakes)
     params: ActuatorParams
     state: ActuatorState
     command = Sub(RingCommand)
@@ -54,6 +54,15 @@ class Actuator(Node):
     ring_state = Pub(RingState)
     truth = Pub(RingTruth)
     settled = Alarm()
+
+    @staticmethod
+    def examine(params: ActuatorParams) -> dict[str, str]:
+        found = file_mistakes(params)
+        try:
+            back_end("ring", params.device)
+        except DeviceError as error:
+            found["device"] = str(error)
+        return found
 
     def on_configure(self) -> None:
         params = self.params

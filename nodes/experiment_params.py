@@ -14,6 +14,15 @@ TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Of trials, or of palpations in training: what a rig can do in its lifetime."""
 
 
+def taking_over(swaps: str) -> list[str]:
+    """Return the classes that ``TRIAL=MODULE:CLASS,...`` names; another form is refused elsewhere."""
+    return [run.strip() for _, sign, run in (entry.partition("=") for entry in swaps.split(",")) if sign]
+
+
+SwappedIn = Annotated[str, msgspec.Meta(extra={"classes": taking_over})]
+"""Policies that take over: the check of the launch file looks at their classes, too."""
+
+
 class ExperimentParams(Params):
     """Set in the launch file.
 
@@ -32,7 +41,7 @@ class ExperimentParams(Params):
     wait_s: Seconds = 3600.0
     phantoms: str = ""
     policy: str = ""
-    swaps: str = ""
+    swaps: SwappedIn = ""
     seed: Count = 0
     trials: TrialCount = 100
     training: TrialCount = 25

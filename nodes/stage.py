@@ -8,7 +8,7 @@ import numpy as np
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.palpation.devices.protocols import restored
-from palp_core.palpation.devices.registry import open_device
+from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
 
 
@@ -54,6 +54,10 @@ class Stage(Node):
     status = Pub(SweepStatus)
     block = Timer(hz="block_hz")
     arrival = Alarm()
+
+    @staticmethod
+    def examine(params: Any) -> dict[str, str]:
+        return device_mistakes("stage", params.device, {"sweep_speed_m_per_s": params.sweep_speed_m_s})
 
     def on_configure(self) -> None:
         self.device = open_device(

@@ -5,7 +5,8 @@ import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.palpation.devices.registry import open_device
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.registry import back_end, open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.sim.torque import SimTorqueState as DeviceState
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -40,11 +41,19 @@ class Torque(Node):
     """Publish a block of measured torque for each block of contact; silent while nothing is swept."""
 
     simulates = True
-    examine = staticmethod(file_mistakes)
     params: TorqueParams
     state: TorqueNodeState
     contact = Sub(Contact)
     block = Pub(TorqueBlock)
+
+    @staticmethod
+    def examine(params: TorqueParams) -> dict[str, str]:
+        found = file_mistakes(params)
+        try:
+            back_end("torque", params.device)
+        except DeviceError as error:
+            found["device"] = str(error)
+        return found
 
     def on_configure(self) -> None:
         params = self.params

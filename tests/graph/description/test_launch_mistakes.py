@@ -279,3 +279,10 @@ def test_a_typo_in_any_key_is_reported_at_its_line(workspace: Any, key: str, dat
     line = VALID.count("\n", 0, start) + 1
     found = problems_of(workspace, text)
     assert any(number == line and f"'{typo}'" in message for number, message in found), found
+
+
+def test_a_module_that_several_nodes_need_is_wrong_once(workspace: Any) -> None:
+    workspace.write("msgs/touch.py", "import nowhere_at_all\n")
+    ((line, text),) = problems_of(workspace, VALID)
+    assert line == 9
+    assert "msgs/touch.py:1: ModuleNotFoundError: No module named 'nowhere_at_all'" in text

@@ -75,6 +75,8 @@ def test_an_argument_out_of_its_range_is_a_mistake_at_each_parameter_that_takes_
         (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
         (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
         (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
+        (["swaps:=3=nodes.policy_x:Y"], "swaps: $(var", "nodes.policy_x:Y: no module 'nodes.policy_x'"),
+        (["swaps:=3=nodes.policy_emg:Amg"], "swaps: $(var", "no class 'Amg' in nodes.policy_emg"),
         (
             ["ring_mm:=20"],
             "ring_mm: $(var",
@@ -100,6 +102,24 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
     deep.write_text("path: {indentation_m: 0.006}\n", encoding="utf-8")
     mistakes = found(LAUNCH / "rig.yaml", *(text.replace("DEEP", str(deep)) for text in arguments))
     assert any(where.startswith(place) and words in message for where, message in mistakes), mistakes
+
+
+def test_what_is_wrong_in_all_branches_of_a_node_is_said_once() -> None:
+    mistakes = found(LAUNCH / "sim.yaml", "rings_mm:=0,x")
+    assert [message.partition("(")[2].partition(")")[0] for _, message in mistakes] == ["Experiment", "Fixed"]
+
+
+@pytest.mark.parametrize("kind", ["actuator", "stage", "torque"])
+def test_the_class_of_a_simulated_device_is_imported_by_the_check(kind: str, tmp_path: Path) -> None:
+    for folder in ("nodes", "msgs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    before, _, after = (LAUNCH / "sim.yaml").read_text(encoding="utf-8").partition(f"  {kind}:\n")
+    (tmp_path / "sim.yaml").write_text(
+        f"{before}  {kind}:\n{after.replace('device: sim', 'device: my_lab:Device', 1)}", encoding="utf-8"
+    )
+    ((place, message),) = found(tmp_path / "sim.yaml")
+    assert place.startswith("device: my_lab:Device")
+    assert "cannot import 'my_lab:Device'" in message
 
 
 @pytest.mark.parametrize("chosen", [["policy:=fixed"], ["policy:=information"]])

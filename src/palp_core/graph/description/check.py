@@ -1,5 +1,6 @@
 """Check a whole launch file, every branch of a selection too, before any process starts."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from palp_core.graph.problems import Problems, hint, nearest
 
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 
+_SOURCE = re.compile(r"\S+\.py:\d+: ")
 _PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
 _ADVICE = {
     "type": "wire a port of its type",
@@ -63,11 +65,13 @@ def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
         name: [replace(node, answer=next(answers)) for node in assigned]
         for name, assigned in description.nodes.items()
     }
-    if description.report is not None and (error := next(answers).error) is not None:
-        problems.add(description.report.mark, f"report: {error}")
+    said: set[str] = set()
     for assigned in nodes.values():
         for node in assigned:
-            _check_class(node, nodes, problems)
+            _check_class(node, nodes, problems, said)
+    if description.report is not None and (error := next(answers).error) not in (None, *said):
+        problems.add(description.report.mark, f"report: {error}")
+    _check_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
     return recorders_apart(_build(description, nodes))
 
@@ -75,13 +79,37 @@ def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
 _Nodes = dict[str, list[GraphNode]]
 
 
-def _check_class(reader: GraphNode, nodes: _Nodes, problems: Problems) -> None:
+def _check_later(workspace: Path, nodes: _Nodes, inspect: InspectFunction, problems: Problems) -> None:
+    """Look at the classes that are to take over later, so that a mistake is not met after hours."""
+    named = [
+        (node, name, NodeClassRequest(run, name=node.spec.name))
+        for assigned in nodes.values()
+        for node in assigned
+        for name, runs in node.declared.classes.items()
+        for run in dict.fromkeys(runs)
+    ]
+    answers = inspect([request for _, _, request in named], workspace) if named else []
+    for (node, name, request), answer in zip(named, answers, strict=True):
+        for error in [answer.error] if answer.error is not None else answer.param_errors.values():
+            problems.add(node.param_marks[name], f"{node}: {name}: {request.run}: {error}")
+
+
+def _check_class(reader: GraphNode, nodes: _Nodes, problems: Problems, said: set[str]) -> None:
+    """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
     if reader.declared.error is not None:
+        if _SOURCE.match(reader.declared.error):
+            if reader.declared.error in said:
+                return
+            said.add(reader.declared.error)
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
         if reader.declared.examined and not reader.chose(name):
             continue  # a branch that is not taken; with these arguments it could not be
+        what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node
+        if reader.declared.examined and what in said:
+            continue
+        said.add(what)
         if name in reader.param_marks or reader.complete:
             problems.add(reader.param_marks.get(name, reader.run_mark), f"{reader}: {error}")
     readable = reader.ports("sub", "client")

@@ -72,6 +72,9 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
         error: Why there is nothing more to say; None when all is well.
         doc: First line of the class's docstring.
         param_errors: What is wrong with the parameters tried, by name; "" for all of them together.
+        classes: Further node classes that parameters name, by parameter: what is to take over later.
+            A parameter says so by ``Annotated[str, Meta(extra={"classes": function})]``, whose function
+            returns them of a value.
         examined: Each fits by itself, and the class has something against them all the same.
     """
 
@@ -81,6 +84,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     ports: dict[str, NodePort] = {}
     params: dict[str, ParamDescription] = {}
     param_errors: dict[str, str] = {}
+    classes: dict[str, list[str]] = {}
     examined: bool = False
     moves: bool = False
     simulates: bool = False
@@ -139,11 +143,24 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         ports={port.name: _port(port) for port in ports},
         params=describe_params(declared.params),
         param_errors=errors,
+        classes=_classes_named(declared.params, request.params) if not errors else {},
         examined=examined,
         moves=cls.moves,
         simulates=cls.simulates,
         records=cls.records,
     )
+
+
+def _classes_named(params: type, given: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the classes that given parameters name, by parameter."""
+    info = msgspec.inspect.type_info(params)
+    assert isinstance(info, msgspec.inspect.StructType)
+    found = {}
+    for field in info.fields:
+        extra = field.type.extra or {} if isinstance(field.type, msgspec.inspect.Metadata) else {}
+        if "classes" in extra and field.encode_name in given:
+            found[field.encode_name] = list(extra["classes"](given[field.encode_name]))
+    return found
 
 
 def _port(port: Port) -> NodePort:
