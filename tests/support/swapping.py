@@ -54,6 +54,19 @@ class Source(Node):
             self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
 
 
+class Rude(Source):
+    """After a while it says nothing that its readers can decode."""
+
+    @every("rate_hz")
+    def go(self):
+        self.state.index += 1
+        if self.state.index < 20:
+            self.out.publish(Num(index=self.state.index))
+            return
+        self.out.forward(b"garbage")
+        self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
+
+
 class RelayState(State):
     total: int = 0
     drawn: list[float] = []

@@ -82,6 +82,16 @@ def test_the_same_class_keeps_live_parameters_and_takes_what_is_given(stage: Sta
     assert stage.graph.ask("relay", "info")["params"] == {"gain": 4}
 
 
+def test_a_reader_that_rejects_what_comes_has_heard_it_and_is_swapped(palp: Palp, launch: Path) -> None:
+    launch.write_text(launch.read_text().replace("swap_toys:Source", "swap_toys:Rude"))
+    stage = Stage(palp, launch)
+    for turn in range(3):
+        assert "report" in stage.swap(("Other", "Relay")[turn % 2])
+        while not stage.graph.ask("relay", "info")["rejected"]:
+            pass
+    assert "report" in stage.graph.swap("relay", "swap_toys:Other", shadow_s=0.1)
+
+
 REFUSED = [
     ("NoOut", "it has no output 'out', which /sink reads"),
     ("WrongType", "carries Word, not Num"),
@@ -90,6 +100,24 @@ REFUSED = [
     ("nodes.nope:Relay", "no module 'nodes.nope'"),
     ("/nowhere/policy.py:Relay", "no file /nowhere/policy.py"),
 ]
+
+
+def test_a_class_given_by_its_file_is_the_one_that_runs_and_parameters_alone_change_it(
+    palp: Palp, stage: Stage, launch: Path
+) -> None:
+    file = launch.parent.parent / "swap_toys.py"
+    done = palp.run("swap", "relay", "gain:=3")
+    assert done.returncode == 0, done.stderr
+    stage.graph.ask("relay", "set_parameters", parameters={"gain": 4})
+    report = stage.swap(f"{file}:Relay")["report"]
+    assert (report["before"], report["after"]) == ("swap_toys:Relay", "swap_toys:Relay")
+    info = stage.graph.ask("relay", "info")
+    assert (info["run"], info["params"], info["file"]) == ("swap_toys:Relay", {"gain": 4}, str(file))
+    assert f"File: {file}" in palp.run("node", "info", "relay").stdout
+    assert stage.swap(f"{file}:Plain")["failed"]["step"] == "state"  # another class of that file is another
+    assert palp.run("swap", "relay", "swap_toys:Relay", "--reload").returncode == 2
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay"])
 
 
 def test_what_does_not_fit_the_graph_is_refused_before_anything_starts(stage: Stage) -> None:

@@ -136,3 +136,19 @@ def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Pa
     assert unread * len(payload) < MOST_UNREAD_BYTES + (ARRAY_QUEUE + 1) * len(payload)
     publisher.close(linger=0)
     receiver.close()
+
+
+def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) -> None:
+    old, new = Wired(tmp_path, context, Qos()), Wired(tmp_path, context, Qos())
+    old.arrive(1, 0)
+    for n in (2, 3):
+        old.receiver._arrive(pack(b"/p/word", Kind.DATA, 0, n, 0, schema_of(Word).type_hash, b"\xc1"), 0)
+    for n in (4, 5):
+        new.arrive(n, 0)
+    old.work()
+    handed = old.executor.succession.copy()
+    assert (handed.consumed["/p/word"].sequence, old.executor.events.rejected_count) == (1, 2)
+    assert new.receiver.continue_from(handed, old.receiver.heard) == 2
+    assert new.work() == ["word 4", "word 5"]
+    for wired in (old, new):
+        wired.receiver.close()

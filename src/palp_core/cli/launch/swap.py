@@ -20,7 +20,7 @@ def swap(
         str | None,
         typer.Argument(
             metavar="[MODULE:CLASS]",
-            help="The new node's class, or FILE.py:CLASS; leave it out with --reload.",
+            help="The new node's class, or FILE.py:CLASS; without it, that which runs gets the parameters.",
             show_default=False,
         ),
     ] = None,
@@ -66,9 +66,10 @@ def swap(
     given = list(params or [])
     if target is not None and ":=" in target:
         given, target = [target, *given], None
-    if (target is None) is not reload:
+    if reload if target is not None else not (reload or given):
         raise GraphError(
-            "name the new class, as in nodes.policy_uniform:Uniform, or --reload the one that runs"
+            "name the new class, as in nodes.policy_uniform:Uniform, or --reload the one that runs, "
+            "or give parameters for it, as in rate_hz:=50"
         )
     if target is not None and not all(target.rpartition(":")[::2]):
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")

@@ -54,6 +54,8 @@ def info(
     entry = running.node(node)
     print_text(f"/{entry.name}")
     print_text(f"  Class: {found['run']}")
+    if file := found.get("file"):
+        print_text(f"  File: {file}")
     print_text(f"  State: {found['lifecycle']}")
     print_text(f"  Process: {found.get('pid') or running.process_of(entry)}")
     _section("Subscribers", {k: _reader(v) for k, v in found["inputs"].items()})

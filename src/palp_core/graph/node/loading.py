@@ -4,6 +4,8 @@ import hashlib
 import importlib
 import importlib.util
 import sys
+from collections.abc import Sequence
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 
@@ -63,6 +65,28 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
     if not (isinstance(loaded, type) and issubclass(loaded, Node)):
         raise GraphError(f"{module_name} has no node class '{class_name}'")
     return loaded
+
+
+def source_of(run: str, workspace: str) -> tuple[Path, str] | None:
+    """Return the file and the name of a node class, without importing anything; None if no file is known.
+
+    Args:
+        run: ``module:Class`` or ``path.py:Class``.
+        workspace: Where modules are looked for first.
+    """
+    module, _, class_name = present_name(run).rpartition(":")
+    if module.endswith(".py"):
+        return Path(workspace, module).resolve(), class_name
+    folders: Sequence[str] | None = [workspace, *sys.path]
+    found = None
+    for i, part in enumerate(parts := module.split(".")):
+        if folders is None:
+            return None
+        found = PathFinder.find_spec(part, folders)
+        if found is None:
+            return None
+        folders = found.submodule_search_locations if i + 1 < len(parts) else None
+    return (Path(found.origin).resolve(), class_name) if found is not None and found.origin else None
 
 
 def _forget(name: str, workspace: str) -> None:

@@ -15,6 +15,7 @@ from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.offsets import ReceivedOffsets
 
 
 class LockstepLoop:
@@ -104,7 +105,7 @@ class LockstepLoop:
             self._poll.poll(20)
             self.participant.turn()
 
-    def _succeed(self, hand_over: HandOver) -> int:
+    def _succeed(self, hand_over: HandOver, _: ReceivedOffsets) -> int:
         """Take up what waits: in lockstep nothing comes between two rounds, so that all of it is handed over.
 
         It waits only in a node that was deactivated, and still is.

@@ -6,6 +6,7 @@ raises becomes ``{"error": text}``. In lockstep, those that change something wai
 """
 
 import os
+import sys
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -111,6 +112,7 @@ class NodeServices:
         return {
             "name": executor.name,
             "run": class_name(type(executor.node)),
+            "file": getattr(sys.modules.get(type(executor.node).__module__), "__file__", None) or "",
             "pid": os.getpid(),
             "lifecycle": executor.lifecycle.value,
             "params": msgspec.to_builtins(executor.node.params),

@@ -60,12 +60,14 @@ class HandedIn(ChannelMessage, frozen=True):
         hand_over: An encoded :class:`~palp_core.graph.node.handover.HandOver`.
         at_ns: When, on the host's monotonic clock.
         remembered: Replies to requests from outside that may be asked again.
+        heard: Up to where it has received its inputs: what it rejected it has heard, too.
         frames: In lockstep, what it has published on this occasion.
     """
 
     hand_over: bytes
     at_ns: int
     remembered: dict[str, bytes]
+    heard: dict[str, tuple[int, int]]
     frames: list[bytes] = []
 
 
@@ -84,11 +86,15 @@ class Rehearsed(ChannelMessage, frozen=True):
 
 
 class TakeOver(ChannelMessage, frozen=True):
-    """To the successor: continue from here, but publish nothing yet. ``start_ns`` is the graph's start."""
+    """To the successor: continue from here, but publish nothing yet. ``start_ns`` is the graph's start.
+
+    ``remembered`` and ``heard`` are those of :class:`HandedIn`.
+    """
 
     hand_over: bytes
     params: dict[str, object]
     start_ns: int
+    heard: dict[str, tuple[int, int]]
     remembered: dict[str, bytes]
 
 
@@ -98,6 +104,7 @@ class Shadow(ChannelMessage, frozen=True):
     hand_over: bytes
     params: dict[str, object]
     start_ns: int
+    heard: dict[str, tuple[int, int]]
     publish: str
 
 

@@ -37,8 +37,8 @@ class SwapParticipant:
         sockets: Where it publishes.
         say: Answers the supervisor.
         heard: Returns up to where the inputs have been received.
-        succeed: Merges what this process has received with what was handed over; returns how many messages
-            wait.
+        succeed: Merges what this process has received with what was handed over, and with up to where the
+            predecessor has heard; returns how many messages wait.
         begin: Is told the graph's start before the node takes over.
         depart: Stops listening to the inputs.
         supervisor: Descriptor of the channel to the supervisor.
@@ -53,7 +53,7 @@ class SwapParticipant:
         supervisor: int,
         *,
         heard: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
-        succeed: Callable[[HandOver], int] = lambda hand_over: len(hand_over.inbox),
+        succeed: Callable[[HandOver, ReceivedOffsets], int] = lambda hand_over, _: len(hand_over.inbox),
         begin: Callable[[int], None] = lambda _: None,
         depart: Callable[[], None] = lambda: None,
         successor: bool = False,
@@ -119,8 +119,9 @@ class SwapParticipant:
             if pause:
                 self._executor.succession.pause()
             at_ns = monotonic_ns()
-            hand_over = self._executor.succession.hand_over() if pause else self._executor.succession.copy()
-            self._say(swap_messages.HandedIn(encode_any(hand_over), at_ns, self._sockets.requests.remembered))
+            succession, remembered = self._executor.succession, self._sockets.requests.remembered
+            hand_over = encode_any(succession.hand_over() if pause else succession.copy())
+            self._say(swap_messages.HandedIn(hand_over, at_ns, remembered, self._heard()))
         if self._meet is not None:
             self._sockets.poll()
             meet, until_ns = self._meet
@@ -172,7 +173,7 @@ class SwapParticipant:
             hand_over = decode_any(HandOver, message.hand_over)
             self._executor.succession.take_over(hand_over, message.params)
             self._sockets.requests.remember(message.remembered)
-            return swap_messages.TookOver("", self._succeed(hand_over))
+            return swap_messages.TookOver("", self._succeed(hand_over, message.heard))
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
 
@@ -194,7 +195,7 @@ class SwapParticipant:
             for out in self._executor.ends.publishers.values():
                 out.listened = True
         return self._take_over(
-            swap_messages.TakeOver(message.hand_over, message.params, message.start_ns, {})
+            swap_messages.TakeOver(message.hand_over, message.params, message.start_ns, message.heard, {})
         )
 
     def _end_shadow(self) -> swap_messages.Shadowed:

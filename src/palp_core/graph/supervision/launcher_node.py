@@ -152,6 +152,7 @@ class LauncherNode:
         return {
             "name": LAUNCHER,
             "run": "the launcher",
+            "file": "",
             "pid": os.getpid(),
             "lifecycle": "active",
             "published": {name: output["sequence"] for name, output in outputs.items()},

@@ -170,7 +170,9 @@ class _ProcessSwap:
         handed = self._request_hand_over(after, pause=False)
         start_ns = supervisor.start_ns
         publish = endpoints(str(self._folder), self._old.place)[0] if start_ns else ""
-        self._send_new(swap_messages.Shadow(handed.hand_over, request.params, start_ns, publish))
+        self._send_new(
+            swap_messages.Shadow(handed.hand_over, request.params, start_ns, handed.heard, publish)
+        )
         taken = self._reply_of_new(swap_messages.TookOver)
         if taken.error:
             self._fail(taken.error)
@@ -204,7 +206,11 @@ class _ProcessSwap:
         self._old.handed_over = True
         self._step = "take over"
         start_ns = self._supervisor.start_ns
-        self._send_new(swap_messages.TakeOver(handed.hand_over, request.params, start_ns, handed.remembered))
+        self._send_new(
+            swap_messages.TakeOver(
+                handed.hand_over, request.params, start_ns, handed.heard, handed.remembered
+            )
+        )
         taken = self._reply_of_new(swap_messages.TookOver)
         if taken.error:
             self._fail(taken.error)

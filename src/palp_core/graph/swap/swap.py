@@ -18,6 +18,7 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.loading import source_of
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
@@ -128,6 +129,13 @@ def unfit(found: HandOver, swap: CheckedSwap) -> str:
             f"palp lifecycle set /{swap.request.node} deactivate"
         )
     return ""
+
+
+def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
+    """Return what is to run; the class that runs keeps its name, be it given by its module or file."""
+    known = source_of(old.run, workspace)
+    same = not request.run or (known is not None and source_of(request.run, workspace) == known)
+    return old.run if same else request.run
 
 
 class SwapBackend(Protocol):
@@ -247,7 +255,7 @@ class Swapper:
             why = "lives on another host; swap it there" if elsewhere else f"is not there{hint(name, specs)}"
             raise GraphError(f"node '{name}' of graph '{checked.graph}' {why}")
         old = specs[name]
-        run = request.run or old.run
+        run = _run_of(request, old, checked.workspace)
         before = old.params if run == old.run else {}
         wanted = NodeClassRequest(run, {**before, **request.params}, name=name)
         new_class = self._backend.inspect_class(wanted, request.timeout_s)

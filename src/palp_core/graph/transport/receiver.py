@@ -106,13 +106,17 @@ class TopicReceiver:
             if buffer.is_ordered
         }
 
-    def continue_from(self, hand_over: HandOver) -> int:
+    def continue_from(self, hand_over: HandOver, heard: ReceivedOffsets) -> int:
         """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
+
+        Args:
+            hand_over: What it has handed over.
+            heard: Up to where it has received its inputs, what it rejected included.
 
         Raises:
             SchemaMismatch: A message was heard by neither.
         """
-        frames = _merged(self._inbox, hand_over, self.buffers, self._executor.ends.subscriptions)
+        frames = _merged(self._inbox, hand_over, heard, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
         self._unread_bytes = 0
         for frame in frames:
@@ -289,6 +293,7 @@ def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
 def _merged(
     inbox: deque[Frame],
     hand_over: HandOver,
+    heard: ReceivedOffsets,
     buffers: Mapping[str, ReorderBuffer],
     subscriptions: Mapping[str, list[Subscription]],
 ) -> list[Frame]:
@@ -297,6 +302,7 @@ def _merged(
     Args:
         inbox: The successor's; the predecessor's frames are the last of it.
         hand_over: The predecessor's.
+        heard: Up to where that has received each topic.
         buffers: The successor's, by topic; they go on where the predecessor's were.
         subscriptions: The successor's, by topic.
 
@@ -307,8 +313,9 @@ def _merged(
     frames = list(inbox)
     own, theirs = frames[:count], [frame for frame in frames[count:] if frame.topic in buffers]
     last = {name: (account.epoch, account.sequence) for name, account in hand_over.consumed.items()}
-    for frame in theirs:
-        last[frame.topic] = max(last.get(frame.topic, (-1, 0)), (frame.epoch, frame.sequence))
+    later = [(frame.topic, (frame.epoch, frame.sequence)) for frame in theirs]
+    for name, point in [*later, *heard.items()]:
+        last[name] = max(last.get(name, (-1, 0)), point)
     for name, buffer in buffers.items():
         buffer.continue_from(*last.get(name, (-1, 0)))
         buffer.unread = 0
