@@ -171,6 +171,8 @@ def do(params):
         os.kill(os.getpid(), signal.SIGKILL)
     if params.deed == "hang":
         signal.pause()
+    if params.deed == "stop_other":
+        os.kill(params.pid, signal.SIGSTOP)
     if params.deed == "kill_other":
         os.kill(params.pid, signal.SIGKILL)
 
@@ -291,12 +293,18 @@ RESTARTING = """
 graph: restarting
 clock: wall
 nodes:
-  source: {run: "swap_toys:Source", params: {rate_hz: 500.0}}
+  source:
+    run: "swap_toys:Source"
+    params: {rate_hz: 500.0}
+    restart: {when: on_failure, backoff_s: 0.001, max_restarts: 1000}
   relay:
     run: "swap_toys:Loose"
     restart: {when: on_failure, backoff_s: 0.001, max_restarts: 1000}
     inputs: {num: source/out}
-  sink: {run: "swap_toys:Sink", inputs: {num: relay/out}}
+  sink:
+    run: "swap_toys:Sink"
+    restart: {when: on_failure, backoff_s: 0.001, max_restarts: 1000}
+    inputs: {num: relay/out}
 """
 LAUNCH = """
 graph: swapping

@@ -7,7 +7,9 @@ import itertools
 import json
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -16,7 +18,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import read
 from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.swapping import Stage, workspace
+from tests.support.swapping import Stage, restarting_workspace, workspace
 
 EACH_STEP = [
     pytest.param("configure", marks=pytest.mark.nightly),
@@ -249,19 +251,68 @@ def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -
     assert account["repeated"] == 0
 
 
-def test_a_reader_that_is_stopped_keeps_its_publisher_from_a_swap_and_misses_nothing(stage: Stage) -> None:
-    sink, timeout_s = stage.process_of("sink"), stage.patience_s()
-    os.kill(sink, signal.SIGSTOP)
-    failed = stage.swap("Other", timeout_s=timeout_s)["failed"]
-    assert failed["step"] == "connect"
-    assert "/sink" in failed["text"]
-    os.kill(sink, signal.SIGCONT)
+@pytest.mark.parametrize("neighbour", ["sink", "source", "relay"])
+def test_a_neighbour_that_is_stopped_keeps_a_node_from_a_swap_at_once_and_misses_nothing(
+    stage: Stage, neighbour: str
+) -> None:
+    process = psutil.Process(stage.process_of(neighbour))
+    process.suspend()
+    while process.status() != psutil.STATUS_STOPPED:
+        pass
+    failed = stage.swap("Other")["failed"]
+    assert failed["step"] == "start"
+    assert f"is stopped; continue it with: kill -CONT {process.pid}" in failed["text"]
+    assert (f"/{neighbour}" in failed["text"]) is (neighbour != "relay")
+    process.resume()
     stage.passes(100)
     assert "report" in stage.swap("Other")
     stage.passes(100)
     assert stage.judgement()[1:] == ("", ["Relay", "Other"])
     account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
     assert (account["lost"], account["repeated"]) == (0, 0)
+
+
+def test_a_reader_that_stops_in_the_middle_of_a_swap_takes_it_back(stage: Stage) -> None:
+    sink, timeout_s = stage.process_of("sink"), stage.patience_s()
+    failed = stage.swap("Faulty", step="configure", deed="stop_other", pid=sink, timeout_s=timeout_s)[
+        "failed"
+    ]
+    assert failed["step"] == "connect"
+    assert "/sink" in failed["text"]
+    os.kill(sink, signal.SIGCONT)
+    stage.passes(100)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+
+
+def test_a_second_swap_while_one_runs_hears_so_at_once(palp: Palp, stage: Stage) -> None:
+    before = {process.pid for process in palp.processes()}
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(stage.swap, "Faulty", step="configure", deed="hang")
+        second: dict[str, Any] = {}
+        while "failed" not in second:  # it may have come first
+            second = stage.graph.swap("asker", "swap_toys:Asker", dry_run=True, timeout_s=PATIENCE_S)
+        assert second["failed"]["step"] == "start"
+        assert second["failed"]["text"] == "a swap of /relay is under way; ask again when it is done"
+        while not first.done():
+            for process in palp.processes():
+                if process.pid not in before:
+                    process.kill()
+        assert first.result()["failed"]["step"] in ("check", "configure")
+    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
+
+
+@pytest.mark.parametrize("neighbour", ["sink", "source", "relay"])
+def test_a_neighbour_that_is_restarted_keeps_a_node_from_a_swap_at_once(
+    palp: Palp, tmp_path: Path, neighbour: str
+) -> None:
+    launch = restarting_workspace(tmp_path) / "wall.yaml"
+    launch.write_text(launch.read_text().replace("backoff_s: 0.001", "backoff_s: 60.0"))
+    stage = Stage(palp, launch)
+    os.kill(stage.process_of(neighbour), signal.SIGKILL)
+    stage.wait_for("restarting", neighbour)
+    failed = stage.swap("LooseOther")["failed"]
+    assert failed["step"] == "start"
+    assert "is being restarted; ask again when it is at work" in failed["text"]
 
 
 def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:

@@ -27,6 +27,7 @@ class ManagedProcess:
         place: Under which name its process reports and has its endpoints.
         missing: Readers of its last process that do not listen to this one, which has waited for them.
         handed_over: It has handed over everything to a successor, which can go on without it.
+        is_silent: It has not been heard for longer than a node at work is silent.
         begun_ns: When its process was asked for, and when it was activated.
     """
 
@@ -41,7 +42,7 @@ class ManagedProcess:
         """Forget the process, before a start or a restart."""
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
-        self.handed_over = False
+        self.handed_over = self.is_silent = False
         self.missing: list[str] = []
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
@@ -49,6 +50,16 @@ class ManagedProcess:
     def activate(self, now_ns: int) -> None:
         """Note that it is told to work."""
         self.active, self.active_ns = True, now_ns
+
+    def absence(self) -> str:
+        """Return why it does not work just now, in words that follow its name; "" if it does."""
+        if self.respawn_at_ns is not None or self.ended or not self.matched:
+            return "is being restarted; ask again when it is at work"
+        if _is_stopped(self.pid):
+            return f"is stopped; continue it with: kill -CONT {self.pid}"
+        if self.is_silent:
+            return "has not been heard for seconds: a handler of it does not return; ask again when it has"
+        return ""
 
     def may_restart(self) -> bool:
         """Tell whether its rule allows another start; it must have been active once."""
@@ -87,6 +98,13 @@ class ManagedProcess:
     def log_tail(self) -> str:
         """Return where the log is and its last lines."""
         return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))
+
+
+def _is_stopped(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("T", "t")
+    except (OSError, IndexError):  # it has just ended, which the fork server tells; or there is no /proc
+        return False
 
 
 class ProcessLauncher:

@@ -145,6 +145,7 @@ class Restarts:
         """Take a node's word that its loop turns."""
         if self._liveness.heard(index, decode(NodeHealth, health), monotonic_ns()):
             name = self._processes[index].spec.name
+            self._processes[index].is_silent = False
             self._launcher_node.report("responsive", name, "answers again")
             _LOG.warning("%s: answers again", name)
 
@@ -153,6 +154,7 @@ class Restarts:
         name, silent_s = process.spec.name, silent_ns / 1e9
         if index not in self._liveness.silent:
             self._liveness.silent.add(index)
+            process.is_silent = True
             text = f"has not been heard for {silent_s:.0f} s: stopped, or busy in one handler"
             self._launcher_node.report("unresponsive", name, text, silent_s=silent_s)
             _LOG.warning("%s %s%s", name, text, process.log_tail())

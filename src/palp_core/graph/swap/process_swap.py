@@ -99,8 +99,8 @@ class _ProcessSwap:
         self._comparison: dict[str, Any] = {}
 
     def run(self) -> tuple[SwapReport, Done | None]:
-        if not self._old.matched or self._old.ended or self._old.respawn_at_ns is not None:
-            self._fail("the node is not up just now; ask again when it is")
+        if why := self._impediment():
+            self._fail(why)
         try:
             after = self._prepare()
             if self._swap.request.shadow_s:
@@ -114,6 +114,25 @@ class _ProcessSwap:
             raise
 
     # Steps
+
+    def _impediment(self) -> str:
+        """Return who of those that a swap needs is not there just now; "" if all are."""
+        if absence := self._old.absence():
+            return f"the node itself {absence}"
+        supervisor, checked, node = self._supervisor, self._swap.checked, self._swap.request.node
+        if not supervisor.start_ns:
+            return ""  # in simulated time nobody listens to sockets
+        readers = {
+            end for name, ends in checked.edges.items() if name.split("/")[1] == node for end, _ in ends
+        }
+        publishers = {name.split("/")[1] for name in self._swap.new.inputs.values()}
+        for process in supervisor.processes:
+            name = process.spec.name
+            absence = process.absence() if name in readers | publishers else ""
+            if absence:
+                what = "which reads it" if name in readers else "which it reads"
+                return f"/{name}, {what}, {absence}"
+        return ""
 
     def _prepare(self) -> ReceivedOffsets:
         """Bring a new process as far as it comes while the old one works."""

@@ -210,12 +210,18 @@ class Swapper:
             except GraphError as error:
                 raise SwapFailed(request.node, "check", str(error)) from error
 
+    @property
+    def _busy_text(self) -> str:
+        return f"a swap of /{self._busy.removeprefix('/')} is under way; ask again when it is done"
+
     def answer(self, asked: AskToSwap) -> dict[str, Any]:
         """Swap for a tool that asks.
 
         Raises:
             GraphError: No such node here.
         """
+        if self._busy:
+            return {"failed": {"step": "start", "text": self._busy_text, "node": asked.request.node}}
         try:
             found: dict[str, Any] = msgspec.to_builtins(self.swap(asked.request))
         except SwapFailed as error:
@@ -230,7 +236,7 @@ class Swapper:
             SwapFailed: A step failed; the old node goes on.
         """
         if self._busy:
-            raise GraphError(f"a swap of '{self._busy}' is under way; ask again when it is done")
+            raise GraphError(self._busy_text)
         self._busy = request.node
         try:
             report, done, now = self._swap(request)

@@ -113,6 +113,7 @@ class RequestServer:
         self._remembered: OrderedDict[str, bytes] = OrderedDict()
         self._remembered_bytes = 0
         self._under_way = BytesUnderWay(REPLY_BYTES)
+        self._performs = False
 
     def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
         """Add a node's operations.
@@ -173,7 +174,7 @@ class RequestServer:
                 self._by_token[request.id].askers.append(_checked(envelope))
                 return None
         answer = known[request.op].read(payload)
-        if not deferred:
+        if not deferred or self._performs:
             return self._answer(answer)[0]
         self._put_off(
             _Waiting(node, request.id, answer, len(payload), deque([_checked(envelope)], MOST_ASKERS))
@@ -217,20 +218,29 @@ class RequestServer:
     def perform(self, node: str | None = None) -> None:
         """Do what waits for a node, or for any, in the order in which it was asked.
 
+        What is asked in the middle of one that takes long waits for nothing: its operation sees to that.
+
         Raises:
             NodeError: A node's handler failed; its caller has been told.
         """
         if not self._waiting:
             return
-        failures = []
-        for entry in self._take(node):
-            reply, failure = self._answer(entry.answer)
-            self._send_all(entry, reply)
-            if entry.token is not None:
-                self._remember(entry.token, reply)
-            failures += [failure] if failure is not None else []
+        self._performs = True
+        try:
+            failures = [
+                failure for entry in self._take(node) if (failure := self._perform(entry)) is not None
+            ]
+        finally:
+            self._performs = False
         if failures:
             raise failures[0]
+
+    def _perform(self, entry: _Waiting) -> NodeError | None:
+        reply, failure = self._answer(entry.answer)
+        self._send_all(entry, reply)
+        if entry.token is not None:
+            self._remember(entry.token, reply)
+        return failure
 
     def _send_all(self, entry: _Waiting, reply: bytes) -> None:
         """Reply to all who have asked for one thing, those included who asked while it was done."""
