@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import resource
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -139,21 +139,19 @@ def test_each_is_refused_within_2_s_and_200_mib(workspace: Any, name: str) -> No
         workspace.write("nodes/fine.py", GUEST)
         words = ENDINGS[name][1].format(module=workspace.root / "nodes/odd.py")
     file: Path = workspace.write("launch/graph.yaml", text)
-    best_s = PATIENCE_S
+    best_s, said = PATIENCE_S, workspace.root / "said"
     for _ in range(3):  # others may use the machine meanwhile
         begun_ns = monotonic_ns()
-        done = subprocess.run(
-            [sys.executable, "-m", "palp_core", "launch", file, "--check"],
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-            cwd=ROOT,
-        )
+        with said.open("w") as errors:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "palp_core", "launch", file, "--check"], stderr=errors, cwd=ROOT
+            )
+        _, status, used = os.wait4(process.pid, 0)  # of this process and those it has waited for
+        process.returncode = os.waitstatus_to_exitcode(status)
         best_s = min(best_s, (monotonic_ns() - begun_ns) / 1e9)
-        assert done.returncode == 2
-        assert done.stderr.count("\n") == 1, done.stderr
-        assert f"{file}:{place}: " in done.stderr
-        assert words in done.stderr
+        assert process.returncode == 2
+        (line,) = said.read_text().splitlines()
+        assert f"{file}:{place}: " in line
+        assert words in line
+        assert used.ru_maxrss < 200 * 1024
     assert best_s < 2.0
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 200 * 1024
