@@ -32,8 +32,11 @@ SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.012", "to_m
 
 
 def arguments(path: Path) -> dict[str, tuple[Any, ...]]:
-    found = describe(path).arguments.values()
-    return {known.name: (known.default, known.choices, known.help) for known in found}
+    found = {
+        known.name: (known.default, known.choices, known.help) for known in describe(path).arguments.values()
+    }
+    folder, *rest = found["out"]
+    return {**found, "out": (str(folder).partition("/")[0], *rest)}  # it is named by the time
 
 
 def resolved(path: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
-from palp_core.graph.transport.reorder_buffer import FILL_NS, ReorderBuffer
+from palp_core.graph.transport.reorder_buffer import FILL_NS, SUCCESSOR_NS, ReorderBuffer
 
 TOPIC = "/p/x"
 
@@ -152,7 +152,9 @@ def test_a_best_effort_reader_that_the_successor_cannot_help_goes_on() -> None:
     edge.buffer.begin_move()
     edge.arrive(frame(3))
     edge.buffer.end_move(edge.now_ns, 4)
-    edge.wait(FILL_NS)
+    edge.wait(FILL_NS + SUCCESSOR_NS - 1)
+    assert edge.taken == [1]
+    edge.wait(1)
     assert edge.taken == [1, 3]
     edge.arrive(frame(6))
     assert edge.taken == [1, 3, 6]

@@ -42,6 +42,8 @@ def discover(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
         raise DeviceError(
             f"{device}: {row['state']}: what it sends makes no sense; check that it is one, and its rates"
         )
+    if row["state"] == Condition.STALE:
+        raise DeviceError(f"{device}: it fell silent while it was listened to; check cable and supply")
     return row
 
 

@@ -18,6 +18,8 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 
 FILL_NS = 1_000_000_000
+SUCCESSOR_NS = 10_000_000_000
+"""How much longer a successor that is just taking up its part may take to answer (assumed)."""
 
 
 class ReorderBuffer:
@@ -214,6 +216,8 @@ class ReorderBuffer:
         self._moving, self.give_up_ns = False, None
         self._last = max(self._last, last)
         self._advance(now_ns)
+        if self.give_up_ns is not None:
+            self.give_up_ns += SUCCESSOR_NS
 
     def continue_from(self, epoch: int, last: int) -> None:
         """Go on where a predecessor of the reader was: it has received everything up to ``last``.
