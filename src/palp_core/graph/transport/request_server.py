@@ -133,6 +133,9 @@ class RequestServer:
 
     def poll(self, most: int = MOST_AT_ONCE) -> None:
         """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred."""
+        if self._performs:
+            while (entry := self._next(None)) is not None:
+                self._perform(entry)
         for _ in range(most):
             if not readable(self._socket):
                 return
@@ -191,12 +194,13 @@ class RequestServer:
         if entry.token is not None:
             self._by_token[entry.token] = entry
 
-    def _take(self, node: str | None) -> list[_Waiting]:
-        """Return what waits for a node, or for any, in the order in which it was asked."""
-        mine = [entry for entry in self._waiting if node in (None, entry.node)]
-        self._waiting = [entry for entry in self._waiting if node not in (None, entry.node)]
-        self._waiting_bytes -= sum(entry.size for entry in mine)
-        return mine
+    def _next(self, node: str | None) -> _Waiting | None:
+        """Return what has waited longest for a node, or for any."""
+        entry = next((entry for entry in self._waiting if node in (None, entry.node)), None)
+        if entry is not None:
+            self._waiting.remove(entry)
+            self._waiting_bytes -= entry.size
+        return entry
 
     def _node(self, request: NodeRequest) -> str:
         if request.node is None and len(self._operations) == 1:
@@ -218,7 +222,8 @@ class RequestServer:
     def perform(self, node: str | None = None) -> None:
         """Do what waits for a node, or for any, in the order in which it was asked.
 
-        What is asked in the middle of one that takes long waits for nothing: its operation sees to that.
+        What is asked in the middle of one that takes long, or with it, waits for nothing: its operation sees
+        to that.
 
         Raises:
             NodeError: A node's handler failed; its caller has been told.
@@ -227,9 +232,9 @@ class RequestServer:
             return
         self._performs = True
         try:
-            failures = [
-                failure for entry in self._take(node) if (failure := self._perform(entry)) is not None
-            ]
+            failures = []
+            while (entry := self._next(node)) is not None:
+                failures += [failure] if (failure := self._perform(entry)) is not None else []
         finally:
             self._performs = False
         if failures:
@@ -271,7 +276,7 @@ class RequestServer:
 
     def turn_away(self) -> None:
         """Ask those who wait to ask again: another process goes on with the node."""
-        for entry in self._take(None):
+        while (entry := self._next(None)) is not None:
             text = f"{entry.node} was swapped for another while this was asked; ask again"
             self._send_all(entry, _pack({"error": text, "again": True}))
 
