@@ -21,7 +21,7 @@ SOME = [
     pytest.param("stage", signal.SIGKILL),
     pytest.param("safety", signal.SIGSTOP, marks=pytest.mark.nightly),
     pytest.param("torque", signal.SIGSTOP, marks=pytest.mark.nightly),
-    pytest.param(LAUNCHER, signal.SIGKILL),
+    pytest.param(LAUNCHER, signal.SIGKILL, marks=pytest.mark.nightly),
 ]
 EVERY = [
     (node, number)

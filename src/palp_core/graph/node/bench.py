@@ -8,6 +8,7 @@
     assert bench.sent(StiffnessEstimator.stiffness)[-1].stiffness_n_per_m > 0.0
 """
 
+from collections.abc import Iterable, Iterator
 from typing import Any, Generic, TypeVar
 
 from palp_core.errors import NodeError
@@ -82,7 +83,8 @@ class Bench(Generic[N]):
     def call(self, port: Srv[Any, M], request: Message) -> M:
         """Call a service and return its reply."""
         self._feed(port, topic("bench", port.name), request)
-        return self._decode(port.reply, topic(self.executor.name, port.name) + topic("bench", port.name))[-1]
+        name = topic(self.executor.name, port.name) + topic("bench", port.name)
+        return decode(port.reply, parse(next(self._frames_of(name, reversed(self.frames)))).payload)
 
     def reply(self, port: Client[Any, M], message: M) -> None:
         """Hand a client the reply to its oldest unanswered call, or to one that it never made."""
@@ -151,5 +153,9 @@ class Bench(Generic[N]):
         return self.executor.succession.hand_over()
 
     def _decode(self, message: type[M], name: str) -> list[M]:
-        parsed = [parse(frame) for frame in self.frames]
-        return [decode(message, frame.payload) for frame in parsed if frame.topic == name]
+        return [decode(message, parse(frame).payload) for frame in self._frames_of(name, self.frames)]
+
+    @staticmethod
+    def _frames_of(name: str, frames: Iterable[bytes]) -> Iterator[bytes]:
+        prefix = name.encode() + b"\0"
+        return (frame for frame in frames if frame.startswith(prefix))
