@@ -11,7 +11,7 @@ from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
 from palp_core.graph.transport.wakeup import RING
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
-ARRAY_QUEUE = 16  # of messages that may be of megabytes
+ARRAY_QUEUE = 256  # of messages that may be of megabytes; with fewer, small ones travel at half the rate
 _NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
 
 
