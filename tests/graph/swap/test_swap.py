@@ -288,9 +288,9 @@ def test_a_second_swap_while_one_runs_hears_so_at_once(palp: Palp, stage: Stage)
     before = {process.pid for process in palp.processes()}
     with ThreadPoolExecutor() as pool:
         first = pool.submit(stage.swap, "Faulty", step="configure", deed="hang")
-        second: dict[str, Any] = {}
-        while "failed" not in second:  # it may have come first
-            second = stage.graph.swap("asker", "swap_toys:Asker", dry_run=True, timeout_s=PATIENCE_S)
+        while {process.pid for process in palp.processes()} <= before:
+            assert not first.done()  # it is under way once it has a process
+        second = stage.graph.swap("asker", "swap_toys:Asker", dry_run=True, timeout_s=PATIENCE_S)
         assert second["failed"]["step"] == "start"
         assert second["failed"]["text"] == "a swap of /relay is under way; ask again when it is done"
         while not first.done():
