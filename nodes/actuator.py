@@ -6,8 +6,7 @@ import msgspec
 
 from msgs.actuator import RingCommand, RingState, RingTruth
 from palp_core import Alarm, Node, Params, Pub, State, Sub, on
-from palp_core.errors import DeviceError
-from palp_core.palpation.devices.registry import back_end, open_device
+from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.ring import SimRingState as DeviceState
 from palp_core.palpation.perception.belief.rig_noise import read_noise
@@ -57,12 +56,7 @@ class Actuator(Node):
 
     @staticmethod
     def examine(params: ActuatorParams) -> dict[str, str]:
-        found = file_mistakes(params)
-        try:
-            back_end("ring", params.device)
-        except DeviceError as error:
-            found["device"] = str(error)
-        return found
+        return file_mistakes(params) | device_mistakes("ring", params.device)
 
     def on_configure(self) -> None:
         params = self.params

@@ -21,7 +21,7 @@ from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import noise_of
-from palp_core.palpation.perception.belief.stopping import decide, stop_rule
+from palp_core.palpation.perception.belief.stopping import Verdict, decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import (
     DepthCount,
     TrialFilter,
@@ -320,6 +320,31 @@ class Estimator(Node):
             [np.array(g) for g in state.gains],
             max_probes=self.params.max_probes,
         )
+        outlier = memory.is_outlier(peak_n_m, setting)
+        self._publish_belief(peak_n_m, memory, posterior, gain, verdict, outlier=outlier)
+
+    def _drop(self, peak_n_m: float, memory: Primitives) -> None:
+        """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""
+        state = self.state
+        self.log.warning(
+            "trial %d is dropped: %s", state.trial, untrained([state.ring_m], memory.rings_m.tolist())
+        )
+        flat = np.exp(bayes.flat_prior(len(memory.depths_m)))
+        posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
+        verdict = Verdict("dropped", int(np.argmax(posterior)), len(state.probes), 0.0, gamma_defined=False)
+        self._publish_belief(peak_n_m, memory, posterior, gain_vector(posterior, flat), verdict)
+
+    def _publish_belief(
+        self,
+        peak_n_m: float,
+        memory: Primitives,
+        posterior: Float64Array,
+        gain: Float64Array,
+        verdict: Verdict,
+        *,
+        outlier: bool = False,
+    ) -> None:
+        state = self.state
         self.belief.publish(
             Belief(
                 stamp_ns=self.now_ns(),
@@ -333,34 +358,7 @@ class Estimator(Node):
                 verdict=verdict.word,
                 estimate_m=float(memory.depths_m[verdict.class_index]),
                 confidence=float(posterior[verdict.class_index]),
-                outlier=memory.is_outlier(peak_n_m, setting),
-                reading_n_m=peak_n_m,
-            )
-        )
-
-    def _drop(self, peak_n_m: float, memory: Primitives) -> None:
-        """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""
-        state = self.state
-        self.log.warning(
-            "trial %d is dropped: %s", state.trial, untrained([state.ring_m], memory.rings_m.tolist())
-        )
-        flat = np.exp(bayes.flat_prior(len(memory.depths_m)))
-        posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
-        best = int(np.argmax(posterior))
-        self.belief.publish(
-            Belief(
-                stamp_ns=self.now_ns(),
-                trial=state.trial,
-                iteration=state.ring_iteration,
-                depths_m=memory.depths_m,
-                posterior=posterior,
-                gain=gain_vector(posterior, flat),
-                gamma=0.0,
-                gamma_defined=False,
-                verdict="dropped",
-                estimate_m=float(memory.depths_m[best]),
-                confidence=float(posterior[best]),
-                outlier=False,
+                outlier=outlier,
                 reading_n_m=peak_n_m,
             )
         )

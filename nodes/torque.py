@@ -5,8 +5,7 @@ import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
 from palp_core import Node, Params, Pub, State, Sub, on
-from palp_core.errors import DeviceError
-from palp_core.palpation.devices.registry import back_end, open_device
+from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.sim.torque import SimTorqueState as DeviceState
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -48,12 +47,7 @@ class Torque(Node):
 
     @staticmethod
     def examine(params: TorqueParams) -> dict[str, str]:
-        found = file_mistakes(params)
-        try:
-            back_end("torque", params.device)
-        except DeviceError as error:
-            found["device"] = str(error)
-        return found
+        return file_mistakes(params) | device_mistakes("torque", params.device)
 
     def on_configure(self) -> None:
         params = self.params

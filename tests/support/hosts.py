@@ -199,12 +199,8 @@ class Host(Palp):
 @contextlib.contextmanager
 def own_host() -> Iterator[Host]:
     """A host with a short folder of its own."""
-    with short_folder() as folder:
-        host = Host(folder)
-        try:
-            yield host
-        finally:
-            host.close()
+    with short_folder() as folder, contextlib.closing(Host(folder)) as host:
+        yield host
 
 
 class Launched:

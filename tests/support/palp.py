@@ -160,12 +160,8 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
 @contextlib.contextmanager
 def own_palp() -> Iterator[Palp]:
     """The command line with a runtime folder of its own."""
-    with short_folder() as runtime:
-        command = Palp(runtime)
-        try:
-            yield command
-        finally:
-            command.close()
+    with short_folder() as runtime, contextlib.closing(Palp(runtime)) as command:
+        yield command
 
 
 @contextlib.contextmanager

@@ -108,19 +108,21 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
 
 
 def device_mistakes(
-    kind: Literal["stage", "ring", "torque", "emg"], name: str, options: Mapping[str, Any]
+    kind: Literal["stage", "ring", "torque", "emg"], name: str, options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Return what is wrong with the device of a node, by the node's parameter; no link is opened.
 
     Args:
         kind: As for :func:`open_device`.
         name: The node's parameter ``device``.
-        options: Its parameter ``options``, with what the node itself gives the device.
+        options: Its parameter ``options``, with what the node itself gives the device; None: not known yet.
     """
     try:
         back_end(kind, name)
     except DeviceError as error:
         return {"device": str(error)}
+    if options is None:
+        return {}
     try:
         open_device(kind, name, **options)
     except DeviceError as error:

@@ -86,14 +86,15 @@ class Verdict:
     """Whether a trial goes on, and its estimate.
 
     Attributes:
-        word: ``continue``, ``decided``, or ``undecided`` when the probes ran out.
+        word: ``continue``, ``decided``, ``undecided`` when the probes ran out, or ``dropped``, which no rule
+            says, when a reading has nothing to be compared with.
         class_index: Class with the largest posterior (the first of equals), whatever the word.
         probe_count: Probes so far.
         gamma: The rule's correlation distance, 0 to 2; 0.0 where not defined.
         gamma_defined: Whether there is such a distance.
     """
 
-    word: Literal["continue", "decided", "undecided"]
+    word: Literal["continue", "decided", "undecided", "dropped"]
     class_index: int
     probe_count: int
     gamma: float
