@@ -155,14 +155,16 @@ def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
 ) -> None:
     rig = quick_rig("aerotech")
     options = rig.options["aerotech"] | patient["aerotech"]
-    stage, state = AerotechStage(**options, lift_m=0.002), AerotechState()
+    # ten seconds on the way, so that the stop finds the leg under way on a busy machine too
+    stage, state = AerotechStage(**options, lift_m=0.002, return_speed_m_per_s=0.005), AerotechState()
     stage.open(time.monotonic_ns(), state, RNG)
     stop = AerotechStop(rig.addresses["aerotech"], timeout_s=30.0, rest_s=30.0)
     stage.return_to(-0.05, time.monotonic_ns(), state)
     wait.until(lambda: rig.on_world(lambda world, t: world.truth(t))["y_m"] < -0.002)
     times = stop.trip()
     assert times.written_ns <= times.resting_ns <= times.disabled_ns
-    assert not any(report.enabled or report.moving for report in stop.poll())
+    wait.until(lambda: not any(report.moving for report in stop.poll()))
+    assert not any(report.enabled for report in stop.poll())
     at_m = rig.on_world(lambda world, t: world.truth(t))["y_m"]
     wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
     with pytest.raises(DeviceError, match=r"disabled|could not be executed"):  # whichever it sees first
