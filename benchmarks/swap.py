@@ -7,7 +7,12 @@ number of one maker and the first of the other (the stream's own period of 1 ms 
 stands the pause that the runtime itself reports. The command's time is from the request to the old process's
 end. With ``--rival`` the same stream goes through ``dora node replace``.
 
+``--storm N`` swaps N times and kills or stops a process each time, at a step or instant drawn by ``--seed``:
+see :mod:`swap_bench.storm`. ``--busy`` keeps so many cores busy meanwhile. A turn that went wrong leaves its
+tapes and logs in the folder of ``--out``, and is repeated by ``--storm 1 --first ITS_NUMBER``.
+
 Run: .venv/bin/python benchmarks/swap.py [--quick] [--json] [--swaps N] [--faults N] [--out DIR]
+     .venv/bin/python benchmarks/swap.py --storm 300 --busy 2 [--seed S] [--first K] [--json] [--out DIR]
      .venv/bin/python benchmarks/swap.py --rival DORA      beside dora-rs; DORA is its executable
 """
 
@@ -109,6 +114,29 @@ def show(found: dict[str, Any]) -> None:
             print(f"{name:20} {value:.2f}" if isinstance(value, float) else f"{name:20} {value}")
 
 
+def storm(given: argparse.Namespace) -> int:
+    """Swap under faults; return 1 if anything was not as promised."""
+    from swap_bench.storm import Turn, run_storm
+
+    def show(turn: Turn) -> None:
+        words = f"{turn.number}: {turn.plan.fault}, {turn.plan.step or 'instant'}: {turn.outcome} {turn.text}"
+        print("; ".join([words, *turn.wrong]), file=sys.stderr)
+
+    out = given.out or Path("storm")
+    found = run_storm(given.storm, given.seed, first=given.first, burning=given.busy, folder=out, show=show)
+    if given.json:
+        print(json.dumps(found))
+    else:
+        columns = ("tries", "struck", "swapped", "wrong", "lost", "repeated", "reordered", "explained")
+        print(f"{'fault':15}", *(f"{name:>9}" for name in columns), "silence, ms  not swapped, at step")
+        for fault, row in found["by_fault"].items():
+            failed = ", ".join(f"{step} {count}" for step, count in row["failed_at"].items())
+            counts = (f"{row[name]:9}" for name in columns)
+            print(f"{fault:15}", *counts, f"{row['silence_max_ms']:11.0f}  {failed}")
+        print(f"{len(found['failures'])} of {found['turns']} turns not as promised; see {out / 'storm.json'}")
+    return int(bool(found["failures"]))
+
+
 def main() -> None:
     """Measure and say what came out."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -117,9 +145,17 @@ def main() -> None:
     parser.add_argument("--swaps", type=int)
     parser.add_argument("--faults", type=int)
     parser.add_argument("--rival", type=Path, metavar="DORA", help="executable of dora-rs-cli")
-    parser.add_argument("--out", type=Path, help="folder for swap.json")
+    parser.add_argument("--out", type=Path, help="folder for swap.json, or storm.json (default there: storm)")
+    parser.add_argument("--storm", type=int, metavar="N", help="swap so often, with a fault each time")
+    parser.add_argument("--seed", type=int, default=1, help="of the faults")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="begin with this turn")
+    parser.add_argument(
+        "--busy", type=int, default=0, metavar="N", help="processes that compute all the time"
+    )
     given = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if given.storm:
+        sys.exit(storm(given))
     swaps = given.swaps if given.swaps is not None else 30 if given.quick else 200
     faults = given.faults if given.faults is not None else 6 if given.quick else 100
     with tempfile.TemporaryDirectory(prefix="palp-swap-") as folder:

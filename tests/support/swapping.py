@@ -209,6 +209,17 @@ class LooseFaulty(Faulty):
     strict = False
 
 
+class Fleeting(Faulty):
+    """Dies as soon as it has said that it has taken over; a launcher that it stops hears of both together."""
+
+    def on_resume(self):
+        do(self.params)
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 class SinkParams(Params):
     out: str = ""
 

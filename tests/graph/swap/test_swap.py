@@ -15,7 +15,10 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import read
+from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.swap.swap import STEPS
+from palp_core.graph.transport.migration import read_move
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.swapping import Stage, restarting_workspace, workspace
 
@@ -173,6 +176,39 @@ def test_the_old_nodes_death_ends_the_swap_and_the_graph_by_its_rule(
             stage.swap("Faulty", step=step, deed="kill_other", pid=old)
     assert stage.launcher.wait() != 0
     assert palp.all_gone()
+
+
+def test_readers_hear_at_once_that_an_old_node_which_died_is_gone(stage: Stage) -> None:
+    listener = SubscriberSocket({"/relay/out": f"ipc://{stage.folder}/+1.pub"})
+    try:
+        old = stage.process_of("relay")
+        assert "report" in stage.swap("Faulty", step="take over", deed="kill_other", pid=old)
+        last, phases = stage.judgement()[0], []
+        while "gone" not in phases:  # it is said once: whoever listens goes on without the old place
+            assert listener.wait(PATIENCE_S)
+            for frame in map(parse, listener.receive()):
+                assert frame.sequence < last + 5000
+                phases += [read_move(frame.payload).phase] if frame.kind == Kind.MOVED else []
+        assert phases == ["here", "gone"]
+    finally:
+        listener.close()
+
+
+def test_a_new_node_that_dies_as_it_has_taken_over_leaves_the_old_one_at_work(
+    palp: Palp, stage: Stage
+) -> None:
+    launcher, before = psutil.Process(stage.launcher.pid), {process.pid for process in palp.processes()}
+    with ThreadPoolExecutor() as pool:
+        answer = pool.submit(stage.swap, "Fleeting", step="take over", deed="stop_other", pid=launcher.pid)
+        while launcher.status() != psutil.STATUS_STOPPED or {p.pid for p in palp.processes()} != before:
+            assert not answer.done()
+        launcher.resume()
+        assert answer.result()["failed"]["step"] == "take over"
+    stage.passes(50)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    assert "report" in stage.swap("Other")
+    stage.passes(50)
+    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
 
 
 @pytest.mark.parametrize("step", EACH_STEP)

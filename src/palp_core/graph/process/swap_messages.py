@@ -29,13 +29,19 @@ class Listening(ChannelMessage, frozen=True):
 
 
 class Meet(ChannelMessage, frozen=True):
-    """To the successor: say when so many readers listen here."""
+    """To the successor: say when so many readers listen here.
+
+    Attributes:
+        readers: By topic, how many.
+        nodes: Those of the graph, by name: without them the swap waits.
+    """
 
     readers: dict[str, int]
+    nodes: list[str] = []
 
 
 class Met(ChannelMessage, frozen=True):
-    """They do; ``missing`` are those that did not come in time."""
+    """They do; ``missing`` are those that did not come in time, none of them a node of the graph."""
 
     missing: dict[str, int]
 
@@ -166,5 +172,11 @@ class Leave(ChannelMessage, frozen=True):
     patience_ns: int
 
 
-ToSwapped = Place | HandIn | Resume | Stay | Leave | Meet | Rehearse | TakeOver | Go | Shadow | EndShadow
+class Bury(ChannelMessage, frozen=True):
+    """To the successor at work: the predecessor has died; tell the readers in its place that it is gone."""
+
+
+ToSwapped = (
+    Place | HandIn | Resume | Stay | Leave | Meet | Rehearse | TakeOver | Go | Bury | Shadow | EndShadow
+)
 FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening

@@ -106,6 +106,8 @@ class SwapParticipant:
                 self._say(self._take_over(message))
             case swap_messages.Go():
                 self._go(message)
+            case swap_messages.Bury():
+                self._tell_readers("gone")
             case swap_messages.Shadow():
                 self._say(self._begin_shadow(message))
             case swap_messages.EndShadow():
@@ -126,7 +128,8 @@ class SwapParticipant:
             self._sockets.poll()
             meet, until_ns = self._meet
             missing = _missing(meet.readers, self._sockets.publisher.readers)
-            if not missing or monotonic_ns() >= until_ns:
+            complete = self._sockets.publisher.named_readers >= set(meet.nodes)
+            if complete and (not missing or monotonic_ns() >= until_ns):
                 self._meet = None
                 self._say(swap_messages.Met(missing))
 
@@ -217,16 +220,20 @@ class SwapParticipant:
         self.silent = False
         sockets = self._sockets
         sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
-        here = encode_any(Move("here", *sockets.endpoints))
-        readers = sockets.publisher.readers
-        sockets.publisher.send_past_hold(
-            out.moved(here) for name, out in self._executor.ends.publishers.items() if name in readers
-        )
+        self._tell_readers("here")
         sockets.publisher.release()
         gap_s = (monotonic_ns() - message.paused_ns) / 1e9 if message.paused_ns else 0.0
         record = {**message.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
         self._executor.swaps.append(record)
         self._say(swap_messages.Working(record))
+
+    def _tell_readers(self, phase: str) -> None:
+        """Tell all who listen here that this is the place where everything goes on."""
+        told = encode_any(Move(phase, *self._sockets.endpoints))
+        readers = self._sockets.publisher.readers
+        self._sockets.publisher.send_past_hold(
+            out.moved(told) for name, out in self._executor.ends.publishers.items() if name in readers
+        )
 
 
 def _covers(heard: ReceivedOffsets, after: ReceivedOffsets) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.process.control_messages import Configured, Failed, FromNode, Matched, ToNode
+from palp_core.graph.process.control_messages import Configured, Done, Failed, FromNode, Matched, ToNode
 from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_server import (
     INSPECTING,
@@ -32,6 +32,7 @@ class Standby:
         replies: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
         on_end: Called when its process has ended.
+        has_left: It has said that its work is done, and died of nothing.
     """
 
     def __init__(self, number: int, process: ManagedProcess) -> None:
@@ -39,6 +40,7 @@ class Standby:
         self.replies: list[FromNode] = []
         self.failure = ""
         self.on_end: Callable[[], None] = lambda: None
+        self.has_left = False
 
     def receive(self, message: FromNode) -> None:
         """Take what it says."""
@@ -49,6 +51,7 @@ class Standby:
         elif isinstance(message, Failed):
             self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
         else:
+            self.has_left = isinstance(message, Done)
             self.replies.append(message)
 
 
@@ -111,6 +114,10 @@ class Standbys:
         self._channels.exchange(index, standby.number)
         new, standby.process = standby.process, process
         return new
+
+    def connected(self, standby: Standby) -> bool:
+        """Tell whether one's channel is open: it closes before the fork server tells of the process's end."""
+        return self._channels.connected(standby.number)
 
     def send(self, standby: Standby, message: ToNode) -> None:
         """Say something to one; of one that is gone the fork server tells."""

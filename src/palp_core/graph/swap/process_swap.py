@@ -152,9 +152,8 @@ class _ProcessSwap:
         supervisor.listening.clear()
         self._send_old(swap_messages.Place(publish, serve))
         readers = self._reply_of_old(swap_messages.Announced).readers
-        if supervisor.start_ns:
-            self._wait_for_readers(publish)
-        self._send_new(swap_messages.Meet(readers))
+        nodes = self._wait_for_readers(publish) if supervisor.start_ns else []
+        self._send_new(swap_messages.Meet(readers, nodes))
         # Who does not come is no node of this graph, and can ask for what it missed.
         self._reply_of_new(swap_messages.Met)
         self._step = "state"
@@ -165,8 +164,11 @@ class _ProcessSwap:
             self._fail(rehearsed.error)
         return rehearsed.after
 
-    def _wait_for_readers(self, publish: str) -> None:
-        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
+    def _wait_for_readers(self, publish: str) -> list[str]:
+        """Wait until the graph's own readers listen at the new place; return them.
+
+        Others can ask for what they miss.
+        """
         supervisor, checked = self._supervisor, self._swap.checked
         wanted = {
             (supervisor.names.index(reader), name, publish)
@@ -175,11 +177,11 @@ class _ProcessSwap:
             for reader, _ in ends
             if reader in supervisor.names and supervisor.processes[supervisor.names.index(reader)].active
         }
-        deaf = {f"/{supervisor.names[index]}" for index, _, _ in wanted}
-        text = (
-            f"not every reader listened at the new place; one is stopped or busy: {', '.join(sorted(deaf))}"
-        )
+        nodes = sorted({supervisor.names[index] for index, _, _ in wanted})
+        deaf = ", ".join(f"/{name}" for name in nodes)
+        text = f"not every reader listened at the new place; one is stopped or busy: {deaf}"
         self._wait_for(lambda: wanted <= supervisor.listening, text)
+        return nodes
 
     def _shadow(self, after: ReceivedOffsets) -> ReceivedOffsets:
         """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
@@ -234,6 +236,8 @@ class _ProcessSwap:
         if taken.error:
             self._fail(taken.error)
         assert self._new is not None
+        if not self._supervisor.standbys.connected(self._new):  # its last word; how it ended will be told
+            self._wait_for(lambda: False, "it has closed its channel and did not end")
         if start_ns:
             self._now_ns = handed.at_ns - start_ns
         runs = {"before": self._swap.old.run, "after": self._swap.new.run}
@@ -277,18 +281,22 @@ class _ProcessSwap:
         """
         supervisor = self._supervisor
         supervisor.standbys.send(former, swap_messages.Leave(LINGER_NS))
-        former.on_end = self._redirecting(former.process.place, supervisor.processes[self._index].place)
-        supervisor.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS)
-        former.on_end()
+        former.on_end = self._redirecting(former, supervisor.processes[self._index].place)
+        has_died = former.process.ended  # before anybody listened to its end
+        if has_died or not supervisor.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS):
+            former.on_end()
 
-    def _redirecting(self, before: str, place: str) -> Callable[[], None]:
-        node, folder, processes, index = (
-            self._swap.request.node, self._folder, self._supervisor.processes, self._index
+    def _redirecting(self, former: Standby, place: str) -> Callable[[], None]:
+        node, folder, supervisor, index = (
+            self._swap.request.node, self._folder, self._supervisor, self._index
         )  # fmt: skip
+        before = former.process.place
 
         def redirect() -> None:
-            if processes[index].place != place:
+            if supervisor.processes[index].place != place:
                 return  # it has changed hands again
+            if supervisor.start_ns and former.process.ended and not former.has_left:
+                supervisor.send_if_connected(index, swap_messages.Bury())
             for end in ("pub", "srv"):
                 link = folder / f"+{node}.{end}.link"
                 link.unlink(missing_ok=True)
@@ -367,10 +375,10 @@ class _ProcessSwap:
             return condition() or gone or (new is not None and bool(new.failure))
 
         in_time = self._supervisor.wait_until(over, self._deadline_ns)
+        if new is not None and new.failure:  # it may have answered before it died
+            self._fail(new.failure)
         if condition():
             return
         if not in_time:
             self._fail(f"{failure} within {self._swap.request.timeout_s:g} s")
-        if new is not None and new.failure:
-            self._fail(new.failure)
         self._fail("the old node has ended")

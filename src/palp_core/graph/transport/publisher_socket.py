@@ -4,7 +4,7 @@ Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable, Set
 from typing import Any
 
 import zmq
@@ -86,8 +86,8 @@ class PublisherSocket:
         return {name.decode(): count for name, count in self._subscribed.items() if name in self._publishers}
 
     @property
-    def named_readers(self) -> Collection[str]:
-        """Readers that have said their name."""
+    def named_readers(self) -> Set[str]:
+        """Readers that have said their name: after it they miss nothing."""
         return (+self._named).keys()
 
     def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
