@@ -9,10 +9,10 @@ from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import ExperimentParams, ExperimentState
 from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_of, plan_of, planned
-from nodes.experiment_record import primitives_of, progress_of, result_of, row_of, trial_of
+from nodes.experiment_record import progress_of, result_of, trial_of
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.trials_csv import SessionWriter
+from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
 
 
 class Experiment(Node):
@@ -195,8 +195,14 @@ class Experiment(Node):
 
     @on(ring_truth)
     def note_true_ring(self, truth: RingTruth) -> None:
-        self.state.touch_changed |= truth.ring_m != self.state.true_ring_m
-        self.state.true_ring_m = truth.ring_m
+        state = self.state
+        if truth.ring_m != state.true_ring_m:
+            of_sweep = (truth.trial, truth.iteration) == (state.trial, state.iteration)
+            if state.swept and of_sweep:  # told after the ring's state, on which the goal was sent
+                state.guards = []
+            else:
+                state.touch_changed = True
+        state.true_ring_m = truth.ring_m
 
     @on(guard)
     def note_guard(self, guard: ContactGuard) -> None:
@@ -223,10 +229,11 @@ class Experiment(Node):
 
     @on(primitives)
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:
-        self.record.primitives(primitives_of(learnt))
+        self.record.primitives(primitives_json(learnt))
 
     def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
-        state, row = self.state, row_of(self.params, self.state, palpation, belief)
+        state, params = self.state, self.params
+        row = row_of(state, palpation, belief, policy=params.policy, seed=params.seed)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
         state.ring_landed, state.last_ring_m = False, palpation.ring_m
         state.policy, state.next_policy = state.next_policy or state.policy, ""

@@ -41,10 +41,18 @@ class Rig:
         dropped: Trials whose ring stands at an untrained position, to the estimator's eyes.
     """
 
-    def __init__(self, bench: Bench[Experiment], *, policy_first: bool = False) -> None:
+    def __init__(
+        self,
+        bench: Bench[Experiment],
+        *,
+        policy_first: bool = False,
+        truth_last: bool = False,
+        ring_stays: bool = False,
+    ) -> None:
         self.bench = bench
         self.asked: list[Message] = []
         self.policy_first = policy_first
+        self.truth_last, self.ring_stays = truth_last, ring_stays
         self._todo: deque[Message] = deque()
         self._read_count = 0
         self._trial: Trial | None = None
@@ -133,14 +141,15 @@ class Rig:
         """Do what the policy would: the next ring position."""
         assert self._trial is not None
         self._iteration += 1
-        ring_m = RINGS_M[(self._trial.trial + self._iteration) % 5]
+        ring_m = RINGS_M[(self._trial.trial + (0 if self.ring_stays else self._iteration)) % 5]
         self._move(RingCommand(stamp_ns=0, trial=self._trial.trial, iteration=self._iteration, ring_m=ring_m))
 
     def _move(self, command: RingCommand) -> None:
         if not command.rehome:
             self._ring_m = command.ring_m
             self._iteration = command.iteration
-        self._true_m = self._ring_m + 1e-5 * (1 + len(self.asked) % 7)
+        if not self.ring_stays or command.iteration < 2:
+            self._true_m = self._ring_m + 1e-5 * (1 + len(self.asked) % 7)
         for settled in (False, True):
             state = RingState(
                 stamp_ns=0,
@@ -151,12 +160,14 @@ class Rig:
                 measured_m=self._ring_m,
                 settled=settled,
             )
-            if settled:
-                truth = RingTruth(
-                    stamp_ns=0, trial=command.trial, iteration=command.iteration, ring_m=self._true_m
-                )
+            truth = RingTruth(
+                stamp_ns=0, trial=command.trial, iteration=command.iteration, ring_m=self._true_m
+            )
+            if settled and not self.truth_last:
                 self.bench.feed(Experiment.ring_truth, truth)
             self.bench.feed(Experiment.ring_state, state)
+            if settled and self.truth_last:
+                self.bench.feed(Experiment.ring_truth, truth)
 
     def _sweep(self, goal: SweepGoal) -> None:
         assert self._trial is not None
@@ -220,8 +231,8 @@ def params_in(out: Path, **params: Any) -> dict[str, Any]:
     return {"out": str(out), "trials": 2, "training": 2, "policy": "markov", "seed": 5, **params}
 
 
-def run(out: Path, *, policy_first: bool = False, **params: Any) -> Rig:
-    rig = Rig(Bench(Experiment, params_in(out, **params)), policy_first=policy_first)
+def run(out: Path, order: dict[str, bool] | None = None, **params: Any) -> Rig:
+    rig = Rig(Bench(Experiment, params_in(out, **params)), **(order or {}))
     rig.run()
     return rig
 
@@ -271,9 +282,9 @@ def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
             assert (row.posterior, row.gain, row.estimate_m, row.verdict) == ([], [], None, "")
 
 
-@pytest.mark.parametrize("policy_first", [False, True])
-def test_a_row_says_what_its_own_sweep_met(tmp_path: Path, policy_first: bool) -> None:
-    rig = run(tmp_path, policy_first=policy_first)
+@pytest.mark.parametrize("order", [{}, {"policy_first": True}, {"truth_last": True, "ring_stays": True}])
+def test_a_row_says_what_its_own_sweep_met(tmp_path: Path, order: dict[str, bool]) -> None:
+    rig = run(tmp_path, order)
     assert [row.guards for row in read_rows(tmp_path)] == rig.felt
     assert 0 < sum(map(bool, rig.felt)) < len(rig.felt)
 
@@ -315,7 +326,7 @@ def test_the_ring_is_commanded_in_training_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize("policy_first", [False, True])
 @pytest.mark.parametrize("mode", ["palpation", "trial", "condition"])
 def test_the_ring_is_rehomed_when_the_mode_says(tmp_path: Path, mode: str, policy_first: bool) -> None:
-    rig = run(tmp_path, rehome=mode, training_order="blocked", policy_first=policy_first)
+    rig = run(tmp_path, rehome=mode, training_order="blocked", order={"policy_first": policy_first})
     rows = read_rows(tmp_path)
     assert rig.bench.executor.exit_code == 0
     homings = sum(isinstance(r, RingCommand) and r.rehome for r in rig.asked)

@@ -114,10 +114,16 @@ def test_the_experiment_runs_on_emulated_wires_and_a_stop_is_in_the_bag(palp: Pa
 @pytest.mark.slow
 def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = palp.start("launch", EMULATED, *SMALL, *LENIENT, f"out:={out}", "policy:=uniform")
+    bag = tmp_path / "bag"
+    arguments = (*SMALL, *LENIENT, f"out:={out}", "policy:=uniform")
+    process = palp.start("launch", EMULATED, *arguments, "--record", bag)
     said, errors = process.communicate(timeout=900.0)
     assert process.returncode == 0, said + errors
     result = json.loads((out / "result.json").read_text())
     assert result["trials_done"] == 3
     assert (out / "report.html").exists()
     assert len(rows_of(out)) >= 15 + 3
+    again = palp.here("report", bag)
+    assert again.returncode == 0, again.stderr
+    for name in ("trials.csv", "primitives.json"):
+        assert (tmp_path / "bag_report" / name).read_bytes() == (out / name).read_bytes()

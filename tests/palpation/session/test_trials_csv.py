@@ -46,7 +46,7 @@ def test_a_new_column_takes_two_lines_a_field_and_where_rows_are_made() -> None:
         for call in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Row"
     ]
-    assert makers == ["experiment_record.py"]
+    assert makers == ["trials_csv.py"]
     module = ast.parse(Path(trials_csv.__file__).read_text("utf-8"))
     outside = [node for node in module.body if not (isinstance(node, ast.ClassDef) and node.name == "Row")]
     named = {one.value for node in outside for one in ast.walk(node) if isinstance(one, ast.Constant)}

@@ -1,4 +1,4 @@
-"""``palp report``: the report of a stored session, made again."""
+"""``palp report``: the report of a stored session, made again from its folder or from a bag of its run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,16 +6,46 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.output import print_text
+from palp_core.errors import PalpError
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A session's folder.")],
+    path: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR|BAG", help="A session's folder, or a bag of its run (also one file of it)."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Of a bag: for record and report; default: BAG_report beside it.",
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Of a bag: a session that the folder holds already is replaced."),
+    ] = False,
 ) -> None:
     """Make the report of a stored session, whole or cut short.
 
-    That is result.json, report.html and charts/, from the session's rows and sweeps.
+    That is result.json, report.html and charts/, from the session's rows and sweeps. Of a bag the rows and
+    sweeps are made first, from what the nodes said.
     """
+    from palp_core.palpation.session.bag_record import is_bag, write_record
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.run_note import read_note
 
-    print_text(write(folder, read_note(folder)))
+    if is_bag(path):
+        whole = path.resolve()
+        folder = out or path.parent / f"{whole.name.removesuffix('.mcap')}_report"
+        print_text(write(folder, write_record(path, folder, overwrite=overwrite)))
+    elif out is not None or overwrite:
+        raise PalpError(
+            f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
+        )
+    else:
+        print_text(write(path, read_note(path)))

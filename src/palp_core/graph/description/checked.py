@@ -119,6 +119,22 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         return {topic: [index_of[node] for node, _ in ends] for topic, ends in self.edges.items()}
 
     @property
+    def publishes(self) -> dict[str, dict[str, str]]:
+        """Message type of each topic that a node publishes, by node."""
+        found: dict[str, dict[str, str]] = {spec.name: {} for spec in self.nodes}
+        for name, topic in self.topics.items():
+            if topic.node in found:
+                found[topic.node][name] = topic.type
+        return found
+
+    @property
+    def listens(self) -> dict[str, list[str]]:
+        """Topics that each node reads, by node."""
+        return {
+            node: sorted({wire.topic for wire in wires.values()}) for node, wires in self.readings.items()
+        }
+
+    @property
     def spawned(self) -> list[NodeSpec]:
         """The nodes whose processes are the launcher's."""
         return [spec for spec in self.nodes if not spec.joined]

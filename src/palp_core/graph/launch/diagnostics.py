@@ -21,7 +21,7 @@ class Incident(msgspec.Struct, frozen=True, kw_only=True):
         level: ``warn`` or ``error``.
         text: What was wrong.
         advice: What to do about it.
-        at: Time of day.
+        at: Time of day; on the graph's clock where that is not known.
         at_s: When, on the graph's clock.
         until_s: When it was over; None if it never was.
     """
@@ -51,7 +51,7 @@ class Diagnostics:
         self.incidents: list[Incident] = []
         self.on_change: Callable[[str, Incident | None], None] = lambda *_: None
         self._nodes: Mapping[bytes, str] = {}
-        self._standing: dict[bytes, int] = {}
+        self._standing: dict[str, int] = {}
 
     def follow(self, checked: CheckedGraph) -> None:
         """Know which topics of a graph to look at."""
@@ -66,9 +66,13 @@ class Diagnostics:
         """Look at one frame of the graph, which comes at this time on its clock."""
         topic = topic_of(frame)
         node = self._nodes.get(topic)
-        if node is None:
-            return
-        status, now = decode(DiagnosticStatus, parse(frame).payload), self._standing.get(topic)
+        if node is not None:
+            status = decode(DiagnosticStatus, parse(frame).payload)
+            self.note(topic.decode(), node, status, time_of_day(max(now_ns - status.stamp_ns, 0)))
+
+    def note(self, topic: str, node: str, status: DiagnosticStatus, at: str) -> None:
+        """Note what a node said on a topic, and when."""
+        now = self._standing.get(topic)
         before = None if now is None else self.incidents[now]
         if before is not None and before.level == status.level and before.text == status.text:
             return  # said again, by a successor
@@ -79,17 +83,17 @@ class Diagnostics:
             del self._standing[topic]
         if status.level != "ok":
             self._standing[topic] = len(self.incidents)
-            self.incidents.append(_incident(node, status, now_ns))
-        self.on_change(topic.decode(), self.incidents[-1] if status.level != "ok" else None)
+            self.incidents.append(_incident(node, status, at))
+        self.on_change(topic, self.incidents[-1] if status.level != "ok" else None)
 
 
-def _incident(node: str, status: DiagnosticStatus, now_ns: int) -> Incident:
+def _incident(node: str, status: DiagnosticStatus, at: str) -> Incident:
     return Incident(
         node=node,
         level=status.level,
         text=status.text,
         advice=status.advice,
-        at=time_of_day(max(now_ns - status.stamp_ns, 0)),
+        at=at,
         at_s=status.stamp_ns / 1e9,
     )
 

@@ -341,6 +341,7 @@ class Graph:
         """Go on with another node in the place of one."""
         self.checked = checked
         self.diagnostics.follow(checked)
+        self.recorders.follow(checked)
         self._announce()
         if self._conductor is not None and done is not None:
             self._conductor.rewire(checked.readers)

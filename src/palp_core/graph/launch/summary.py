@@ -22,7 +22,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         listens: Topics that each node reads, by node.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
-        activation_count: How often a node was given work, in lockstep.
+        activation_count: How often a node was given work, in lockstep; None where nobody counted.
         exit_code: 0 if the run came to its end; negative where it did not say how it ended.
         ended: Why it did not come to its end, in words; "" where it did.
         incidents: What nodes said was wrong, in time's order.
@@ -34,7 +34,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     run: str = ""
     clock: str
     seed: int
-    composed: bool
+    composed: bool = False
     args: dict[str, Any]
     params: dict[str, dict[str, Any]]
     publishes: dict[str, dict[str, str]]
@@ -43,7 +43,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     ended: str = "it did not say how it ended"
     clock_s: float = 0.0
     wall_s: float = 0.0
-    activation_count: int = 0
+    activation_count: int | None = 0
     incidents: list[Incident] = []
     report: str = ""
 
@@ -63,13 +63,8 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         seed=checked.seed,
         args=checked.args,
         params={spec.name: spec.params for spec in checked.nodes},
-        publishes={
-            spec.name: {name: topic.type for name, topic in checked.topics.items() if topic.node == spec.name}
-            for spec in checked.nodes
-        },
-        listens={
-            node: sorted({wire.topic for wire in wires.values()}) for node, wires in checked.readings.items()
-        },
+        publishes=checked.publishes,
+        listens=checked.listens,
         **outcome,
     )
 

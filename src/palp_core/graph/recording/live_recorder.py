@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from palp_core.errors import BagError
+from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
@@ -17,7 +17,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.live_feed import LiveFeed, reread
 from palp_core.graph.recording.live_snapshot import LiveSnapshot
 from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics
-from palp_core.graph.recording.provenance import attachments
+from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
 from palp_core.graph.recording.recorder_messages import RecordOptions
 
 WAIT_MS = 50
@@ -207,9 +207,19 @@ class LiveRecorder:
         self._changed_ns = changed_ns
         self._graph = reread(self._graph)
         self._feed.update(self._graph)
+        self._keep_launch()
         known = {entry.name for entry in self._graph.record.topics}
         if not known <= self._known.keys():
             self._add({n: live for n, live in live_topics(self._graph).items() if n not in self._known})
+
+    def _keep_launch(self) -> None:
+        """Keep what the graph has become by a swap."""
+        with contextlib.suppress(GraphError):  # it is about to end: what was known stays
+            now = launch_attachment(self._graph.ask("graph", "launch"))
+            if now != self._attached[LAUNCH_ATTACHMENT]:
+                self._attached[LAUNCH_ATTACHMENT] = now
+                if isinstance(self._sink, BagRecorder):
+                    self._sink.attach(LAUNCH_ATTACHMENT, now)
 
     def _described_ns(self) -> int:
         """Return when the graph was described last; 0 if it is gone."""

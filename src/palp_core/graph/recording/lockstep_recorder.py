@@ -8,7 +8,12 @@ from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.recording.provenance import attachments, launch_provenance
+from palp_core.graph.recording.provenance import (
+    LAUNCH_ATTACHMENT,
+    attachments,
+    launch_attachment,
+    launch_provenance,
+)
 from palp_core.graph.recording.recorder_messages import RecordOptions
 
 TICK_FRAMES = 64
@@ -57,6 +62,10 @@ class LockstepRecorder:
         self._count += 1
         if self._count % TICK_FRAMES == 0:
             self._recorder.tick(monotonic_ns())
+
+    def follow(self, graph: CheckedGraph) -> None:
+        """Keep what the graph has become by a swap."""
+        self._recorder.attach(LAUNCH_ATTACHMENT, launch_attachment(launch_provenance(graph)))
 
     def close(self) -> tuple[bool, str]:
         """Close the bag; return whether nothing is missing, and what to say."""

@@ -12,7 +12,8 @@ import msgspec
 from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
 
 PACKAGES = ("palp", "numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq")
-_YAML, _NODES, _WORKSPACE = "graph_yaml", "nodes", "workspace"
+LAUNCH_ATTACHMENT = "palp/launch.json"
+_YAML, _NODES, _WORKSPACE, _LAUNCH = "graph_yaml", "nodes", "workspace", "launch"
 
 
 def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
@@ -21,6 +22,16 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
         _YAML: resolved_yaml(graph),
         _NODES: msgspec.to_builtins(graph.nodes),
         _WORKSPACE: graph.workspace,
+        _LAUNCH: {
+            "graph": graph.graph,
+            "file": graph.file,
+            "clock": graph.clock,
+            "seed": graph.seed,
+            "args": graph.args,
+            "params": {spec.name: spec.params for spec in graph.nodes},
+            "publishes": graph.publishes,
+            "listens": graph.listens,
+        },
     }
 
 
@@ -40,9 +51,15 @@ def attachments(
         "palp/graph.yaml": provenance[_YAML].encode(),
         NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(provenance[_NODES])),
         "palp/parameters.json": json.dumps(launched | (params or {}), indent=1).encode(),
+        LAUNCH_ATTACHMENT: launch_attachment(provenance),
         "palp/versions.json": json.dumps(_versions(), indent=1).encode(),
         "palp/git.txt": _git_state(Path(provenance[_WORKSPACE])),
     }
+
+
+def launch_attachment(provenance: dict[str, Any]) -> bytes:
+    """Return the attachment that says what runs: changed by a swap, the latest one counts."""
+    return json.dumps(provenance[_LAUNCH], indent=1).encode()
 
 
 def _versions() -> dict[str, str]:

@@ -74,6 +74,18 @@ class Recorders:
             except OSError as error:
                 self._lose(writer, error)
 
+    def follow(self, graph: CheckedGraph) -> None:
+        """Simulated clock: keep what the graph has become by a swap; other recorders ask for it.
+
+        Raises:
+            NodeError: As of :meth:`observe`.
+        """
+        for writer in self._writers:
+            try:
+                writer.follow(graph)
+            except OSError as error:
+                self._lose(writer, error)
+
     def _lose(self, writer: LockstepRecorder, error: OSError) -> None:
         """Go on without a bag that cannot be written any more, and say so."""
         self._writers = [other for other in self._writers if other is not writer]

@@ -123,7 +123,8 @@ def read_session(out: str | Path) -> RecordedSession:
                 f"{folder / 'trials.csv'}: row {row.row} has a posterior of {len(row.posterior)}, not "
                 f"{len(believed_m)} classes; the record is damaged, run the session again"
             )
-    taught_m = tuple(sorted({row.depth_m for row in rows if row.phase == "training"}))
+    primitives = _primitives(folder, rows)
+    taught_m = tuple(sorted(primitives.depths_m.tolist() if primitives is not None else _trained(rows)))
     grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
     depths_m = taught_m if grid else believed_m
     counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
@@ -131,9 +132,11 @@ def read_session(out: str | Path) -> RecordedSession:
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     dropped = tuple(trial for trial in every if trial.verdict == "dropped")
     unfinished = len(every) - len(ended) - len(dropped)
-    return RecordedSession(
-        folder, tuple(counted), depths_m, _primitives(folder, rows), ended, unfinished, grid, dropped
-    )
+    return RecordedSession(folder, tuple(counted), depths_m, primitives, ended, unfinished, grid, dropped)
+
+
+def _trained(rows: Sequence[Row]) -> set[float]:
+    return {row.depth_m for row in rows if row.phase == "training"}
 
 
 def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Row:

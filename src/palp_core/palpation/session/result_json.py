@@ -94,7 +94,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "incidents": msgspec.to_builtins(summary.incidents),
         "sweep_s": sweep_s,
         "activations": summary.activation_count,
-        "wall_time_s": summary.wall_s,
+        "wall_time_s": summary.wall_s or None,
         "sweep_s_per_wall_s": sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
         "palpations_per_wall_s": len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
         "composed": summary.composed,

@@ -30,8 +30,15 @@ LATEST = "latest"
 _NAMED_BY_TIME = re.compile(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d")
 
 
-def refuse_occupied(folder: Path) -> None:
+def refuse_occupied(
+    folder: Path,
+    ways_on: str = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true",
+) -> None:
     """Refuse a folder that holds a session; one that ended before its first palpation is none.
+
+    Args:
+        folder: Where a session is to go.
+        ways_on: What to do about it.
 
     Raises:
         PalpError: It does, or what lies there cannot be looked at.
@@ -43,7 +50,7 @@ def refuse_occupied(folder: Path) -> None:
     if found:
         raise PalpError(
             f"'{folder}' holds a session already ({', '.join(found)}), and nothing is overwritten unasked: "
-            "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
+            f"{ways_on}"
         )
 
 

@@ -21,7 +21,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Protocol, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -49,7 +49,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ``guards``: what the simulated sweep met in which its contact model may be wrong, in words.
 
     A field is a column, but a list of numbers is a column per class. A new one needs a line here and a line
-    where the experiment makes its rows; records without it are read with its default.
+    in :func:`row_of`; records without it are read with its default.
     """
 
     row: int
@@ -76,6 +76,64 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int
     landed: bool | None = None
     guards: list[str] = []
+
+
+class RowFacts(Protocol):
+    """What is known when a palpation is written down; the names are those of the experiment's state.
+
+    ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed.
+    """
+
+    row: int
+    phase: str
+    code: str
+    remount: int
+    trial: int
+    depth_m: float
+    true_ring_m: float | None
+    true_height_m: float | None
+    guards: list[str]
+    ring_landed: bool
+    last_ring_m: float
+    policy: str
+
+
+def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
+    """Return the row of a palpation.
+
+    Args:
+        facts: What is known.
+        palpation: The message.
+        belief: The message; None in training.
+        policy: With which the session began.
+        seed: Of the session.
+    """
+    return Row(
+        row=facts.row,
+        session=f"{policy}-{seed}",
+        phase=facts.phase,
+        phantom=facts.code,
+        remount=facts.remount,
+        trial=facts.trial,
+        depth_m=facts.depth_m,
+        iteration=palpation.iteration,
+        ring_m=palpation.ring_m,
+        true_ring_m=facts.true_ring_m,
+        true_height_m=facts.true_height_m,
+        peak_n_m=palpation.peak_n_m,
+        posterior=belief.posterior.tolist() if belief else [],
+        gain=belief.gain.tolist() if belief else [],
+        gamma=belief.gamma if belief and belief.gamma_defined else None,
+        verdict=belief.verdict if belief else "",
+        estimate_m=belief.estimate_m if belief else None,
+        outlier=belief.outlier if belief else False,
+        policy=facts.policy or policy,
+        seed=seed,
+        start_ns=palpation.start_ns,
+        end_ns=palpation.end_ns,
+        landed=facts.ring_landed or palpation.ring_m != facts.last_ring_m,
+        guards=list(facts.guards),
+    )
 
 
 _TYPES: dict[str, Any] = get_type_hints(Row)
@@ -223,6 +281,19 @@ def _write_all(descriptor: int, data: bytes) -> None:
     except OSError:
         os.ftruncate(descriptor, before)
         raise
+
+
+def primitives_json(learnt: Any) -> dict[str, Any]:
+    """Return a message of memory primitives as the record keeps it, a row per depth and a column per ring."""
+    shape = (len(learnt.depths_m), len(learnt.rings_m))
+    return {
+        "depths_m": learnt.depths_m.tolist(),
+        "rings_m": learnt.rings_m.tolist(),
+        "mean": learnt.mean_n_m.reshape(shape).tolist(),
+        "sd": learnt.sd_n_m.reshape(shape).tolist(),
+        "count": learnt.count.reshape(shape).tolist(),
+        "floor": learnt.floor_n_m,
+    }
 
 
 def read_rows(out: str | Path) -> list[Row]:

@@ -1,0 +1,186 @@
+"""``palp report BAG``: what a bag tells of a session is what the session's folder says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.errors import PalpError
+from palp_core.graph.bag.edit import filter_bag
+from palp_core.graph.bag.selection import topic_selection
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from palp_core.palpation.session.bag_record import write_record
+from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.report import write
+from palp_core.palpation.session.session_folder import OWN_FILES, SWEEPS
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
+from tests.support.palp import SIM
+from tests.support.rig_session import RigSession
+from tests.support.sessions import Summariser, without_times
+
+NOBODY_COUNTS = {"activations"}
+
+
+def report(*arguments: object) -> str:
+    return CliRunner().invoke(app, ["report", *map(str, arguments)], catch_exceptions=False).stdout
+
+
+def result(folder: Path) -> dict[str, Any]:
+    found = without_times(json.loads((folder / "result.json").read_text()))
+    return {key: value for key, value in found.items() if key not in NOBODY_COUNTS}
+
+
+def same_record(one: Path, other: Path) -> None:
+    for name in ("trials.csv", "primitives.json"):
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+    assert result(one) == result(other)
+
+
+def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    again = tmp_path / "again"
+    said = report(rig_session.bag, "--out", again)
+    assert said.endswith(f"result.json in {again}. Report: {again}/report.html\n")
+    same_record(again, rig_session.out)
+    for row in read_rows(again):
+        ours, theirs = (read_sweep(folder, row.row) for folder in (again, rig_session.out))
+        assert np.array_equal(ours[0], theirs[0])
+        assert ours[1] == theirs[1]
+    charts = {path.name: path.read_bytes() for path in (rig_session.out / "charts").iterdir()}
+    assert {path.name: path.read_bytes() for path in (again / "charts").iterdir()} == charts
+    page = (again / "report.html").read_text()
+    assert "unfinished" not in page
+    assert "wall time" not in page
+    before = (again / "result.json").read_bytes()
+    report(again)
+    assert (again / "result.json").read_bytes() == before
+
+
+def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_path: Path) -> None:
+    out, bag = tmp_path / "out", tmp_path / "bag"
+    swaps = "swaps:=2=nodes.policy_uniform:Uniform"
+    with Graph(
+        SIM, compose=True, out=out, record=bag, trials=1, training=2, depths=16, overrides=[swaps]
+    ) as graph:
+        graph.run()
+    write(tmp_path / "again", write_record(bag, tmp_path / "again"))
+    same_record(tmp_path / "again", out)
+    assert {row.policy for row in read_rows(out)} == {"markov", "uniform"}
+    assert "rings_mm" in json.dumps(result(tmp_path / "again")["protocol"]["policy"])
+
+
+def part(session: RigSession, out: Path, **limits: Any) -> Path:
+    filter_bag(session.bag, out, **limits)
+    return out
+
+
+@pytest.mark.parametrize(("end_s", "of"), [(60, "30 palpations of training"), (340, "6 trials")])
+def test_a_bag_that_ends_early_gives_the_rows_until_then_and_says_so(
+    rig_session: RigSession, tmp_path: Path, end_s: int, of: str
+) -> None:
+    cut = part(rig_session, tmp_path / "cut", end_ns=end_s * 10**9)
+    said, folder = report(cut), tmp_path / "cut_report"
+    rows = read_rows(folder)
+    assert 0 < len(rows) < len(read_rows(rig_session.out))
+    assert rows == read_rows(rig_session.out)[: len(rows)]
+    done = len(rows) if "training" in of else len(read_session(folder).trials)
+    words = f"nfinished: {done} of {of}"
+    assert said.startswith(f"U{words}, because: the bag ends before the session does.")
+    assert f"(u{words})" in (folder / "report.html").read_text()
+    assert json.loads((folder / "result.json").read_text())["confusion"]["depths_mm"] == [2.0, 4.0, 8.0]
+
+
+def test_of_a_bag_that_was_cut_off_what_stands_before_is_reported(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    (whole,) = rig_session.bag.glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 3])
+    assert "because: the bag is damaged: " in report(cut)
+    rows = read_rows(tmp_path / "cut_report")
+    assert rows == read_rows(rig_session.out)[: len(rows)] != []
+
+
+def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    said = report(part(rig_session, tmp_path / "late", start_ns=100 * 10**9))
+    every, folder = read_rows(rig_session.out), tmp_path / "late_report"
+    rows = read_rows(folder)
+    lacking = len(every) - len(rows)
+    assert f"the bag lacks at least {lacking} palpations" in said
+    assert [(row.trial, row.iteration, row.posterior) for row in rows] == [
+        (row.trial, row.iteration, row.posterior) for row in every[lacking:]
+    ]
+    kept = read_session(folder)
+    assert len({row.depth_m for row in kept.training}) < 3
+    assert kept.depths_m == (0.002, 0.004, 0.008)
+    assert kept.grid_count == 0
+
+
+@pytest.mark.parametrize(
+    ("left_out", "said"),
+    [
+        ("belief", "nothing of /estimator/belief is in it, and without it the session cannot be told"),
+        ("palpation", "holds no palpation: nothing of /estimator/palpation is in it"),
+        ("/actuator/", "nothing of /actuator/ring_state, /actuator/truth is in it"),
+    ],
+)
+def test_a_bag_without_what_a_session_needs_is_refused_and_leaves_nothing(
+    rig_session: RigSession, tmp_path: Path, left_out: str, said: str
+) -> None:
+    some = part(rig_session, tmp_path / "some", select=topic_selection([], None, left_out))
+    with pytest.raises(PalpError, match=said):
+        report(some)
+    assert not (tmp_path / "some_report").exists()
+
+
+def test_whether_guards_were_recorded_is_told_from_what_else_the_phantom_said(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    for name, left_out, told in (("a", "/guard", True), ("b", "/phantom/(guard|contact|_.*)", False)):
+        bag = part(rig_session, tmp_path / name, select=topic_selection([], None, left_out))
+        report(bag)
+        found = json.loads((tmp_path / f"{name}_report" / "result.json").read_text())
+        guards = found["mechanics"]["per_phantom"]["A"]["guards"]
+        assert guards == ([] if told else None)
+
+
+def test_a_session_is_not_overwritten_unasked(rig_session: RigSession, tmp_path: Path) -> None:
+    cut = part(rig_session, tmp_path / "cut", end_ns=60 * 10**9)
+    report(cut)
+    before = (tmp_path / "cut_report" / "trials.csv").read_bytes()
+    with pytest.raises(PalpError, match=r"holds a session already.*--out NAME.*--overwrite"):
+        report(rig_session.bag, "--out", tmp_path / "cut_report")
+    assert (tmp_path / "cut_report" / "trials.csv").read_bytes() == before
+    report(rig_session.bag, "--out", tmp_path / "cut_report", "--overwrite")
+    same_record(tmp_path / "cut_report", rig_session.out)
+    assert {path.name for path in (tmp_path / "cut_report").iterdir()} <= {*OWN_FILES}
+    assert len(list((tmp_path / "cut_report" / SWEEPS).iterdir())) == len(read_rows(rig_session.out))
+
+
+def test_other_bags_and_words_that_do_not_fit_are_refused(rig_session: RigSession, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other"):
+        pass
+    with pytest.raises(PalpError, match="does not say of what run it is"):
+        report(tmp_path / "other")
+    with pytest.raises(PalpError, match="is no bag"):
+        report(rig_session.out, "--out", tmp_path / "x")
+
+
+def test_a_bag_of_a_graph_without_an_experiment_is_no_session(tmp_path: Path, summary: Summariser) -> None:
+    run = msgspec.structs.replace(summary(tmp_path), publishes={"relay": {"/relay/out": "Amplified"}})
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(run))
+    with pytest.raises(PalpError, match="no bag of a session"):
+        report(tmp_path / "bag")
