@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.bag.writer import BagWriter
-from palp_core.whole_file import whole_file, write_json, write_whole
+from palp_core.whole_file import read_whole, whole_file, write_json, write_whole
 
 
 def test_a_file_that_fails_leaves_what_was_there_and_nothing_else(tmp_path: Path) -> None:
@@ -86,3 +86,29 @@ def test_what_a_link_leads_to_is_replaced_and_not_the_link(tmp_path: Path) -> No
     write_whole(link, "new")
     assert link.is_symlink()
     assert file.read_text() == "new"
+
+
+ENDLESS = {
+    "/dev/zero": "it is a device, not a file",
+    "pipe": "it is a pipe, not a file",
+    "folder": "it is a folder, not a file",
+    "sparse": "it has more than 128 MiB",
+    "/proc/self/maps": "it has more than 1 KiB",  # it states a size of 0
+}
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_what_has_no_end_is_not_read(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    with (tmp_path / "sparse").open("wb") as file:
+        file.truncate(5 << 30)
+    with pytest.raises(OSError, match="it ") as caught:
+        read_whole(tmp_path / name, *([1 << 10] if name.startswith("/proc") else []))
+    assert caught.value.strerror == ENDLESS[name]
+
+
+def test_a_file_of_just_the_size_is_read_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"12345")
+    (tmp_path / "link").symlink_to("file")
+    assert read_whole(tmp_path / "link", 5) == b"12345"

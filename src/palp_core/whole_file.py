@@ -1,7 +1,9 @@
-"""Files that appear under their name only when they are complete: whole, or not at all."""
+"""Whole files: they appear under their name only when they are complete, and none is read that has no end."""
 
 import contextlib
+import errno
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -10,6 +12,9 @@ import msgspec
 
 PRIVATE = 0o600
 """The mode of what is this user's alone."""
+
+LARGEST_BYTES = 128 << 20
+"""What is read of one file, if nothing else is said."""
 
 
 @contextlib.contextmanager
@@ -65,6 +70,47 @@ def write_json(path: Path, value: Any, *, mode: int = 0o666) -> None:
         OSError: It cannot be written.
     """
     write_whole(path, msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n", mode=mode)
+
+
+def check_regular(path: str | Path, largest: int | None = None) -> None:
+    """Refuse what a name may lead to and what has no end: a pipe, a device, a folder, a file without measure.
+
+    Args:
+        path: What is to be read; a link is followed.
+        largest: In bytes; None: as large as it likes.
+
+    Raises:
+        OSError: It is none that is to be read, in words as ``strerror``.
+    """
+    found = Path(path).stat()
+    if not stat.S_ISREG(found.st_mode):
+        kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+        kind = kinds.get(stat.S_IFMT(found.st_mode), "a device")
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+    if largest is not None and found.st_size > largest:
+        raise OSError(errno.EFBIG, f"it has more than {_size(largest)}", str(path))
+
+
+def read_whole(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
+    """Return what is in a regular file.
+
+    Args:
+        path: Which; a link is followed.
+        largest: In bytes; one that has more is refused before it is read.
+
+    Raises:
+        OSError: It cannot be read, is no regular file or too large; ``strerror`` says it in words.
+    """
+    check_regular(path, largest)
+    with Path(path).open("rb") as file:
+        data = file.read(largest + 1)  # it may grow, or state no size at all, as in /proc
+    if len(data) > largest:
+        raise OSError(errno.EFBIG, f"it has more than {_size(largest)}", str(path))
+    return data
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MiB" if count >= 1 << 20 else f"{count >> 10} KiB"
 
 
 def open_private(path: str, flags: int) -> int:

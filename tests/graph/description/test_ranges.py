@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,12 +52,15 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
         ("rig", "range_n_mm:=0.0", ["Safety", "RigTorque"]),
     ],
 )
-def test_an_argument_out_of_its_range_is_a_mistake_at_each_parameter_that_takes_it(
+def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_takes_it(
     name: str, argument: str, nodes: list[str]
 ) -> None:
     variable = argument.partition(":=")[0]
     mistakes = found(LAUNCH / f"{name}.yaml", argument)
-    assert [message.partition("(")[2].partition(")")[0] for _, message in mistakes] == nodes
+    assert [one for _, message in mistakes for one in re.findall(r"' \((\w+)\)", message)] == nodes
+    assert len({message.partition(": ")[2].partition("; argument")[0] for _, message in mistakes}) == len(
+        mistakes
+    )
     for place, message in mistakes:
         assert place.partition(":")[2].partition("}")[0].startswith(f" $(var {variable}")
         assert place.startswith(f"{variable}:")
@@ -105,8 +110,17 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
 
 
 def test_what_is_wrong_in_all_branches_of_a_node_is_said_once() -> None:
-    mistakes = found(LAUNCH / "sim.yaml", "rings_mm:=0,x")
-    assert [message.partition("(")[2].partition(")")[0] for _, message in mistakes] == ["Experiment", "Fixed"]
+    ((_, message),) = found(LAUNCH / "sim.yaml", "rings_mm:=0,x")
+    assert message.endswith("; argument 'rings_mm' is also for 'policy' (Fixed)")
+
+
+def test_a_file_that_several_nodes_read_is_wrong_once_and_who_reads_it_is_named(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    ((_, message),) = found(LAUNCH / "sim.yaml", f"noise:={tmp_path}/pipe")
+    assert message.startswith(
+        f"node 'policy' (Information): {tmp_path}/pipe: cannot read the noise file: it is a pipe, not a file"
+    )
+    assert re.findall(r"'(\w+)' \(", message) == ["policy", "actuator", "phantom", "torque", "estimator"]
 
 
 @pytest.mark.parametrize("kind", ["actuator", "stage", "torque"])

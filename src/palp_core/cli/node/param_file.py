@@ -4,8 +4,9 @@ from collections.abc import Mapping as AnyMapping
 from pathlib import Path
 from typing import Any
 
-from palp_core.graph.description.yaml_tree import Entry, Mapping, parse_tree, plain_tree
+from palp_core.graph.description.yaml_tree import LARGEST_BYTES, Entry, Mapping, parse_tree, plain_tree
 from palp_core.graph.problems import GraphProblems, Problem, Problems, hint
+from palp_core.whole_file import read_whole
 
 EVERY_NODE = "/**"
 HEADING = "ros__parameters"
@@ -27,7 +28,7 @@ def read_parameter_file(
             given twice, no YAML at all.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_whole(path, LARGEST_BYTES).decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is not UTF-8 text"
         raise GraphProblems([Problem(str(path), 1, 1, f"cannot be read: {reason}")]) from error

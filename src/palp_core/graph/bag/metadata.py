@@ -9,10 +9,11 @@ import yaml
 
 from palp_core.errors import BagError
 from palp_core.graph.messages.topic import Topic
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import read_whole, write_whole
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
+_LARGEST_BYTES = 4 << 20
 
 
 class FilePart(msgspec.Struct, frozen=True):
@@ -103,7 +104,7 @@ def bag_files(path: Path) -> list[Path]:
 
 def in_order(folder: Path) -> list[Path]:
     """Return the MCAP files of a folder by their numbers."""
-    return sorted(folder.glob("*.mcap"), key=_place)
+    return sorted((path for path in folder.glob("*.mcap") if path.is_file()), key=_place)
 
 
 def _place(file: Path) -> tuple[int, str]:
@@ -114,7 +115,7 @@ def _place(file: Path) -> tuple[int, str]:
 def _named(file: Path) -> set[str]:
     """Return the files that ``metadata.yaml`` names; damaged or foreign, it names none."""
     try:
-        names = yaml.safe_load(file.read_text())[ROOT]["relative_file_paths"]
+        names = yaml.safe_load(read_whole(file, _LARGEST_BYTES))[ROOT]["relative_file_paths"]
         return {Path(str(name)).name for name in names}
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
         return set()

@@ -19,7 +19,7 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, 
 from palp_core.graph.description.wire_check import misfits, type_misfit
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.problems import Problems, hint, nearest
+from palp_core.graph.problems import Mark, Problems, hint, nearest
 
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 
@@ -66,9 +66,11 @@ def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
         for name, assigned in description.nodes.items()
     }
     said: set[str] = set()
+    wrong = _ParamMistakes()
     for assigned in nodes.values():
         for node in assigned:
-            _check_class(node, nodes, problems, said)
+            _check_class(node, nodes, problems, said, wrong)
+    wrong.report(problems)
     if description.report is not None and (error := next(answers).error) not in (None, *said):
         problems.add(description.report.mark, f"report: {error}")
     _check_later(description.workspace, nodes, inspect, problems)
@@ -94,7 +96,33 @@ def _check_later(workspace: Path, nodes: _Nodes, inspect: InspectFunction, probl
             problems.add(node.param_marks[name], f"{node}: {name}: {request.run}: {error}")
 
 
-def _check_class(reader: GraphNode, nodes: _Nodes, problems: Problems, said: set[str]) -> None:
+class _ParamMistakes:
+    """What is wrong with parameters; an argument that several nodes take is wrong once."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, str], list[tuple[Mark, GraphNode]]] = {}
+
+    def add(self, node: GraphNode, name: str, error: str) -> None:
+        """Note what is wrong with a node's parameter; "" is all of them together."""
+        mark = node.param_marks.get(name, node.run_mark)
+        whose = node.arguments.get(name, f"{node.spec.name} {mark}")
+        self._found.setdefault((whose, error), []).append((mark, node))
+
+    def report(self, problems: Problems) -> None:
+        """Add each at its first place, with the nodes that it concerns."""
+        for (whose, error), entries in self._found.items():
+            entries.sort(key=lambda entry: entry[0])
+            mark, first = entries[0]
+            others = {n.spec.name: str(n).removeprefix("node ") for _, n in reversed(entries)}
+            del others[first.spec.name]
+            argument, names = whose.rpartition(":")[2], ", ".join(reversed(others.values()))
+            also = f"; argument '{argument}' is also for {names}" if others else ""
+            problems.add(mark, f"{first}: {error}{also}")
+
+
+def _check_class(
+    reader: GraphNode, nodes: _Nodes, problems: Problems, said: set[str], wrong: _ParamMistakes
+) -> None:
     """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
     if reader.declared.error is not None:
         if _SOURCE.match(reader.declared.error):
@@ -111,7 +139,7 @@ def _check_class(reader: GraphNode, nodes: _Nodes, problems: Problems, said: set
             continue
         said.add(what)
         if name in reader.param_marks or reader.complete:
-            problems.add(reader.param_marks.get(name, reader.run_mark), f"{reader}: {error}")
+            wrong.add(reader, name, error)
     readable = reader.ports("sub", "client")
     for name, wire in reader.inputs.items():
         if name in readable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Located:
-    """A value, where it is written, and whether it is an argument's default."""
+    """A value, where it is written, whether it is an argument's default, and which argument's it is."""
 
     value: Any
     mark: Mark
     defaulted: bool = False
+    argument: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class GraphNode:
         run_mark: Where it is written what runs.
         param_marks: Where each parameter is given.
         defaulted: Parameters whose value is an argument's default.
+        arguments: Parameters whose value is an argument's, as it is called on the command line.
         inputs: Wires by port.
         complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
@@ -78,6 +80,7 @@ class GraphNode:
     param_marks: dict[str, Mark]
     inputs: dict[str, InputEntry]
     defaulted: frozenset[str] = frozenset()
+    arguments: dict[str, str] = field(default_factory=dict)
     complete: bool = True
     answer: NodeClass | None = None
 

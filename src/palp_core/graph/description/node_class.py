@@ -27,7 +27,9 @@ from palp_core.graph.node.params import ParamDescription, describe_params, load_
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
 from palp_core.moved import present_name
+from palp_core.whole_file import check_regular
 
+LARGEST_MODULE_BYTES = 16 << 20
 _LIBRARY = Path(__file__).resolve().parents[2]
 
 
@@ -199,10 +201,14 @@ def _module(name: str, workspace: Path) -> ModuleType:
 
 
 def _module_at(path: Path, workspace: Path) -> ModuleType:
-    if not path.is_file():
+    if not path.exists():
         others = [other.name for other in path.parent.glob("*.py")]
         match = nearest(path.name, others)
         raise _Refusal(f"no file {path}" + (f"; did you mean '{match}'?" if match else "; check the path"))
+    try:
+        check_regular(path, LARGEST_MODULE_BYTES)
+    except OSError as error:
+        raise _Refusal(f"{path} cannot be read: {error.strerror}") from error
     return load_module(str(path), str(workspace))
 
 

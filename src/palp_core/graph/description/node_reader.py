@@ -218,6 +218,7 @@ class NodeReader:
                 run_mark=target.mark,
                 param_marks={key: item.mark for key, item in given.items()},
                 defaulted=frozenset(key for key, item in given.items() if item.defaulted),
+                arguments={key: item.argument for key, item in given.items() if item.argument},
                 inputs=Selection(inputs.choice, wires).under(assignment) or {},
             )
             nodes.append(node)
@@ -272,7 +273,12 @@ class NodeReader:
                 argument = sole_variable(entry.value) or ""
                 mark = self._scope.marks.get(argument, entry.mark)
                 declared = self._arguments.get(argument)
-                found[name] = Located(value, mark, declared is not None and value == declared.default)
+                found[name] = Located(
+                    value,
+                    mark,
+                    declared is not None and value == declared.default,
+                    self._scope.origins.get(argument, ""),
+                )
         return found
 
     def _inputs(self, what: str, tree: Tree) -> dict[str, InputEntry]:

@@ -9,6 +9,7 @@ those that an alias repeats among them.
 
 from __future__ import annotations
 
+import errno
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any, Final, TypeAlias
 import yaml
 
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
+from palp_core.whole_file import read_whole
 
 Plain: TypeAlias = str | int | float | bool | None
 
@@ -231,18 +233,12 @@ def read_tree(path: Path, problems: Problems) -> Tree:
     """
     file = str(path)
     try:
-        with path.open("rb") as opened:
-            data = opened.read(LARGEST_BYTES + 1)
-        text = data.decode("utf-8") if len(data) <= LARGEST_BYTES else ""
+        text = read_whole(path, LARGEST_BYTES).decode()
     except OSError as error:
-        raise GraphProblems(
-            [Problem(file, 1, 1, f"cannot be read: {error.strerror}; check the path")]
-        ) from error
+        advice = "is this the launch file?" if error.errno == errno.EFBIG else "check the path"
+        raise GraphProblems([Problem(file, 1, 1, f"cannot be read: {error.strerror}; {advice}")]) from error
     except UnicodeDecodeError as error:
         raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
-    if len(data) > LARGEST_BYTES:
-        message = f"has more than {LARGEST_BYTES // 1024} KiB; is this the launch file?"
-        raise GraphProblems([Problem(file, 1, 1, message)])
     tree = parse_tree(text, file, problems)
     if tree is None:
         raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])

@@ -24,7 +24,7 @@ from zmq.auth import load_certificate
 
 from palp_core.errors import SecurityError
 from palp_core.user_folders import keys_folder
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import check_regular, write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
@@ -249,6 +249,7 @@ def _certificate(name: str, public: str, secret: str = "") -> str:
 
 def _text(file: Path) -> str:
     try:
+        check_regular(file)
         with file.open("rb") as opened:
             return opened.read(_LARGEST_BYTES).decode(errors="replace")
     except OSError as error:
@@ -262,6 +263,7 @@ def _load(file: Path) -> tuple[str, str]:
         SecurityError: It cannot be read.
     """
     try:
+        check_regular(file)
         if file.stat().st_size > _LARGEST_BYTES:
             return "", ""
         public, secret = load_certificate(file)

@@ -41,10 +41,14 @@ from palp_core.whole_file import PRIVATE, open_private
 
 GRACE_NS = 600_000_000
 CLOSE_TIMEOUT_S = 5.0
+STILL_S = 10.0
+"""How long an inspecting child may do nothing that can be seen: import no further module, give no answer."""
+
+_TURN_S = 0.25
+_LAST_WORDS_S = 2.0
 _LENGTH_BYTES = 4
-_CRASH_PLACE = re.compile(
-    r'Fatal Python error.*?most recent call first.*?File "([^"]+)", line (\d+)', re.DOTALL
-)
+_CRASH = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
+_FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 INSPECTING = ""
 """Name of an inspecting child."""
 
@@ -143,7 +147,8 @@ class ForkServer:
     ) -> list[NodeClass]:
         """Let a forked child import node classes and say what they are.
 
-        If one ends the child, that is what is said of it, and another child goes on with the next.
+        If one ends the child, that is what is said of it, and another child goes on with the next. If one
+        does not come to an end, that is said of all that are left: they may well wait for the same module.
 
         Raises:
             GraphError: The fork server is gone.
@@ -158,21 +163,48 @@ class ForkServer:
                 found.append(NodeClass(run=request.run, error=ended[request.run]))
                 continue
             self.send(InspectClasses(list(requests[len(found) :]), str(workspace), str(answer)))
-            status = self._wait_for_inspector()
+            status = self._wait_for_inspector(answer)
             found += answers_in(answer)
-            if len(found) < len(requests):
-                ended[requests[len(found)].run] = death_in_words(status, answer)
+            if len(found) == len(requests):
+                break
+            if status is None:
+                words = stillness_in_words(answer, workspace)
+                return found + [NodeClass(run=left.run, error=words) for left in requests[len(found) :]]
+            ended[requests[len(found)].run] = death_in_words(status, answer)
         return found
 
-    def _wait_for_inspector(self) -> int:
-        """Return the exit status of the inspecting child, once it has ended."""
+    def _wait_for_inspector(self, answer: Path) -> int | None:
+        """Return the exit status of the inspecting child, once it has ended; None if it had to be killed."""
+        pid, seen, still_s = 0, (0, 0), 0.0
         while True:
-            if self._interrupt is not None:
-                select.select((self.descriptor, self._interrupt.descriptor), (), ())
-                self._interrupt.check()
-            for item in self.read_events():
-                if isinstance(item, Exited):
-                    return item.status
+            if self._readable(_TURN_S):
+                for item in self.read_events():
+                    if isinstance(item, Exited):
+                        return item.status
+                    pid = item.pid
+            elif pid:  # turns are counted, not seconds: time in which this process was stopped is no sign
+                before, seen = seen, _signs_of_life(answer)
+                still_s = still_s + _TURN_S if seen == before else 0.0
+                if still_s >= STILL_S:
+                    self._kill_inspector(pid)
+                    return None
+
+    def _kill_inspector(self, pid: int) -> None:
+        """End a child that does not end by itself; on the first signal it writes down where it is."""
+        for number, patience_s in ((signal.SIGABRT, _LAST_WORDS_S), (signal.SIGKILL, None)):
+            self.signal(pid, number)
+            self.signal(pid, signal.SIGCONT)
+            while self._readable(patience_s):
+                if any(isinstance(item, Exited) for item in self.read_events()):
+                    return
+
+    def _readable(self, timeout_s: float | None) -> bool:
+        """Wait for events of children, or for the user; tell whether there are events."""
+        wanted = [self.descriptor, *([self._interrupt.descriptor] if self._interrupt is not None else [])]
+        ready = select.select(wanted, (), (), timeout_s)[0]
+        if self._interrupt is not None:
+            self._interrupt.check()
+        return self.descriptor in ready
 
     def wake(self) -> None:
         """Let it go on, should it have been stopped: the end needs it."""
@@ -202,14 +234,39 @@ def answers_in(file: Path) -> list[NodeClass]:
     return answers
 
 
+def _signs_of_life(answer: Path) -> tuple[int, int]:
+    """Return what changes when the inspecting child gives an answer or begins to import a module."""
+    with contextlib.suppress(FileNotFoundError):
+        found = answer.stat()
+        return found.st_size, found.st_mtime_ns
+    return 0, 0
+
+
 def death_in_words(status: int, answer: Path) -> str:
     """Say how the inspecting child ended that was to write ``answer``, with its last words."""
+    said, frames = _last_words(answer)
+    words = f'in "{frames[0][0]}", line {frames[0][1]}' if frames else " | ".join(said.splitlines()[-3:])
+    return f"the process that imported it {exit_in_words(status)}" + (f": {words}" if words else "")
+
+
+def stillness_in_words(answer: Path, workspace: Path) -> str:
+    """Say what the inspecting child was at that was to write ``answer`` and did not end by itself."""
+    _, frames = _last_words(answer)
+    own = [(Path(file), line) for file, line in frames if Path(file).is_relative_to(workspace)]
+    place = f"{own[0][0].relative_to(workspace)}:{own[0][1]}: " if own else ""
+    return (
+        f"{place}importing this does not come to an end (nothing happened for {STILL_S:g} s); what works or "
+        "waits belongs in a handler of the node. Nodes that come after it were not looked at"
+    )
+
+
+def _last_words(answer: Path) -> tuple[str, list[tuple[str, str]]]:
+    """Take what an inspecting child has printed; if it crashed, also file and line of each call."""
     log = Path(f"{answer}.log")
     said = log.read_text(errors="replace").strip() if log.exists() else ""
     log.unlink(missing_ok=True)
-    crash = _CRASH_PLACE.search(said)
-    words = f'in "{crash[1]}", line {crash[2]}' if crash else " | ".join(said.splitlines()[-3:])
-    return f"the process that imported it {exit_in_words(status)}" + (f": {words}" if words else "")
+    crash = _CRASH.search(said)
+    return said, _FRAME.findall(said, crash.end()) if crash else []
 
 
 def exit_in_words(status: int) -> str:
@@ -292,8 +349,8 @@ class _Server:
         self._logs.release()
 
     def _inspect(self, request: InspectClasses) -> int:
-        ImportAnnouncer(self._announce).install()
         with open(request.answer, "wb", buffering=0, opener=open_private) as file:
+            ImportAnnouncer(self._announce, lambda: os.utime(request.answer)).install()
             for answer in inspected(request.requests, Path(request.workspace)):
                 data = encode_any(answer)
                 file.write(len(data).to_bytes(_LENGTH_BYTES) + data)

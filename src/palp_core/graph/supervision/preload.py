@@ -9,7 +9,7 @@ import contextlib
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
 HEAVY = frozenset(
@@ -19,6 +19,9 @@ HEAVY = frozenset(
         "pywt", "yaml",
     }
 )  # fmt: skip
+MOST_MODULES = 10_000
+"""Who looks for more is at it for ever."""
+
 _CHUNK = 4096
 
 
@@ -27,13 +30,19 @@ class ImportAnnouncer:
 
     Args:
         descriptor: Pipe to the fork server.
+        begin: Called when a module is looked for that was not looked for before: importing goes on.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, begin: Callable[[], None] = lambda: None) -> None:
+        self._descriptor, self._begin = descriptor, begin
+        self._seen: set[str] = set()
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
         """Announce a module and leave the search to others."""
+        if name not in self._seen and len(self._seen) < MOST_MODULES:
+            self._seen.add(name)
+            with contextlib.suppress(OSError):
+                self._begin()
         if name in HEAVY:
             with contextlib.suppress(OSError):
                 os.write(self._descriptor, f"{name}\n".encode())

@@ -15,6 +15,7 @@ from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
+from palp_core.whole_file import read_whole
 
 
 def mm(length_m: float) -> str:
@@ -174,7 +175,7 @@ def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:
     """Return what the session learnt; fitted from its training where it ended before that."""
     path = folder / "primitives.json"
     if path.exists():
-        return Primitives.from_json_dict(json.loads(path.read_text(encoding="utf-8")))
+        return Primitives.from_json_dict(json.loads(read_whole(path)))
     training = [row for row in rows if row.phase == "training"]
     if not training:
         return None

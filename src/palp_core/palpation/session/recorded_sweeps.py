@@ -13,6 +13,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
+from palp_core.whole_file import read_whole
 
 _NEEDED = ("Mount", "Trial", "Palpation")  # types of messages; what their topics are called is the graph's
 _TOLD = ("RingState", "PhantomTruth")
@@ -123,7 +124,7 @@ def _of_record(folder: Path) -> Iterator[RecordedSweep]:
 
 def _rehomes(folder: Path) -> bool | None:
     try:
-        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        result = json.loads(read_whole(folder / "result.json"))
         said = [node["rehome"]["value"] for node in result["protocol"].values() if "rehome" in node]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

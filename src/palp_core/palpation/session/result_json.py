@@ -28,7 +28,7 @@ from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.roles import Roles, roles_of
-from palp_core.whole_file import write_json
+from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -120,9 +120,11 @@ def read_result(out: str | Path) -> dict[str, Any]:
     """
     path = Path(out) / "result.json"
     try:
-        result: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        result: dict[str, Any] = msgspec.json.decode(read_whole(path), type=dict[str, Any])
     except FileNotFoundError as error:
         raise PalpError(f"no result in '{out}': {path} is missing; run a session with out:={out}") from error
+    except OSError as error:
+        raise PalpError(f"{path} cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
         raise PalpError(f"{path} is no result: {error}; run the session again") from error
     return result

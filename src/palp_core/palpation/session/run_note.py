@@ -20,7 +20,7 @@ from palp_core.palpation.session.session_folder import (
     is_being_written,
     refuse_occupied,
 )
-from palp_core.whole_file import write_json
+from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -97,7 +97,7 @@ def read_note(folder: Path) -> RunSummary:
 
     path = folder / RUN
     try:
-        summary = msgspec.json.decode(path.read_bytes(), type=RunSummary)
+        summary = msgspec.json.decode(read_whole(path), type=RunSummary)
     except FileNotFoundError as error:
         raise PalpError(f"no session's folder: {path}, which says of what run it is, is missing") from error
     except (OSError, msgspec.MsgspecError) as error:

@@ -5,7 +5,6 @@ import fcntl
 import os
 import re
 import shutil
-from itertools import islice
 from pathlib import Path
 
 from palp_core.errors import PalpError
@@ -26,6 +25,8 @@ OWN_FILES = (
     "repeatability.json",
 )
 LATEST = "latest"
+
+_LONGEST_LINE = 1 << 20
 
 _NAMED_BY_TIME = re.compile(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d")
 
@@ -66,8 +67,11 @@ def _tells(path: Path) -> bool:
     if path.name == SWEEPS:
         return any(path.iterdir())
     if path.name == TABLE:
+        if not path.is_file():
+            return True
         with path.open("rb") as file:
-            return len(list(islice(file, 2))) > 1
+            file.readline(_LONGEST_LINE)
+            return bool(file.read(1))
     return True
 
 

@@ -36,7 +36,7 @@ from palp_core.palpation.session.session_folder import (
     take_over,
 )
 from palp_core.units import Float64Array
-from palp_core.whole_file import whole_file, write_whole
+from palp_core.whole_file import LARGEST_BYTES, check_regular, read_whole, whole_file, write_whole
 
 _log = logging.getLogger("palp")
 
@@ -304,7 +304,7 @@ def read_rows(out: str | Path) -> list[Row]:
     """
     path = Path(out) / TABLE
     try:
-        text = path.read_bytes().decode()
+        text = read_whole(path).decode()
     except FileNotFoundError:
         raise PalpError(f"no record in '{out}': {path} is missing") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -360,6 +360,7 @@ def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
     """
     path = Path(out) / SWEEPS / f"{row:06d}.npz"
     try:
+        check_regular(path, LARGEST_BYTES)
         with path.open("rb") as file, np.load(file) as content:
             return content["torque_n_m"], float(content["rate_hz"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

@@ -208,10 +208,12 @@ def _is_torn(data: mmap.mmap, offset: int) -> bool:
     if offset < 0:
         return False
     try:
-        _, _, size, _, compression, stored = read_chunk_head(data[offset:], torn=True)
+        with memoryview(data)[offset:] as rest:
+            _, _, size, _, compression, stored = read_chunk_head(rest, torn=True)
+            there = len(stored)
     except (ValueError, struct.error):
         return False
-    return compression == "" and len(stored) < size
+    return compression == "" and there < size
 
 
 def _ignore(op: int, content: memoryview) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from palp_core.errors import PalpError
 from palp_core.units import Float64Array
+from palp_core.whole_file import check_regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,9 @@ class EmgFile:
 UNIT = re.compile(r"s|ms|us|[µμ]s|ns|sec(onds)?|(n|u|µ|μ|m)?v(olts?)?|hz|counts?|adc|a\.?u\.?", re.IGNORECASE)
 """What is taken for a unit."""
 
+LARGEST_BYTES = 2 << 30
+"""What is read of one file."""
+
 _HERE = "palp_core.palpation.identification.emg"
 _READERS = {
     ".csv": f"{_HERE}.files_text:read_text",
@@ -89,6 +93,8 @@ def read_emg(path: Path) -> EmgFile:
         raise PalpError(f"{path}: '{path.suffix}' is no known kind of recording; known: {' '.join(SUFFIXES)}")
     module, _, name = _READERS[suffix].partition(":")
     try:
+        if suffix != ".mcap":
+            check_regular(path, LARGEST_BYTES)
         found: EmgFile = getattr(importlib.import_module(module), name)(path)
     except OSError as error:
         raise PalpError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -26,6 +26,9 @@ from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import OUTPUTS, Scene, StagePath, Tolerance
+from palp_core.whole_file import read_whole
+
+_LARGEST_BYTES = 256 << 10
 
 T = TypeVar("T")
 
@@ -87,7 +90,7 @@ def read_mapping(path: str | Path, what: str) -> SceneNode:
         MechanicsError: There is no such file, it is no YAML, or it is empty.
     """
     try:
-        root = yaml.compose(Path(path).read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        root = yaml.compose(read_whole(path, _LARGEST_BYTES).decode(), Loader=yaml.SafeLoader)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise MechanicsError(f"{path}: cannot read the {what}: {reason}") from error

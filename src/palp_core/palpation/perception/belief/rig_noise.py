@@ -22,7 +22,9 @@ from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.offsets import ring_slopes
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import read_whole, write_whole
+
+_LARGEST_BYTES = 256 << 10
 
 
 class Component(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -60,7 +62,7 @@ def read_noise(path: str | Path) -> RigNoise:
         PerceptionError: No such file, an unknown or missing key, or a negative number.
     """
     try:
-        found = msgspec.yaml.decode(Path(path).read_bytes(), type=RigNoise)
+        found = msgspec.yaml.decode(read_whole(path, _LARGEST_BYTES), type=RigNoise)
     except OSError as error:
         raise PerceptionError(f"{path}: cannot read the noise file: {error.strerror}") from error
     except msgspec.MsgspecError as error:

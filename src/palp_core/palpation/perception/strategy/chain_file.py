@@ -12,7 +12,9 @@ from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.palpation.perception.strategy.markov_readings import Reading
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.units import Float64Array
-from palp_core.whole_file import write_json
+from palp_core.whole_file import read_whole, write_json
+
+_LARGEST_BYTES = 16 << 20
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,7 +80,7 @@ def read_chains(path: str | Path) -> ChainFile:
         PerceptionError: No such file, not of this kind, or a matrix is none of transitions.
     """
     try:
-        found = msgspec.json.decode(Path(path).read_bytes(), type=ChainFile)
+        found = msgspec.json.decode(read_whole(path, _LARGEST_BYTES), type=ChainFile)
     except OSError as error:
         raise PerceptionError(f"{path}: cannot read the chain: {error.strerror}") from error
     except msgspec.MsgspecError as error:
