@@ -7,7 +7,7 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
-from nodes.experiment_params import ExperimentParams, ExperimentState
+from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_of, plan_of, planned
 from nodes.experiment_record import progress_of, result_of, trial_of
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
@@ -164,7 +164,7 @@ class Experiment(Node):
         run = self.swaps.get(state.trials_done + 1, "") if state.phase == "estimation" else ""
         if run:  # the policy that is there begins the trial, the next one goes on with it
             state.next_policy = name_of(run)
-            self.swap.publish(Swap(stamp_ns=self.now_ns(), node="policy", run=run))
+            self.swap.publish(Swap(stamp_ns=self.now_ns(), node=POLICY, run=run))
 
     # What the rig answers
 

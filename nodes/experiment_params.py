@@ -14,12 +14,22 @@ TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Of trials, or of palpations in training: what a rig can do in its lifetime."""
 
 
+POLICY = "policy"
+"""The node whose place others take."""
+
+
 def taking_over(swaps: str) -> list[str]:
-    """Return the classes that ``TRIAL=MODULE:CLASS,...`` names; another form is refused elsewhere."""
-    return [run.strip() for _, sign, run in (entry.partition("=") for entry in swaps.split(",")) if sign]
+    """Return the classes of ``TRIAL=MODULE:CLASS,...`` by trial; another form is refused elsewhere."""
+    entries = [(number.strip(), run.strip()) for number, sign, run in map(_split, swaps.split(",")) if sign]
+    entries.sort(key=lambda entry: int(entry[0]) if entry[0].isdecimal() else 0)
+    return [run for _, run in entries]
 
 
-SwappedIn = Annotated[str, msgspec.Meta(extra={"classes": taking_over})]
+def _split(entry: str) -> tuple[str, str, str]:
+    return entry.partition("=")
+
+
+SwappedIn = Annotated[str, msgspec.Meta(extra={"successors": (POLICY, taking_over)})]
 """Policies that take over: the check of the launch file looks at their classes, too."""
 
 

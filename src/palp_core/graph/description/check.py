@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -22,6 +23,7 @@ from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Mark, Problems, hint, nearest
 
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
+SucceedFunction = Callable[[CheckedGraph, NodeSpec, NodeClass], tuple[list[str], CheckedGraph]]
 
 _SOURCE = re.compile(r"\S+\.py:\d+: ")
 _PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
@@ -32,21 +34,27 @@ _ADVICE = {
 }
 
 
-def load(path: Path, overrides: Sequence[str], inspect: InspectFunction) -> CheckedGraph:
+def load(
+    path: Path, overrides: Sequence[str], inspect: InspectFunction, succeed: SucceedFunction | None = None
+) -> CheckedGraph:
     """Read and check a launch file.
 
     Args:
         path: The launch file.
         overrides: Arguments as ``name:=value``.
         inspect: Runs :func:`.inspect_classes` where workspace modules may be imported.
+        succeed: Returns what speaks against a class in a node's place, and the graph with it there; None:
+            whether later classes fit is not asked.
 
     Raises:
         GraphProblems: All its mistakes.
     """
-    return check(read(path, overrides), inspect)
+    return check(read(path, overrides), inspect, succeed)
 
 
-def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
+def check(
+    description: LaunchFile, inspect: InspectFunction, succeed: SucceedFunction | None = None
+) -> CheckedGraph:
     """Check a description against the node classes it names.
 
     Raises:
@@ -73,27 +81,72 @@ def check(description: LaunchFile, inspect: InspectFunction) -> CheckedGraph:
     wrong.report(problems)
     if description.report is not None and (error := next(answers).error) not in (None, *said):
         problems.add(description.report.mark, f"report: {error}")
-    _check_later(description.workspace, nodes, inspect, problems)
+    later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
-    return recorders_apart(_build(description, nodes))
+    checked = recorders_apart(_build(description, nodes))
+    if succeed is not None:
+        _check_later(later, checked, succeed, problems)
+        problems.raise_any()
+    return checked
 
 
 _Nodes = dict[str, list[GraphNode]]
 
 
-def _check_later(workspace: Path, nodes: _Nodes, inspect: InspectFunction, problems: Problems) -> None:
+class _Later(NamedTuple):
+    """A class that is to take a node's place: who says so, in which parameter, whose place, what it is."""
+
+    planner: GraphNode
+    parameter: str
+    node: str
+    answer: NodeClass
+
+    def blame(self, error: str, problems: Problems) -> None:
+        """Note what is wrong with it."""
+        text = f"{self.planner}: {self.parameter}: {self.answer.run}: {error}"
+        problems.add(self.planner.param_marks[self.parameter], text)
+
+
+def _look_at_later(
+    workspace: Path, nodes: _Nodes, inspect: InspectFunction, problems: Problems
+) -> list[_Later]:
     """Look at the classes that are to take over later, so that a mistake is not met after hours."""
-    named = [
-        (node, name, NodeClassRequest(run, name=node.spec.name))
-        for assigned in nodes.values()
-        for node in assigned
-        for name, runs in node.declared.classes.items()
-        for run in dict.fromkeys(runs)
-    ]
-    answers = inspect([request for _, _, request in named], workspace) if named else []
-    for (node, name, request), answer in zip(named, answers, strict=True):
-        for error in [answer.error] if answer.error is not None else answer.param_errors.values():
-            problems.add(node.param_marks[name], f"{node}: {name}: {request.run}: {error}")
+    named, requests = [], []
+    for planner in (node for assigned in nodes.values() for node in assigned):
+        for parameter, wanted in planner.declared.successors.items():
+            before = next((node.spec for node in nodes.get(wanted.node, []) if node.present), None)
+            for run in wanted.runs:
+                same = before is not None and run == before.run  # it keeps what it was given
+                named.append((planner, parameter, wanted.node))
+                requests.append(
+                    NodeClassRequest(run, before.params if same and before else {}, name=wanted.node)
+                )
+                before = None
+    answers = inspect(requests, workspace) if requests else []
+    later = [_Later(*names, answer) for names, answer in zip(named, answers, strict=True)]
+    for one in later:
+        found = one.answer
+        for error in [found.error] if found.error is not None else found.param_errors.values():
+            one.blame(error, problems)
+    return later
+
+
+def _check_later(
+    later: Sequence[_Later], checked: CheckedGraph, succeed: SucceedFunction, problems: Problems
+) -> None:
+    """Let each class take its node's place, after those before it; say what speaks against it."""
+    for one in later:
+        if not one.planner.present:
+            continue
+        specs = {spec.name: spec for spec in checked.spawned}
+        if one.node not in specs:
+            one.blame(
+                f"no node '{one.node}' is there whose place it could take{hint(one.node, specs)}", problems
+            )
+            continue
+        wrong, checked = succeed(checked, specs[one.node], one.answer)
+        for error in wrong:
+            one.blame(error, problems)
 
 
 class _ParamMistakes:

@@ -66,6 +66,18 @@ class NodePort(msgspec.Struct, frozen=True):
     optional: bool = False
 
 
+class Successors(msgspec.Struct, frozen=True):
+    """Classes that are to take a node's place, one after the other.
+
+    Attributes:
+        node: Whose place.
+        runs: The classes, each as in a launch file's ``run``.
+    """
+
+    node: str
+    runs: list[str]
+
+
 class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     """What a node class declares.
 
@@ -74,9 +86,9 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
         error: Why there is nothing more to say; None when all is well.
         doc: First line of the class's docstring.
         param_errors: What is wrong with the parameters tried, by name; "" for all of them together.
-        classes: Further node classes that parameters name, by parameter: what is to take over later.
-            A parameter says so by ``Annotated[str, Meta(extra={"classes": function})]``, whose function
-            returns them of a value.
+        successors: What parameters name to take a node's place later, by parameter. A parameter says so by
+            ``Annotated[str, Meta(extra={"successors": (node, function)})]``, whose function returns the
+            classes of a value, in their order.
         examined: Each fits by itself, and the class has something against them all the same.
     """
 
@@ -86,7 +98,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     ports: dict[str, NodePort] = {}
     params: dict[str, ParamDescription] = {}
     param_errors: dict[str, str] = {}
-    classes: dict[str, list[str]] = {}
+    successors: dict[str, Successors] = {}
     examined: bool = False
     moves: bool = False
     simulates: bool = False
@@ -145,7 +157,7 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         ports={port.name: _port(port) for port in ports},
         params=describe_params(declared.params),
         param_errors=errors,
-        classes=_classes_named(declared.params, request.params) if not errors else {},
+        successors=_successors_named(declared.params, request.params) if not errors else {},
         examined=examined,
         moves=cls.moves,
         simulates=cls.simulates,
@@ -153,15 +165,16 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
     )
 
 
-def _classes_named(params: type, given: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the classes that given parameters name, by parameter."""
+def _successors_named(params: type, given: Mapping[str, Any]) -> dict[str, Successors]:
+    """Return what given parameters name to take a node's place, by parameter."""
     info = msgspec.inspect.type_info(params)
     assert isinstance(info, msgspec.inspect.StructType)
     found = {}
     for field in info.fields:
         extra = field.type.extra or {} if isinstance(field.type, msgspec.inspect.Metadata) else {}
-        if "classes" in extra and field.encode_name in given:
-            found[field.encode_name] = list(extra["classes"](given[field.encode_name]))
+        if "successors" in extra and field.encode_name in given:
+            node, runs_of = extra["successors"]
+            found[field.encode_name] = Successors(node, list(runs_of(given[field.encode_name])))
     return found
 
 

@@ -25,7 +25,7 @@ from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
-from palp_core.graph.node.spec import MERGED_LOG
+from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
@@ -34,9 +34,11 @@ from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record
+from palp_core.graph.swap.compatibility import objections, replaced
 from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
 
 if TYPE_CHECKING:
+    from palp_core.graph.description.node_class import NodeClass
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
 
@@ -44,7 +46,14 @@ POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a f
 
 
 def _checked(path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory) -> CheckedGraph:
-    return load(path, overrides, lambda requests, where: server.inspect_classes(requests, where, folder.path))
+    inspect = lambda requests, where: server.inspect_classes(requests, where, folder.path)  # noqa: E731
+    return load(path, overrides, inspect, succeed)
+
+
+def succeed(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> tuple[list[str], CheckedGraph]:
+    """Return what speaks against a class in a node's place, and the graph with it there if nothing does."""
+    wrong = objections(checked, spec, new_class)
+    return wrong, checked if wrong else replaced(checked, spec, new_class, {})
 
 
 def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
