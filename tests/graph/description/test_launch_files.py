@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from palp_core.graph.description.check import load
-from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
+from palp_core.graph.description.checked import CheckedGraph, resolved_yaml, without_effect
 from palp_core.graph.description.diagram import dot, mermaid
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text, find_workspace
@@ -231,3 +231,22 @@ def test_types_of_one_name_that_differ_say_where(workspace: Any) -> None:
         workspace.load(
             LAUNCH.replace("nodes.policy_fixed:Fixed", "nodes.other:Other").replace("{level: 2}", "{}")
         )
+
+
+IN_VAIN = """
+    graph: a
+    clock: {clock}
+    nodes:
+      torque: {{run: nodes.torque:TorqueSensor, restart: on_failure}}
+      record:
+        run: nodes.record:Record
+        inputs: {{truth: {{from: torque/truth, on_event: restart}}}}
+"""
+
+
+def test_what_has_no_effect_in_simulated_time_is_said_once(workspace: Any) -> None:
+    assert without_effect(workspace.load(IN_VAIN.format(clock="wall"))) == ""
+    assert without_effect(workspace.load(IN_VAIN.format(clock="sim"))) == (
+        "'restart' (torque) and 'on_event' (record/truth) have no effect in simulated time: "
+        "events are published and recorded, and a node's crash ends the run"
+    )

@@ -18,6 +18,7 @@ from palp_core.errors import GraphError, NodeError, PalpError
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from palp_core.graph.description.checked import CheckedGraph
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.conductor import Observer
@@ -65,6 +66,7 @@ def launch(
         from palp_core.graph.launch.graph import check_file
 
         checked = check_file(file, overrides)
+        _say_without_effect(file, checked)
         print_text(
             resolved_yaml(checked).rstrip()
             if print_
@@ -127,6 +129,7 @@ def _run(
     try:
         with _recorders_said(graph), graph:
             _say_beside(graph)
+            _say_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
@@ -163,6 +166,14 @@ def _say_beside(graph: Graph) -> None:
 
     if len(running()) > 1:
         note(f"graph '{graph.checked.graph}', id {graph.directory.path.name}, beside others: palp graph list")
+
+
+def _say_without_effect(file: Path, checked: CheckedGraph) -> None:
+    """Say what the launch file asks for in vain."""
+    from palp_core.graph.description.checked import without_effect
+
+    if text := without_effect(checked):
+        note(f"{file}: note: {text}")
 
 
 def _check_writable(digest: Path) -> None:

@@ -154,6 +154,23 @@ def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
     )
 
 
+def without_effect(graph: CheckedGraph) -> str:
+    """Return what the launch file asks for and simulated time does not do, in words; "" if there is none."""
+    if graph.clock != "sim":
+        return ""
+    keys = {
+        "restart": [spec.name for spec in graph.nodes if spec.restart != "never"],
+        "on_event": [f"{spec.name}/{port}" for spec in graph.nodes for port in spec.actions],
+    }
+    asked = [f"'{key}' ({', '.join(of)})" for key, of in keys.items() if of]
+    if not asked:
+        return ""
+    return (
+        f"{' and '.join(asked)} {'have' if len(asked) > 1 else 'has'} no effect in simulated time: "
+        "events are published and recorded, and a node's crash ends the run"
+    )
+
+
 def resolved_yaml(graph: CheckedGraph) -> str:
     """Return a checked graph as a launch file without arguments, selections and includes.
 
