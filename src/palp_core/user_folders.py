@@ -3,6 +3,7 @@
 https://specifications.freedesktop.org/basedir-spec/, with a variable of palp's own before each of it.
 """
 
+import errno
 import functools
 import hashlib
 import os
@@ -13,6 +14,8 @@ from pathlib import Path
 LONGEST_RUNTIME_FOLDER = (
     44  # bytes; a socket's path holds 107: this, a run's name (25), a node's (32), ".pub", slashes
 )
+LEAST_ROOM = 512 << 10
+"""What a run takes at its start: with nodes of many parameters a third of it."""
 SHORT = Path("/tmp")  # not tempfile's choice, which is the folder that is too long
 
 
@@ -92,6 +95,30 @@ def own_folder(folder: Path) -> str | None:
     if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
         folder.chmod(0o700)
     return folder_mistake(folder)
+
+
+def room_mistake(folder: Path) -> str | None:
+    """Return why a run has no room in a folder of runs, and what to do; None if it has.
+
+    It is tried: a quota or a limit on the size of files says nothing before.
+    """
+    import tempfile
+
+    try:
+        with tempfile.TemporaryFile(dir=folder) as trial:
+            os.posix_fallocate(trial.fileno(), 0, LEAST_ROOM)
+    except OSError as error:
+        unknown = error.errno in (errno.EOPNOTSUPP, errno.EINVAL)  # not a question for this file system
+        return None if unknown else no_room(folder, error)
+    return None
+
+
+def no_room(folder: Path, error: OSError) -> str:
+    """Return what to say where the folder of runs takes no more."""
+    return (
+        f"{folder}: {error.strerror}: a run keeps its sockets, record and logs there, {LEAST_ROOM >> 10} KiB "
+        "at least; make room on that disk, or set XDG_RUNTIME_DIR to a folder of your own on another one"
+    )
 
 
 @functools.cache

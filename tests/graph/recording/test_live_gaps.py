@@ -11,9 +11,15 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.bag.reader import read
+from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.topic import topic_of
+from palp_core.graph.recording import live_feed
+from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
+from palp_core.graph.recording.recorders import RecorderProcess, Recorders
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-from tests.support.fake_graph import FakeGraph, FakeNode
+from tests.support.fake_graph import FakeGraph, FakeNode, Sample
 from tests.support.palp import Palp
 
 
@@ -143,3 +149,57 @@ def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph
     code, said = end(graph, recorder)
     assert code == 0, said
     assert sequences(tmp_path / "bag", "/source/other") == list(range(1, 8))
+
+
+def test_answers_of_a_publisher_that_is_gone_are_waited_for_once_and_not_for_each_gap(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    now_ns = [10**12]
+    monkeypatch.setattr(live_feed, "monotonic_ns", lambda: now_ns[0])
+    directory = RunDirectory("gone")
+    gone = topic_of("/source/sample", Sample, "source", f"ipc://{directory.path}/source.pub")
+    graph = RunningGraph(directory.record("gone", "", "wall", f"ipc://{directory.path}/graph.srv", [], []))
+    feed = LiveFeed(graph, BagRecorderOfNothing(), from_start=True)
+    feed.follow({gone.name: gone})
+    for first in range(1, 60, 2):
+        feed.ask(gone.name, 0, first, first)
+    assert feed.asking
+    assert feed.answered_since(now_ns[0] - ANSWER_NS)
+    now_ns[0] += ANSWER_NS + 1
+    assert not feed.answered_since(now_ns[0] - ANSWER_NS)
+    feed.close()
+    directory.remove()
+
+
+class BagRecorderOfNothing:
+    """Takes no frame."""
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        raise AssertionError
+
+    fill = __call__
+
+    def expect_from(self, topic: str, epoch: int, first: int) -> None:
+        raise AssertionError
+
+
+def test_recorders_finish_their_bags_side_by_side_within_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    did: list[tuple[object, ...]] = []
+
+    class Told(RecorderProcess):
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def finish(self) -> None:
+            did.append(("finish", self.name))
+
+        def close(self, end_ns: int) -> tuple[bool, str]:
+            did.append(("close", self.name, end_ns))
+            return True, self.name
+
+    recorders = Recorders()
+    recorders._processes = [Told("a"), Told("b")]
+    recorders.close()
+    assert [step[:2] for step in did] == [("finish", "a"), ("finish", "b"), ("close", "a"), ("close", "b")]
+    assert did[2][2] == did[3][2]
+    assert recorders.text == "a\nb"

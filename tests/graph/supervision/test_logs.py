@@ -139,3 +139,32 @@ def test_a_log_is_followed_through_its_change_of_file(
     writer.close(read_end)
     assert "before" not in seen
     assert [line for line in seen if line.isdigit()] == [f"{number:08d}" for number in range(300)]
+
+
+def test_lines_that_a_full_disk_has_cost_are_counted_in_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = LogWriter()
+    read_end, write_end = writer.open("a", tmp_path / "a.log")
+    write, room = os.write, [5]
+
+    def on_a_full_disk(descriptor: int, data: bytes) -> int:
+        if descriptor == write_end:
+            return write(descriptor, data)
+        if room[0] == 0:
+            raise OSError(28, "No space left on device")
+        count = write(descriptor, data[: room[0]])
+        room[0] -= count
+        return count
+
+    monkeypatch.setattr(os, "write", on_a_full_disk)
+    monkeypatch.setattr(writer, "_merge", lambda *_: None)
+    for line in (b"one\n", b"two\n", b"three\n"):
+        os.write(write_end, line)
+        writer.read(read_end)
+    room[0] = 1000
+    os.write(write_end, b"four\n")
+    writer.read(read_end)
+    os.close(write_end)
+    writer.close(read_end)
+    assert (tmp_path / "a.log").read_text() == "one\nt[9 bytes are lost here: the disk was full]\nfour\n"

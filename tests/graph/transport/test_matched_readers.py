@@ -100,3 +100,13 @@ def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path)
     for reader in (*named, passing):
         reader.close()
     publisher.sockets.close()
+
+
+def test_a_full_disk_costs_the_list_and_not_the_node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(audiences, "write_whole", full)
+    readers = MatchedReaders(lambda: {"sink"}, tmp_path / "relay.readers")
+    assert readers.all_present()
+    readers.write_down()

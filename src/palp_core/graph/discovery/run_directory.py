@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import logging
 import os
 import re
 import shutil
@@ -14,9 +15,10 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.messages.topic import Topic
-from palp_core.user_folders import folder_mistake, own_folder, runtime_folder
+from palp_core.user_folders import folder_mistake, no_room, own_folder, room_mistake, runtime_folder
 from palp_core.whole_file import PRIVATE, open_private, write_json
 
+_log = logging.getLogger("palp.supervisor")
 KEEP_ENDED = 20
 RECORD = "graph.json"
 
@@ -87,6 +89,8 @@ class RunDirectory:
             if (mistake := own_folder(base)) is not None:
                 raise _NotOwn(mistake)
             _prune()
+            if (mistake := room_mistake(base)) is not None:
+                raise GraphError(mistake)
             prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
             self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
             self._lock = os.open(self.path, os.O_RDONLY)
@@ -118,8 +122,20 @@ class RunDirectory:
         )
 
     def write(self, record: RunRecord) -> None:
-        """Make the graph visible to the command line."""
-        write_json(self.path / RECORD, record, mode=PRIVATE)
+        """Make the graph visible to the command line.
+
+        A full disk costs no graph that is visible already: it is said that others know it as it was.
+
+        Raises:
+            GraphError: It cannot be made visible.
+        """
+        try:
+            write_json(self.path / RECORD, record, mode=PRIVATE)
+        except OSError as error:
+            text = no_room(self.path, error)
+            if not (self.path / RECORD).exists():
+                raise GraphError(text) from error
+            _log.warning("%s. The graph goes on; other commands know it as it was before", text)
 
     def remove(self) -> None:
         """Remove the folder with its logs."""

@@ -80,6 +80,7 @@ class LiveFeed:
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
         self._latest_ns = 0
+        self._answered_ns = 0
 
     def follow(self, topics: Mapping[str, Topic], *, new: bool = False) -> None:
         """Listen to more topics.
@@ -113,6 +114,8 @@ class LiveFeed:
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
         """Ask a topic's publisher for what is missing."""
         question = _Question(epoch, first, last, monotonic_ns())
+        if not self._questions:
+            self._answered_ns = question.asked_ns
         if topic in self._questions:
             self._waiting.setdefault(topic, deque()).append(question)
         else:
@@ -122,6 +125,13 @@ class LiveFeed:
     def asking(self) -> bool:
         """Whether answers are to come."""
         return bool(self._questions)
+
+    def answered_since(self, since_ns: int) -> bool:
+        """Whether answers are to come, and one came, or the first question was put, since then.
+
+        Of publishers that are gone none comes, however many questions there are.
+        """
+        return self.asking and self._answered_ns > since_ns
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
@@ -210,6 +220,7 @@ class LiveFeed:
         for reply in self._requester.replies():
             question = self._questions.pop(reply.get("topic", ""), None)
             if question is not None:
+                self._answered_ns = now_ns
                 self._take_answer(reply, question, now_ns)
         for topic, question in list(self._questions.items()):
             if now_ns - question.asked_ns > ANSWER_NS:

@@ -14,7 +14,7 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import LiveFeed, reread
+from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed, reread
 from palp_core.graph.recording.live_snapshot import LiveSnapshot
 from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
@@ -23,6 +23,7 @@ from palp_core.graph.recording.recorder_messages import RecordOptions
 WAIT_MS = 50
 LOOK_NS = 100_000_000
 ALIVE_NS = 500_000_000
+ANSWER_S = 0.5
 SAY_WAITING_NS = 5_000_000_000
 DRAIN_NS = 300_000_000
 LONGEST_DRAIN_NS = 10_000_000_000
@@ -158,7 +159,7 @@ class LiveRecorder:
         """
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
         quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._sink.taken
-        while (now_ns := monotonic_ns()) < end_ns or self._feed.asking:
+        while (now_ns := monotonic_ns()) < end_ns or self._feed.answered_since(now_ns - ANSWER_NS):
             if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
                 break
             self._feed.receive(WAIT_MS)
@@ -215,7 +216,7 @@ class LiveRecorder:
     def _keep_launch(self) -> None:
         """Keep what the graph has become by a swap."""
         with contextlib.suppress(GraphError):  # it is about to end: what was known stays
-            now = launch_attachment(self._graph.ask("graph", "launch"))
+            now = launch_attachment(self._graph.ask("graph", "launch", timeout_s=ANSWER_S))
             if now != self._attached[LAUNCH_ATTACHMENT]:
                 self._attached[LAUNCH_ATTACHMENT] = now
                 if isinstance(self._sink, BagRecorder):

@@ -18,6 +18,7 @@ from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_messages import RecordOptions
+from palp_core.user_folders import no_room
 from palp_core.whole_file import open_private
 
 FOLDER = "recorders"
@@ -183,12 +184,16 @@ class _NoteFile:
 @contextlib.contextmanager
 def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_NoteFile]:
     folder = graph.folder / FOLDER
-    folder.mkdir(mode=0o700, exist_ok=True)
     path = folder / f"{os.getpid()}.json"
-    with open(path, "w", opener=open_private) as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
-        told.write()
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            lock = stack.enter_context(open(path, "w", opener=open_private))
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
+            told.write()
+        except OSError as error:
+            raise BagError(no_room(folder, error)) from error
         yield told
     path.unlink(missing_ok=True)
 

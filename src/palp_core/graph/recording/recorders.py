@@ -125,7 +125,10 @@ class Recorders:
     def close(self) -> None:
         """Let every recorder finish its bag."""
         self._results += [writer.close() for writer in self._writers]
-        self._results += [process.close() for process in self._processes]
+        for process in self._processes:
+            process.finish()
+        end_ns = monotonic_ns() + FINISH_NS  # of all together: a graph with two must not take twice as long
+        self._results += [process.close(end_ns) for process in self._processes]
         self._writers, self._processes = [], []
 
     @property
@@ -211,7 +214,8 @@ class RecorderProcess:
         Raises:
             NodeError: The launch file wants the graph to end with its recorder.
         """
-        self._result = (False, f"{self._options.out}: {text}")
+        out = self._options.out
+        self._result = (False, text if text.startswith(out) else f"{out}: {text}")
         self._launcher_node.report("recorder", self.name, text)
         _LOG.warning("%s: %s", self.name, text)
         if not self._began:
@@ -219,13 +223,16 @@ class RecorderProcess:
         elif self._required:
             raise NodeError(self.name, text)
 
-    def close(self) -> tuple[bool, str]:
-        """Ask for the bag's end and wait for it; return whether nothing is missing, and what to say."""
+    def finish(self) -> None:
+        """Ask for the bag's end."""
         self._required = False  # the graph has ended
         if not self._gone:
             self._supervisor.forget(self._sidecar.descriptor)
-            end_ns = monotonic_ns() + FINISH_NS
             self._sidecar.close_sending()
+
+    def close(self, end_ns: int) -> tuple[bool, str]:
+        """Wait for the bag's end, until then at most; return whether nothing is missing, and what to say."""
+        if not self._gone:
             with contextlib.suppress(ChannelClosed):
                 while self._result is None and self._sidecar.wait((end_ns - monotonic_ns()) / 1e9):
                     for message in self._sidecar.receive():

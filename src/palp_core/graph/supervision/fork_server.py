@@ -37,6 +37,7 @@ from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_ser
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
+from palp_core.user_folders import room_mistake
 from palp_core.whole_file import PRIVATE, open_private
 
 GRACE_NS = 600_000_000
@@ -243,8 +244,13 @@ def _signs_of_life(answer: Path) -> tuple[int, int]:
 
 
 def death_in_words(status: int, answer: Path) -> str:
-    """Say how the inspecting child ended that was to write ``answer``, with its last words."""
+    """Say how the inspecting child ended that was to write ``answer``, with its last words.
+
+    On a full disk it ends so, too, and cannot say why.
+    """
     said, frames = _last_words(answer)
+    if (mistake := room_mistake(answer.parent)) is not None:
+        return mistake
     words = f'in "{frames[0][0]}", line {frames[0][1]}' if frames else " | ".join(said.splitlines()[-3:])
     return f"the process that imported it {exit_in_words(status)}" + (f": {words}" if words else "")
 

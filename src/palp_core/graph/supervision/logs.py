@@ -25,6 +25,7 @@ class _LogFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._lost_bytes = 0
         self._open()
 
     def _open(self) -> None:
@@ -32,14 +33,22 @@ class _LogFile:
         self._room = KEEP_BYTES - os.fstat(self._descriptor).st_size
 
     def write(self, data: bytes) -> None:
-        """Append; a full disk costs lines, not the run."""
+        """Append; a full disk costs lines, not the run, and the next one that is written says how much."""
+        lost = (
+            b"[%d bytes are lost here: the disk was full]\n" % self._lost_bytes if self._lost_bytes else b""
+        )
+        written = 0
         with contextlib.suppress(OSError):
             if self._room < len(data) and self._room < KEEP_BYTES:
                 self._path.replace(f"{self._path}.1")
                 self.close()
                 self._open()
-            os.write(self._descriptor, data)
-            self._room -= len(data)
+            written = os.write(self._descriptor, lost + data)
+            self._room -= written
+        if written > len(lost):
+            self._lost_bytes = len(lost) + len(data) - written
+        else:
+            self._lost_bytes += len(data)
 
     def close(self) -> None:
         os.close(self._descriptor)

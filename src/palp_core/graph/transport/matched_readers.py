@@ -54,5 +54,6 @@ class MatchedReaders:
             return
         present = set(self._present())
         if present != self._noted:
-            write_whole(self._file, msgspec.json.encode(sorted(present)), mode=PRIVATE)
+            with contextlib.suppress(OSError):  # a full disk: a successor does not wait for them
+                write_whole(self._file, msgspec.json.encode(sorted(present)), mode=PRIVATE)
             self._noted = present

@@ -5,10 +5,13 @@ message has been handled. A kill -9 loses nothing of it, and the message it inte
 """
 
 import mmap
+import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
 
+from palp_core.errors import GraphError
+from palp_core.user_folders import no_room
 from palp_core.whole_file import open_private
 
 ReceivedOffsets = dict[str, tuple[int, int]]
@@ -29,6 +32,10 @@ class Offsets:
         size = max(_SLOT.size * len(topics), 1)
         self._slot = {topic: i * _SLOT.size for i, topic in enumerate(topics)}
         with open(path, "a+b", opener=open_private) as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)  # else a full disk shows as a signal, later
+            except OSError as error:
+                raise GraphError(no_room(path.parent, error)) from error
             file.truncate(size)
             self._map = mmap.mmap(file.fileno(), size)
 

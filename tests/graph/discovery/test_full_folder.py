@@ -1,0 +1,136 @@
+"""A runtime folder that takes no more: a launch is refused in words, and a run that has begun goes on."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import resource
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any, NoReturn
+
+import psutil
+import pytest
+
+from palp_core.errors import BagError, GraphError
+from palp_core.graph.discovery import run_directory
+from palp_core.graph.discovery.run_directory import RunDirectory, running
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.recording import recorder_run
+from palp_core.graph.recording.recorder_messages import RecordOptions
+from palp_core.graph.supervision.fork_server import death_in_words
+from palp_core.graph.transport.offsets import Offsets
+from palp_core.user_folders import runtime_folder
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def full(*_: Any, **__: Any) -> NoReturn:
+    raise FULL
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file gets room any more."""
+    monkeypatch.setattr(os, "posix_fallocate", full)
+
+
+@pytest.fixture
+def own_runtime(monkeypatch: pytest.MonkeyPatch, palp: Palp) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    return runtime_folder()
+
+
+def test_a_run_in_a_full_folder_is_refused_with_the_folder_and_what_to_do(
+    own_runtime: Path, full_disk: None
+) -> None:
+    with pytest.raises(GraphError) as raised:
+        RunDirectory("chain")
+    assert str(raised.value).startswith(f"{own_runtime}: No space left on device: a run keeps its sockets")
+    assert "make room on that disk, or set XDG_RUNTIME_DIR" in str(raised.value)
+    assert not list(own_runtime.iterdir())
+
+
+def test_a_launch_under_a_limit_says_which_folder_is_full(palp: Palp) -> None:
+    done = subprocess.run(
+        palp.command("launch", CHAIN, "clock:=sim"),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+        capture_output=True,
+        text=True,
+        check=False,
+        env=palp.environment,
+    )
+    assert done.returncode == 2
+    folder = palp.runtime_dir / "palp"
+    assert done.stderr.startswith(f"{folder}: File too large: a run keeps its sockets, record and logs there")
+    assert "\n" not in done.stderr.strip()
+    assert palp.all_gone()
+
+
+def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
+    palp: Palp, own_runtime: Path
+) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(process, "blocks: ")
+    launcher = psutil.Process(process.pid)
+    launcher.rlimit(psutil.RLIMIT_FSIZE, (1000, 1000))  # its record takes more
+    (relay,) = [node for node in running()[0].nodes if node.name == "relay"]
+    os.kill(relay.pid, signal.SIGKILL)
+    assert process.stderr is not None
+    said = next(line for line in process.stderr if "The graph goes on" in line)
+    assert f"{own_runtime}/chain-" in said
+    assert "make room on that disk" in said
+    echo = palp.run("topic", "echo", "/relay/amplified", "--once", "--field", "index")
+    assert echo.returncode == 0, echo.stderr
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "interrupted by SIGINT; every node has ended" in errors
+    assert palp.all_gone()
+
+
+def test_a_record_that_cannot_be_written_ends_no_run_that_is_visible_already(
+    own_runtime: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    directory = RunDirectory("chain")
+    record = directory.record("chain", "chain.yaml", "wall", "ipc:///nowhere", [], [])
+    monkeypatch.setattr(run_directory, "write_json", full)
+    with pytest.raises(GraphError, match="No space left on device"):
+        directory.write(record)
+    monkeypatch.undo()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(own_runtime.parent))
+    directory.write(record)
+    monkeypatch.setattr(run_directory, "write_json", full)
+    with caplog.at_level(logging.WARNING, "palp.supervisor"):
+        directory.write(record)
+    assert "The graph goes on" in caplog.text
+    directory.remove()
+
+
+def test_an_import_that_a_full_disk_has_ended_is_not_blamed_on_the_module(
+    tmp_path: Path, full_disk: None
+) -> None:
+    assert death_in_words(1, tmp_path / "descriptions").startswith(f"{tmp_path}: No space left on device")
+
+
+def test_a_node_that_cannot_note_its_place_says_where(tmp_path: Path, full_disk: None) -> None:
+    with pytest.raises(GraphError, match=f"{tmp_path}: No space left on device"):
+        Offsets(tmp_path / "relay.offsets", ["/source/sample"])
+
+
+def test_a_snapshot_recorder_without_room_for_its_note_names_the_runs_folder(
+    own_runtime: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    directory = RunDirectory("chain")
+    serve = f"ipc://{directory.path}/graph.srv"
+    graph = RunningGraph(directory.record("chain", "chain.yaml", "wall", serve, [], []))
+    monkeypatch.setattr(recorder_run._NoteFile, "write", full)
+    with (
+        pytest.raises(BagError, match=f"{directory.path}/recorders: No space left on device"),
+        recorder_run._noted(graph, RecordOptions(out=str(tmp_path / "bag"))),
+    ):
+        pass
+    directory.remove()
