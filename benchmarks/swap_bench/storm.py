@@ -44,6 +44,7 @@ from swap_bench.storm_tapes import (
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.whole_file import write_whole
 
 LAUNCH = Path(__file__).parent / "launch/storm.yaml"
 READERS = ("reliable", "best_effort", "latched")
@@ -130,7 +131,7 @@ class Storm:
 
     def __init__(self, seed: int, folder: Path) -> None:
         self._seed, self._folder = seed, folder
-        self._launch_count = 0
+        self._launch_count = self._births = 0
         self._swap_s = 1.0  # a guess, until one was made
         self._launcher: subprocess.Popen[bytes] | None = None
 
@@ -200,7 +201,7 @@ class Storm:
         turn = Turn(number, Plan.drawn(self._seed, number))
         try:
             former = int(self.tape("passed")[-1, BY])
-            self._swap(turn)
+            self._swap(turn, former)
             if turn.struck and turn.plan.fault == "kill launcher":
                 self._expect_end(turn, former)
             else:
@@ -226,14 +227,13 @@ class Storm:
             return [f"launched anew: {stranded}"]
         return []
 
-    def _swap(self, turn: Turn) -> None:
+    def _swap(self, turn: Turn, former: int) -> None:
         """Ask for the swap and strike meanwhile."""
-        births = len(self.tape("born"))
         begun_s = time.monotonic()
         with ThreadPoolExecutor(1) as pool:
             answer = pool.submit(self._ask)
             try:
-                self._strike(turn, answer, births)
+                self._strike(turn, answer, self._parts(turn, former))
             finally:
                 self._continue(turn)
             turn.outcome, turn.text, turn.command_s = answer.result()
@@ -256,54 +256,57 @@ class Storm:
             return "swapped", f"gap {answer['report']['gap_s'] * 1e3:.1f} ms", took_s
         return answer["failed"]["step"], answer["failed"]["text"], took_s
 
-    def _strike(self, turn: Turn, answer: Future[Any], births: int) -> None:
-        """Send the signal at its step or instant, if that comes before the swap's end."""
+    def _parts(self, turn: Turn, former: int) -> dict[str, int]:
+        """Return the process numbers of those that can be struck; the new one has none yet."""
+        assert self._launcher is not None
+        self._births = len(self.tape("born"))
+        return {
+            "old": former,
+            "reader": int(self.tape(turn.plan.reader)[-1, READER]),
+            "source": int(self.tape("sent")[-1, BY]),
+            "launcher": self._launcher.pid,
+        }
+
+    def _new(self) -> int:
+        """Return the process number of the one that is to take over; 0 before it is there."""
+        born = self.tape("born")
+        return int(born[self._births, 0]) if len(born) > self._births else 0
+
+    def _strike(self, turn: Turn, answer: Future[Any], parts: dict[str, int]) -> None:
+        """Send the signal at its step or instant; one whose victim is not there by then is not sent."""
         plan = turn.plan
         deed, _, who = plan.fault.partition(" ")
         if not who:
             return
         number = signal.SIGKILL if deed == "kill" else signal.SIGSTOP
         if plan.step:
-            victim = 0 if who == "new" else self._process(turn, who, births)
-            wanted = {"step": plan.step, "pid": victim, "signal": int(number)}
-            (self.tapes / "strike.part").write_text(json.dumps(wanted))
-            (self.tapes / "strike.part").rename(self.tapes / "strike.json")
+            wanted = {"step": plan.step, "pid": parts.get(who, 0), "signal": int(number)}
+            write_whole(self.tapes / "strike.json", json.dumps(wanted).encode())
             struck = self.tapes / "struck.json"
             while not answer.done() and not struck.exists():
                 rest(POLL_S)
-            turn.struck = struck.exists()
-            turn.victim = victim or self._process(turn, who, births)
-        else:
-            end_s = time.monotonic() + plan.instant * self._swap_s
-            while time.monotonic() < end_s or (who == "new" and len(self.tape("born")) == births):
-                if answer.done() and who == "new" and len(self.tape("born")) == births:
-                    return
-                rest(POLL_S)
-            turn.victim = self._process(turn, who, births)
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(turn.victim, number)
-                turn.struck = True
+            turn.struck, turn.victim = struck.exists(), parts.get(who) or self._new()
+            return
+        end_s = time.monotonic() + plan.instant * self._swap_s
+        while time.monotonic() < end_s or (who == "new" and not self._new() and not answer.done()):
+            rest(POLL_S)
+        turn.victim = parts.get(who) or self._new()
+        turn.struck = self._send(turn.victim, number)
 
     def _continue(self, turn: Turn) -> None:
         """Let go on who was stopped."""
         if turn.struck and turn.plan.fault.startswith("stop"):
             rest(turn.plan.stop_s)
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(turn.victim, signal.SIGCONT)
+            self._send(turn.victim, signal.SIGCONT)
 
-    def _process(self, turn: Turn, who: str, births: int) -> int:
-        """Return the process number of a part, as it was when the turn began."""
-        assert self._launcher is not None
-        if who == "launcher":
-            return self._launcher.pid
-        if who == "new":
-            born = self.tape("born")
-            return int(born[births, 0]) if len(born) > births else 0
-        if who == "reader":
-            return int(self.tape(turn.plan.reader)[-1, READER])
-        if who == "source":
-            return int(self.tape("sent")[-1, BY])
-        return int(self.tape("passed")[-1, BY])
+    def _send(self, pid: int, number: signal.Signals) -> bool:
+        """Send a signal to a process if it is one of the graph's, and lives; return whether it was."""
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+            if pid and process.environ().get(MARK) == self._mark:
+                process.send_signal(number)
+                return True
+        return False
 
     # What came of it
 
