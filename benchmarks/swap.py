@@ -127,7 +127,17 @@ def storm(given: argparse.Namespace) -> int:
     if given.json:
         print(json.dumps(found))
     else:
-        columns = ("tries", "struck", "swapped", "wrong", "lost", "repeated", "reordered", "explained")
+        columns = (
+            "tries",
+            "struck",
+            "swapped",
+            "wrong",
+            "lost",
+            "repeated",
+            "reordered",
+            "explained",
+            "counted",
+        )
         print(f"{'fault':15}", *(f"{name:>9}" for name in columns), "silence, ms  not swapped, at step")
         for fault, row in found["by_fault"].items():
             failed = ", ".join(f"{step} {count}" for step, count in row["failed_at"].items())

@@ -97,7 +97,16 @@ class Plan:
 
 @dataclass
 class Turn:
-    """What came of one."""
+    """What came of one.
+
+    Attributes:
+        outcome, text: ``swapped``, or the step that failed or refused, and why.
+        struck, victim: Whether the signal was sent, and to which process.
+        flow_s: From the fault's end until all readers heard new numbers; of a killed launcher: to the end.
+        accounts: What the nodes themselves have counted in all.
+        counted: Of that, lost in this turn, at the relay and at each reader.
+        wrong: What was not as promised.
+    """
 
     number: int
     plan: Plan
@@ -109,6 +118,7 @@ class Turn:
     flow_s: float = 0.0
     verdicts: dict[str, Verdict] = field(default_factory=dict)
     accounts: dict[str, dict[str, int]] = field(default_factory=dict)
+    counted: int = 0
     wrong: list[str] = field(default_factory=list)
 
 
@@ -148,6 +158,7 @@ class Storm:
         command = [sys.executable, "-m", "palp_core", "launch", str(LAUNCH), f"out:={self.tapes}"]
         with (self.tapes / "launcher.txt").open("wb") as said:
             self._launcher = subprocess.Popen(command, stdout=said, stderr=said, env=environment)
+        self._lost: dict[str, int] = {}
         self._judges = {name: Judge(best_effort=name == "best_effort") for name in READERS}
         self.wait(
             lambda: all(len(self.tape(name)) for name in READERS), "not every reader has heard anything"
@@ -331,10 +342,16 @@ class Storm:
             raise Stranded(f"no new number at {', '.join(late)}: {stranded}") from None
         finally:
             self._judge(turn, sent, former)
-        for name in READERS:
+        self._ask_accounts(turn)
+
+    def _ask_accounts(self, turn: Turn) -> None:
+        """Note what the nodes themselves have counted as lost since the last turn."""
+        for name in ("relay", *READERS):
             with contextlib.suppress(GraphError):
-                account = self.graph.ask(name, "info")["inputs"]["/relay/out"]
+                (account,) = self.graph.ask(name, "info")["inputs"].values()
                 turn.accounts[name] = {key: account[key] for key in ("lost", "repeated", "dropped", "filled")}
+                before, self._lost[name] = self._lost.get(name, 0), account["lost"]
+                turn.counted += account["lost"] - (before if account["lost"] >= before else 0)
 
     def _expect_end(self, turn: Turn, former: int) -> None:
         """The launcher was killed: everything ends within a bound, and what came before is whole."""
@@ -425,5 +442,6 @@ def _row(turns: list[Turn]) -> dict[str, Any]:
         "failed_at": {step: outcomes.count(step) for step in sorted(set(outcomes) - {"swapped"})},
         "wrong": sum(bool(turn.wrong) for turn in turns),
         **{what: sum(getattr(verdict, what) for verdict in verdicts) for what in COUNTED},
+        "counted": sum(turn.counted for turn in turns),
         "silence_max_ms": max((verdict.silence_ms for verdict in verdicts), default=0.0),
     }  # fmt: skip

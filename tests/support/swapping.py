@@ -67,6 +67,20 @@ class Rude(Source):
         self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
 
 
+class LastWords(Source):
+    """Its first process says more than can be sent before it is killed, the next one nothing but progress."""
+
+    @every("rate_hz")
+    def go(self):
+        killed = Path(__file__).with_name("killed")
+        if not killed.exists():
+            killed.touch()
+            for number in range(20_000):
+                self.out.publish(Num(index=number, by="x" * 1000))
+            os.kill(os.getpid(), signal.SIGKILL)
+        self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
+
+
 class RelayState(State):
     total: int = 0
     drawn: list[float] = []

@@ -86,6 +86,21 @@ def test_crash_swap_crash_strands_no_reader(palp: Palp, tmp_path: Path) -> None:
     assert life.account["repeated"] == 0
 
 
+def test_what_a_killed_node_could_not_send_any_more_is_counted_by_its_reader(
+    palp: Palp, tmp_path: Path
+) -> None:
+    launch = restarting_workspace(tmp_path) / "wall.yaml"
+    launch.write_text(launch.read_text().replace("swap_toys:Source", "swap_toys:LastWords"))
+    stage = Stage(palp, launch)
+    account: dict[str, Any] = {}
+    while account.get("epoch") != 1:
+        account = stage.graph.ask("relay", "info", timeout_s=PATIENCE_S)["inputs"]["/source/out"]
+    assert account["received"] + account["dropped"] + account["lost"] == 20_000
+    assert account["lost"] > 0
+    while f"messages were lost ({account['lost']} in all)" not in stage.log("relay"):
+        assert stage.launcher.poll() is None
+
+
 # Any order of all that can happen, in memory: processes and wires are those of the graph, time is not
 
 

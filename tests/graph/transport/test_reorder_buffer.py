@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.graph.messages.frame import Frame, Kind
+from palp_core.graph.messages.frame import Frame, Kind, pack_former
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.reorder_buffer import FILL_NS, SUCCESSOR_NS, ReorderBuffer
@@ -247,3 +247,25 @@ def test_latency_is_known_once_the_graph_has_started() -> None:
     edge.buffer.origin_ns = 400_000
     edge.arrive(frame(2, stamp_ns=100_000))
     assert edge.buffer.latency.max_ns == 500_000
+
+
+@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
+def test_what_a_killed_publisher_could_not_deliver_is_counted(
+    reliability: Literal["reliable", "best_effort"],
+) -> None:
+    edge = Edge(Qos(reliability=reliability))
+    told = frame(0, epoch=1, kind=Kind.HEARTBEAT)._replace(payload=memoryview(pack_former(0, 9)))
+    edge.arrive(*(edge.publish(10, sequence) for sequence in (1, 2, 3)), told)
+    assert edge.account.lost == 6
+    edge.arrive(told, frame(1, epoch=1))
+    assert (edge.account.lost, edge.account.received, edge.account.epoch) == (6, 4, 1)
+
+
+def test_only_the_process_that_the_reader_heard_is_counted() -> None:
+    told = frame(0, epoch=2, kind=Kind.HEARTBEAT)._replace(payload=memoryview(pack_former(1, 9)))
+    for before in ([], [frame(1, epoch=0)]):  # nothing, or a process before that one
+        edge = Edge(Qos())
+        edge.arrive(*before, told)
+        assert edge.account.lost == 0
+    edge.arrive(frame(0, epoch=3, kind=Kind.HEARTBEAT)._replace(payload=memoryview(b"garbage")))
+    assert edge.account.epoch == 3

@@ -20,6 +20,7 @@ VERSION = 1
 _HEADER = struct.Struct("<BBHIQqQ")
 _QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
+_FORMER = struct.Struct("<IQ")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
 MOST_PIECES = 3
@@ -35,7 +36,7 @@ class Kind(IntEnum):
     """What a frame carries."""
 
     DATA = 0
-    HEARTBEAT = 1  # no payload; sequence is the last one published
+    HEARTBEAT = 1  # sequence is the last one published; payload: see former_of
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
     IDLE = 3  # a heartbeat that says: nothing is due until the next message
 
@@ -95,6 +96,22 @@ def raw_of(frame: Frame) -> bytes:
         frame.type_hash,
         b"".join((frame.payload, *frame.rest)),
     )
+
+
+def former_of(frame: Frame) -> tuple[int, int]:
+    """Return epoch and last sequence of the publisher's process before a restart, if a heartbeat tells of it.
+
+    (-1, 0) if there was none, or nobody knows.
+    """
+    if frame.kind not in (Kind.HEARTBEAT, Kind.IDLE) or len(frame.payload) != _FORMER.size:
+        return -1, 0
+    epoch, sequence = _FORMER.unpack(frame.payload)
+    return epoch, min(sequence, LAST_SEQUENCE)
+
+
+def pack_former(epoch: int, sequence: int) -> bytes:
+    """Return a heartbeat's payload for :func:`former_of`."""
+    return _FORMER.pack(epoch, sequence)
 
 
 def topic_of(frame: bytes) -> bytes:

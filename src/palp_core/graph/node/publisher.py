@@ -24,6 +24,8 @@ class PublisherEnd(Generic[M]):
         listened: Somebody reads the topic; where nobody knows, it counts as read.
         greeted_count: How many have begun to read it.
         idle_until_next: Nothing is due until the next message, as the node has declared.
+        note: Takes epoch and sequence of each message before it is sent, where they outlive the process.
+        former: Payload of heartbeats: how far the process before a restart had come, or empty.
     """
 
     def __init__(
@@ -42,6 +44,8 @@ class PublisherEnd(Generic[M]):
         self.listened = True
         self.greeted_count = 0
         self.idle_until_next = False
+        self.note: Callable[[int, int], None] | None = None
+        self.former = b""
         self.qos = qos
         self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
         self._bytes = topic.encode()
@@ -67,12 +71,16 @@ class PublisherEnd(Generic[M]):
         """Send a message whatever the node's state is."""
         self.sequence += 1
         self.idle_until_next = False
+        if self.note is not None:
+            self.note(self.epoch, self.sequence)
         self._put(message, self.epoch, self.sequence)
 
     def forward(self, payload: bytes) -> None:
         """Send a message that is encoded already, its bytes as they are, whatever the node's state is."""
         self.sequence += 1
         self.idle_until_next = False
+        if self.note is not None:
+            self.note(self.epoch, self.sequence)
         now_ns = self._owner.now_ns()
         frame = pack(self._bytes, Kind.DATA, self.epoch, self.sequence, now_ns, self._type_hash, payload)
         if self.listened:
@@ -124,7 +132,8 @@ class PublisherEnd(Generic[M]):
     def heartbeat(self) -> bytes:
         """Return the frame that states the last sequence."""
         kind = Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT
-        return pack(self._bytes, kind, self.epoch, self.sequence, self._owner.now_ns(), self._type_hash)
+        now_ns = self._owner.now_ns()
+        return pack(self._bytes, kind, self.epoch, self.sequence, now_ns, self._type_hash, self.former)
 
     def moved(self, payload: bytes) -> bytes:
         """Return the frame that tells readers of another place, with the last sequence of this one."""
@@ -150,6 +159,8 @@ class PublisherEnd(Generic[M]):
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
         """Continue a predecessor's epoch and sequence."""
         self.epoch, self.sequence = epoch, sequence
+        if self.note is not None:
+            self.note(epoch, sequence)
         self.history.clear()
         self.history.extend(history)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from palp_core.graph.clock import WallClock, monotonic_ns
 from palp_core.graph.messages.builtin import DiagnosticStatus, Progress, Swap
+from palp_core.graph.messages.frame import pack_former
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints, load_class
@@ -19,6 +20,7 @@ from palp_core.graph.process.swap_messages import Listening
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.offsets import Offsets
 from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
@@ -67,6 +69,7 @@ class WallLoop:
             successor=order.successor,
         )
         self._unshown: deque[bytes] = deque()
+        self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
             shown = publisher.message in (Progress, Swap, DiagnosticStatus)
@@ -84,6 +87,16 @@ class WallLoop:
         self.receiver.wake_on(ENDPOINT)
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
+
+    def _keep_published(self, file: Path) -> Offsets:
+        """Note what is published, and let readers know how far the process before a restart had come."""
+        outputs = self.executor.ends.publishers
+        published = Offsets(file, list(outputs))
+        for name, out in outputs.items():
+            epoch, sequence = published.read(name)
+            out.former = pack_former(epoch, sequence) if 0 <= epoch < out.epoch else b""
+            out.note = partial(published.note, name)
+        return published
 
     def now_ns(self) -> int:
         """Return the time since the graph's start; the start is known at activation."""
@@ -226,4 +239,6 @@ class WallLoop:
         self._health.close()
         self._wakeup.close()
         self.receiver.close()
+        if self._published is not None:
+            self._published.close()
         self.sockets.close()

@@ -55,11 +55,15 @@ class ManagedProcess:
         """Return why it does not work just now, in words that follow its name; "" if it does."""
         if self.respawn_at_ns is not None or self.ended or not self.matched:
             return "is being restarted; ask again when it is at work"
-        if _is_stopped(self.pid):
+        if _state(self.pid) in ("T", "t"):
             return f"is stopped; continue it with: kill -CONT {self.pid}"
         if self.is_silent:
             return "has not been heard for seconds: a handler of it does not return; ask again when it has"
         return ""
+
+    def has_died(self) -> bool:
+        """Tell whether its process is dead; :attr:`ended` is set when the fork server has told so."""
+        return self.ended or _state(self.pid) in ("Z", "X")
 
     def may_restart(self) -> bool:
         """Tell whether its rule allows another start; it must have been active once."""
@@ -100,11 +104,12 @@ class ManagedProcess:
         return f" (log: {self.log})" + "".join(f"\n    {line}" for line in tail(self.log, LOG_LINES))
 
 
-def _is_stopped(pid: int) -> bool:
+def _state(pid: int) -> str:
+    """Return a process's state in the letters of proc(5); X: there is none; "": there is no /proc."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("T", "t")
-    except (OSError, IndexError):  # it has just ended, which the fork server tells; or there is no /proc
-        return False
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (OSError, IndexError):
+        return "X" if Path("/proc/self").exists() else ""
 
 
 class ProcessLauncher:

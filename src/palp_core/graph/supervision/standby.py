@@ -115,10 +115,6 @@ class Standbys:
         new, standby.process = standby.process, process
         return new
 
-    def connected(self, standby: Standby) -> bool:
-        """Tell whether one's channel is open: it closes before the fork server tells of the process's end."""
-        return self._channels.connected(standby.number)
-
     def send(self, standby: Standby, message: ToNode) -> None:
         """Say something to one; of one that is gone the fork server tells."""
         with contextlib.suppress(ChannelClosed):

@@ -236,8 +236,8 @@ class _ProcessSwap:
         if taken.error:
             self._fail(taken.error)
         assert self._new is not None
-        if not self._supervisor.standbys.connected(self._new):  # its last word; how it ended will be told
-            self._wait_for(lambda: False, "it has closed its channel and did not end")
+        if self._new.process.has_died():  # with these words; how, the fork server is about to tell
+            self._wait_for(lambda: False, "its process has died")
         if start_ns:
             self._now_ns = handed.at_ns - start_ns
         runs = {"before": self._swap.old.run, "after": self._swap.new.run}

@@ -2,6 +2,8 @@
 
 A file of the run directory, mapped into memory: one slot of 16 bytes per input topic, written after each
 message has been handled. A kill -9 loses nothing of it, and the message it interrupts is handed over again.
+Another such file has the outputs, written before each message is sent: what a killed process had published
+and could not deliver any more is counted by its readers, who are told by its successor.
 """
 
 import mmap
@@ -40,11 +42,11 @@ class Offsets:
             self._map = mmap.mmap(file.fileno(), size)
 
     def note(self, topic: str, epoch: int, sequence: int) -> None:
-        """Write down that a message has been handled."""
+        """Write down that a message has been handled, or is being sent."""
         _SLOT.pack_into(self._map, self._slot[topic], epoch + 1, sequence)
 
     def read(self, topic: str) -> tuple[int, int]:
-        """Return epoch (-1: none) and sequence of the last message handled."""
+        """Return epoch (-1: none) and sequence of the last message noted."""
         epoch, sequence = _SLOT.unpack_from(self._map, self._slot[topic])
         return epoch - 1, sequence
 

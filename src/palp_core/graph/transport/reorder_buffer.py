@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.latency import Latency
-from palp_core.graph.messages.frame import Frame, Kind
+from palp_core.graph.messages.frame import Frame, Kind, former_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 
@@ -134,7 +134,8 @@ class ReorderBuffer:
         """Go over to a new epoch: the publisher was restarted, or is heard for the first time."""
         first_contact = self.epoch < 0
         if not first_contact:
-            self._skip_to(self._last)
+            former_epoch, former_last = former_of(frame)
+            self._skip_to(max(self._last, former_last if former_epoch == self.epoch else 0))
         self.epoch, self._last, self.give_up_ns, self._inherited = frame.epoch, 0, None, 0
         self._held.clear()
         if not first_contact:
