@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
 import shutil
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from palp_core.errors import PalpError
 from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.supervision.interrupt import INSIST_NS
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import PATIENCE_S, SIM, Palp, wait_for_line
 from tests.support.rig_session import RigSession
@@ -78,6 +82,33 @@ def test_a_session_that_is_interrupted_says_how_far_it_came_and_what_is_kept(
         "done": count, "of": 375, "what": "palpations of training", "why": "interrupted by SIGINT",
     }  # fmt: skip
     assert "Traceback" not in errors
+
+
+def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_later(
+    palp: Palp, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    process = palp.start("launch", SIM, f"out:={out}", *LONG)
+    wait_for_line(process, "training: ")
+    nodes = json.loads((next((palp.runtime_dir / "palp").glob("sim-*")) / "graph.json").read_text())["nodes"]
+    emg = next(node["pid"] for node in nodes if node["name"] == "emg")
+    os.kill(emg, signal.SIGSTOP)  # the end waits for it, unless somebody insists
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(INSIST_NS / 1e9 + 0.1)
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, errors
+    assert "No report was written: the end was asked for twice; `palp report` makes it later." in said
+    assert "interrupted by SIGINT; every node has ended" in errors
+    assert "Traceback" not in errors
+    assert palp.all_gone()
+    assert not (out / "report.html").exists()
+    assert not list(out.glob("*.part"))
+    done = palp.here("report", out)
+    assert done.returncode == 0, done.stderr
+    assert f"nfinished: {len(read_rows(out))} of 375 palpations of training" in done.stdout
+    assert (out / "report.html").exists()
 
 
 def test_the_report_of_a_killed_launcher_is_made_from_what_it_left(palp: Palp, tmp_path: Path) -> None:

@@ -13,10 +13,13 @@ import pytest
 
 from palp_core import Graph
 from palp_core.cli.completion import graphs
+from palp_core.cli.doctor.diagnostic import error
+from palp_core.cli.launch.stop_key import stopped_words
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.choice import WhichGraph, check_free, choose
+from palp_core.graph.discovery.choice import WhichGraph, addressed, check_free, choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, running
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.transport.requester_socket import ask
@@ -296,3 +299,43 @@ def test_who_is_in_no_folder_has_no_graph(
     with pytest.raises(WhichGraph):
         choose()
     assert len(running()) == 1
+
+
+def test_advice_names_the_run_that_it_is_about_if_another_runs(bench: Bench) -> None:
+    ack = "when all is well: palp safety ack"
+    mine = bench.launch("mine")
+    assert addressed(ack, mine.id) == ack
+    assert stopped_words({"state": "latched", "cause": "operator"}, mine.id) == f"latched: operator; {ack}"
+    bench.launch("other")
+    assert addressed(ack, mine.id) == f"{ack} --graph {mine.id}"
+    assert stopped_words({"state": "latched", "cause": "operator"}, mine.id).endswith(
+        f"ack --graph {mine.id}"
+    )
+    finding = error("/safety", "tripped", "motion is stopped; type: palp safety ack")
+    assert finding.placed("", mine.id).advice.endswith(f"palp safety ack --graph {mine.id}")
+    lines: list[str] = []
+    screen = Shown("warning", {}, lambda line: lines.append(line.text), mine.id)
+    for _ in range(MOST_PER_S + 1):
+        screen.take("2026-11-22T12:00:00.000+00:00 a: [WARNING] [a]: again")
+    screen.flush()
+    assert lines[-1] == f"... and 1 more lines: palp logs --graph {mine.id}"
+
+
+@pytest.mark.parametrize(
+    ("advice", "named"),
+    [
+        ("palp topic echo /a/b shows them", "palp topic echo /a/b --graph <run> shows them"),
+        ("see palp topic delay, and the load", "see palp topic delay --graph <run>, and the load"),
+        ("told by: palp node info relay", "told by: palp node info relay --graph <run>"),
+        ("palp topic echo /graph/events --spin 1", "palp topic echo /graph/events --graph <run> --spin 1"),
+        ("palp safety ack --graph this", "palp safety ack --graph this"),
+        ("stop all of them: palp stop --all", "stop all of them: palp stop --all"),
+        ("start one with: palp launch FILE", "start one with: palp launch FILE"),
+        ("set XDG_RUNTIME_DIR", "set XDG_RUNTIME_DIR"),
+    ],
+)  # fmt: skip
+def test_only_commands_about_a_graph_that_is_not_named_yet_are_completed(
+    bench: Bench, advice: str, named: str
+) -> None:
+    mine, _ = bench.launch("mine"), bench.launch("other")
+    assert addressed(advice, mine.id) == named.replace("<run>", mine.id)

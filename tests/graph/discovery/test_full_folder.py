@@ -1,4 +1,4 @@
-"""A runtime folder that takes no more: a launch is refused in words, and a run that has begun goes on."""
+"""The runtime folder is bounded; where it takes no more a launch is refused in words, and a run goes on."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.discovery import run_directory
-from palp_core.graph.discovery.run_directory import RunDirectory, running
+from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording import recorder_run
 from palp_core.graph.recording.recorder_messages import RecordOptions
@@ -134,3 +134,40 @@ def test_a_snapshot_recorder_without_room_for_its_note_names_the_runs_folder(
     ):
         pass
     directory.remove()
+
+
+def ended(logged_bytes: int, age_s: int) -> Path:
+    """Leave a run that has ended, with a log of so many bytes."""
+    directory = RunDirectory("old")
+    directory.log("node").write_bytes(bytes(logged_bytes))
+    directory.release()
+    os.utime(directory.path, (10**9 - age_s,) * 2)
+    return directory.path
+
+
+def test_logs_of_ended_runs_take_so_much_together_and_the_oldest_go(
+    own_runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = [ended(400, age_s) for age_s in range(5)]
+    monkeypatch.setattr(run_directory, "KEEP_ENDED_BYTES", 1000)
+    RunDirectory("new").remove()
+    assert [path.exists() for path in runs] == [True, True, False, False, False]
+
+
+def test_the_latest_run_that_has_ended_keeps_its_logs_whatever_they_take(
+    own_runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    latest, before = ended(5000, 0), ended(10, 1)
+    monkeypatch.setattr(run_directory, "KEEP_ENDED_BYTES", 1000)
+    running_now = RunDirectory("now")
+    running_now.log("node").write_bytes(bytes(5000))
+    RunDirectory("new").remove()
+    assert (latest.exists(), before.exists(), running_now.path.exists()) == (True, False, True)
+    running_now.remove()
+
+
+def test_so_many_small_runs_are_kept(own_runtime: Path) -> None:
+    runs = [ended(10, age_s) for age_s in range(KEEP_ENDED + 3)]
+    RunDirectory("new").remove()
+    assert sum(path.exists() for path in runs) == KEEP_ENDED
+    assert runs[0].exists()

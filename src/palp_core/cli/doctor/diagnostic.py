@@ -4,6 +4,8 @@ from typing import Literal
 
 import msgspec
 
+from palp_core.graph.discovery.choice import addressed
+
 Level = Literal["ok", "note", "warning", "error"]
 
 
@@ -22,9 +24,10 @@ class Diagnostic(msgspec.Struct, frozen=True):
     where: str
     advice: str = ""
 
-    def placed(self, where: str) -> "Diagnostic":
-        """Return it with more of its place before what there is."""
-        return msgspec.structs.replace(self, where=where + self.where)
+    def placed(self, where: str, run: str) -> "Diagnostic":
+        """Return it with more of its place before what there is; its advice is about the run of that id."""
+        advice = addressed(self.advice, run)
+        return msgspec.structs.replace(self, where=where + self.where, advice=advice)
 
 
 def error(where: str, what: str, advice: str) -> Diagnostic:

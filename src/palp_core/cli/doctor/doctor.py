@@ -40,9 +40,9 @@ def doctor(
     placed = [
         (RunningGraph(record), f"graph {record.id}, " if len(records) > 1 else "") for record in records
     ]
-    findings += [found.placed(of) for running, of in placed for found in examine_standing(running)]
+    findings += [found.placed(of, one.record.id) for one, of in placed for found in examine_standing(one)]
     findings += [*examine_host(), *examine_runs()]
-    findings += [found.placed(of) for running, of in placed for found in examine_graph(running)]
+    findings += [found.placed(of, one.record.id) for one, of in placed for found in examine_graph(one)]
     counts = {level: sum(finding.level == level for finding in findings) for level in _ORDER}
     if as_json:
         print_json({"graphs": [record.graph for record in records], **counts, "findings": findings})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.description.checked import CheckedGraph
+    from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.conductor import Observer
@@ -125,7 +127,7 @@ def _run(
         log_level=log_level,
         show_log=show_log_line,
     )
-    graph.diagnostics.on_change = view.stand
+    graph.diagnostics.on_change = lambda topic, incident: view.stand(topic, _addressed(graph, incident))
     try:
         with _recorders_said(graph), graph:
             _say_beside(graph)
@@ -135,6 +137,7 @@ def _run(
             with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
                 summary = graph.run()
     except Interrupted as stop:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks once more does not change how it ended
         note(f"{stop}; every node has ended")
         _say_report(graph)
         return 128 + int(stop.signal)
@@ -151,6 +154,17 @@ def _run(
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
+
+
+def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
+    """Return what is wrong with advice that names this run, if it is not the only one."""
+    import msgspec
+
+    from palp_core.graph.discovery.choice import addressed
+
+    if incident is None:
+        return None
+    return msgspec.structs.replace(incident, advice=addressed(incident.advice, graph.directory.path.name))
 
 
 def _say_incidents(graph: Graph) -> None:

@@ -31,6 +31,13 @@ def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[st
     return call_safety(running, "stop", {"reason": reason}, timeout_s)
 
 
+def stopped_words(reply: dict[str, Any], run: str) -> str:
+    """Return what to say of a run whose motion was stopped, and how to go on."""
+    from palp_core.graph.discovery.choice import addressed
+
+    return addressed(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack", run)
+
+
 def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
@@ -79,7 +86,7 @@ def stop_key(graph: Graph) -> StopKey:
         except GraphError as error:
             note(str(error))
         else:
-            note(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
+            note(stopped_words(reply, record.id))
 
     key = StopKey(standard_input(), press)
     names = [spec.name for spec in graph.checked.nodes]

@@ -61,6 +61,7 @@ def swap(
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over).
     """
     from palp_core.cli.text.words import assignments, value_of
+    from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.swap.swap import STEPS
 
     given = list(params or [])
@@ -79,7 +80,8 @@ def swap(
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:
-        note(f"the launcher goes on with the swap; what came of it is told by: palp node info {node}")
+        told_by = addressed(f"palp node info {node}", running.record.id)
+        note(f"the launcher goes on with the swap; what came of it is told by: {told_by}")
         sys.exit(INTERRUPTED)
     if as_json:
         print_json(answer)

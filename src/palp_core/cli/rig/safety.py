@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.launch.stop_key import call_safety, stop_motion
+from palp_core.cli.launch.stop_key import call_safety, stop_motion, stopped_words
 from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
@@ -33,13 +33,14 @@ def stop(
             _stop_all(timeout, as_json=as_json)
             return
         try:
-            reply = stop_motion(find_graph(graph, changes=True), "palp stop", timeout)
+            running = find_graph(graph, changes=True)
+            reply = stop_motion(running, "palp stop", timeout)
         except WhichGraph as error:
             raise GraphError(f"{error}\nor stop all of them: palp stop --all") from None
     if as_json:
         print_json(reply)
     else:
-        print_text(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack")
+        print_text(stopped_words(reply, running.record.id))
 
 
 def _stop_all(timeout_s: float, *, as_json: bool) -> None:

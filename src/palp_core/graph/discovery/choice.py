@@ -4,6 +4,7 @@ A graph belongs to its workspace and to the folder from which it was launched; a
 checkout has, stands for those in it. Another folder's graph is never meant unless it is named.
 """
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,6 +12,12 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunRecord, present_folder, running
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import hint
+
+_COMMAND = re.compile(
+    r"\bpalp (?:safety (?:ack|status)|stop|logs|bag record|topic (?:delay|info)|"
+    r"(?:topic echo|node info) /?\w\S*)\b(?! --(?:graph|all)\b)"
+)
+"""Commands about a graph, as advice has them, that do not say of which."""
 
 START_ONE = "start one with: palp launch FILE"
 
@@ -74,6 +81,18 @@ def meant(records: Sequence[RunRecord], name: str | None) -> list[RunRecord]:
         here = present_folder()
         return [record for record in records if belongs(record, here)]
     return [record for record in records if name in (record.graph, record.id, str(record.pid))]
+
+
+def addressed(advice: str, run: str) -> str:
+    """Return advice whose commands name the run they are about, if another runs beside it.
+
+    Args:
+        advice: For a person, as in ``when all is well: palp safety ack``.
+        run: The run's id.
+    """
+    if not run or all(record.id == run for record in running()):
+        return advice
+    return _COMMAND.sub(rf"\g<0> --graph {run}", advice)
 
 
 def check_free(name: str) -> None:

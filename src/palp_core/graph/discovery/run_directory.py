@@ -6,6 +6,7 @@ import logging
 import os
 import re
 import shutil
+import stat
 import tempfile
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from palp_core.whole_file import PRIVATE, open_private, write_json
 
 _log = logging.getLogger("palp.supervisor")
 KEEP_ENDED = 20
+KEEP_ENDED_BYTES = 256 << 20
+"""Of all ended runs together, but for the latest one, which is kept whatever it takes."""
 RECORD = "graph.json"
 
 
@@ -207,14 +210,30 @@ def _is_run(folder: Path) -> bool:
 
 
 def _prune() -> None:
-    """Remove the folders of runs long ended, all but the latest few (their logs may still be wanted)."""
+    """Remove the folders of runs long ended, all but the latest few (their logs may still be wanted).
+
+    Fewer stay where they take much: the oldest go until the rest is below a total.
+    """
     ended = []
     for folder in _folders():
         with contextlib.suppress(OSError):  # another launch may be removing it just now
             if not locked(folder):
                 ended.append((folder.stat().st_mtime, folder))
-    for _, folder in sorted(ended, reverse=True)[KEEP_ENDED:]:
-        shutil.rmtree(folder, ignore_errors=True)
+    total_bytes = 0
+    for place, (_, folder) in enumerate(sorted(ended, reverse=True)):
+        total_bytes += _size(folder)
+        if place and (place >= KEEP_ENDED or total_bytes > KEEP_ENDED_BYTES):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _size(folder: Path) -> int:
+    """Return how many bytes the files in a folder have."""
+    found = 0
+    for path in folder.rglob("*"):
+        with contextlib.suppress(OSError):
+            entry = path.lstat()
+            found += entry.st_size if stat.S_ISREG(entry.st_mode) else 0
+    return found
 
 
 def locked(held: Path) -> bool:

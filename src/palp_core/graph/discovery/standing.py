@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import parse
@@ -38,7 +39,8 @@ def standing(graph: RunningGraph, timeout_s: float) -> list[Standing]:
         if status is not None and status.level != "ok":
             now_ns = _clock(graph, timeout_s)
             age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
-            found.append(Standing(topic.node, status.level, status.text, status.advice, age_s))
+            advice = addressed(status.advice, graph.record.id)
+            found.append(Standing(topic.node, status.level, status.text, advice, age_s))
     return found
 
 

@@ -197,7 +197,7 @@ class Graph:
         if self._show_log is None:
             return contextlib.nullcontext()
         outputs = {spec.name: spec.output for spec in self.checked.nodes}
-        shown = Shown(self._log_level, outputs, self._show_log)
+        shown = Shown(self._log_level, outputs, self._show_log, self.directory.path.name)
         return showing_log(self.directory.log(MERGED_LOG), shown)
 
     def _tell_report(self, stage: Literal["prepare", "begin"]) -> None:

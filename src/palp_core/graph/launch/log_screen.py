@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
 from palp_core.graph.discovery.log_reader import follow
 
@@ -27,9 +28,11 @@ class Shown:
         level: At least so; not what ended a node, which the launcher itself tells.
         outputs: Of which nodes all is shown: those with ``screen``.
         show: Shows a line.
+        run: Id of the run, for those who are sent to its log.
     """
 
-    def __init__(self, level: str, outputs: Mapping[str, str], show: Show) -> None:
+    def __init__(self, level: str, outputs: Mapping[str, str], show: Show, run: str = "") -> None:
+        self._run = run
         self._least, self._outputs, self._show = RANK[level], outputs, show
         self._reader = LineReader()
         self._end_ns = self._count = 0
@@ -54,7 +57,7 @@ class Shown:
     def flush(self) -> None:
         """Say how many lines were too many."""
         if self._count > MOST_PER_S:
-            text = f"... and {self._count - MOST_PER_S} more lines: palp logs"
+            text = f"... and {self._count - MOST_PER_S} more lines: " + addressed("palp logs", self._run)
             self._show(LogLine("", "", "warning", True, text))
         self._count = 0
 

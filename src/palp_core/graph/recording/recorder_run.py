@@ -14,6 +14,7 @@ import msgspec
 
 from palp_core.errors import BagError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
@@ -145,9 +146,8 @@ def save_snapshots(graph: RunningGraph, number: signal.Signals = signal.SIGUSR1)
     """
     files = [path for path in sorted((graph.folder / FOLDER).glob("*.json")) if locked(path)]
     if not files:
-        raise BagError(
-            "no recorder keeps this graph's last seconds; start one: palp bag record -a --snapshot S"
-        )
+        start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
+        raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")
     before = {path: _read(path) for path in files}
     for kept in before.values():
         os.kill(kept.pid, number)
