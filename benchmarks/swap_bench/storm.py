@@ -348,9 +348,13 @@ class Storm:
         """Note what the nodes themselves have counted as lost since the last turn."""
         for name in ("relay", *READERS):
             with contextlib.suppress(GraphError):
-                (account,) = self.graph.ask(name, "info")["inputs"].values()
+                info = self.graph.ask(name, "info")
+                (account,) = info["inputs"].values()
                 turn.accounts[name] = {key: account[key] for key in ("lost", "repeated", "dropped", "filled")}
-                before, self._lost[name] = self._lost.get(name, 0), account["lost"]
+                whose = (
+                    name if name == "relay" else f"{name} {info['pid']}"
+                )  # a swapped node goes on counting
+                before, self._lost[whose] = self._lost.get(whose, 0), account["lost"]
                 turn.counted += account["lost"] - (before if account["lost"] >= before else 0)
 
     def _expect_end(self, turn: Turn, former: int) -> None:

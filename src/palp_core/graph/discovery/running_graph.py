@@ -263,6 +263,8 @@ class RunningGraph:
         try:
             status = psutil.Process(pid).status()
         except psutil.NoSuchProcess:
+            status = psutil.STATUS_ZOMBIE
+        if status == psutil.STATUS_ZOMBIE:  # or it is dead, and who started it has not asked yet
             return f"its process {pid} is gone; see {log}"
         if status == psutil.STATUS_STOPPED:
             return f"its process {pid} is stopped; continue it with: kill -CONT {pid}"
