@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,15 +11,19 @@ from typing import Any
 
 import msgpack
 import numpy as np
+import psutil
 import pytest
 import zmq
 
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.fragments import CUT_FROM
 from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport import publisher_socket
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.publisher_socket import PLACE_BYTES, QUEUE_BYTES
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
@@ -104,6 +110,10 @@ def publisher(tmp_path: Path) -> Iterator[Publisher]:
     made.sockets.close()
 
 
+def data_of(frames: list[bytes]) -> list[bytes]:
+    return [frame for frame in frames if parse(frame).kind == Kind.DATA]
+
+
 def block(size: int = 1, value: float = 1.0) -> Block:
     return Block(values=np.full(size, value))
 
@@ -159,9 +169,9 @@ def test_messages_of_any_size_arrive_whole_and_equal(publisher: Publisher, size:
     sent = [Block(values=rng.normal(size=size)) for _ in range(3)]
     for message in sent:
         outlet.publish(message)
-    frames = publisher.receive(reader, lambda frames: len(frames) >= 3)
-    assert frames == outlet.remembered()
-    assert [decode(Block, parse(frame).payload) for frame in frames] == sent
+    frames = publisher.receive(reader, lambda frames: len(data_of(frames)) >= 3)
+    assert data_of(frames) == outlet.remembered()
+    assert [decode(Block, parse(frame).payload) for frame in data_of(frames)] == sent
 
 
 def test_large_messages_travel_in_pieces_that_are_the_message_when_joined(publisher: Publisher) -> None:
@@ -178,6 +188,83 @@ def test_large_messages_travel_in_pieces_that_are_the_message_when_joined(publis
         assert len(pieces) == 3
         payload = b"".join(pieces)[len("/a/b") + 1 + HEADER_BYTES :]
         assert msgpack.unpackb(payload) == {"values": block(CUT_FROM // 8).values.tobytes()}
+
+
+def test_a_large_message_takes_a_place_per_mib_and_what_fills_them_says_nothing_new(
+    publisher: Publisher,
+) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    outlet.publish(block(5 * (PLACE_BYTES // 8)))
+    outlet.publish(block(PLACE_BYTES // 8 - 1))
+    frames = [parse(frame) for frame in publisher.receive(reader, lambda frames: len(frames) >= 7)]
+    assert [(frame.kind, frame.sequence) for frame in frames] == [
+        (Kind.DATA, 1),
+        *[(Kind.HEARTBEAT, 1)] * 5,
+        (Kind.DATA, 2),
+    ]
+
+
+def test_a_reader_that_does_not_read_holds_as_many_mib_as_it_has_places(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(publisher_socket, "QUEUE_BYTES", 16 * PLACE_BYTES)
+    publisher = Publisher(tmp_path)
+    reader = SubscriberSocket({"/a/b": publisher.endpoint}, queue=16)
+    publisher.subscribers.append(reader)
+    outlet = publisher.outlet("/a/b")
+    publisher.match(reader)
+    large = block(4 * (PLACE_BYTES // 8))
+    large.values.flags.writeable = False
+    under_way = publisher.sockets.publisher._under_way
+    for _ in range(40):
+        before = len(under_way._parts)
+        outlet.publish(large)
+        assert under_way._total <= 16 * PLACE_BYTES
+        for _ in range(10_000):  # lets the threads of the sockets move on as far as they can
+            if len(under_way._parts) <= before and under_way.has_room(large.values.nbytes):
+                break
+    outlet.publish(block())
+    publisher.sockets.publisher.send_heartbeats()
+    frames = publisher.receive(reader, lambda frames: parse(frames[-1]).sequence == 41 if frames else False)
+    sizes = [len(frame) for frame in data_of(frames) if len(frame) > PLACE_BYTES]
+    assert (
+        4 <= len(sizes) <= 4 + 1 + 4 + 1
+    )  # the reader's places, half a one, the publisher's bytes, the kernel's
+    publisher.sockets.close()
+    reader.close()
+
+
+HELD = """
+import os, sys
+from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, SubscriberSocket
+reader = SubscriberSocket({"/a/b": sys.argv[1]}, queue=ARRAY_QUEUE)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.nightly
+def test_a_process_that_does_not_read_5_mb_arrays_stays_small(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    with subprocess.Popen([sys.executable, "-c", HELD, publisher.endpoint], stdin=subprocess.PIPE) as process:
+        while not publisher.sockets.publisher.has_subscribers:
+            publisher.sockets.poll()
+        before = psutil.Process(process.pid).memory_info().rss
+        large = block(5_000_000 // 8)
+        large.values.flags.writeable = False
+        under_way, most = publisher.sockets.publisher._under_way, 0
+        until_ns = monotonic_ns() + 20_000_000_000
+        while monotonic_ns() < until_ns:
+            if under_way.has_room(large.values.nbytes):
+                outlet.publish(large)
+            most = max(most, psutil.Process(process.pid).memory_info().rss - before)
+        assert (
+            outlet.sequence * large.values.nbytes > QUEUE_BYTES
+        )  # its queue is full, and so is the publisher's
+        assert 100 << 20 < most < 300 << 20
+        assert process.stdin is not None
+        process.stdin.close()
 
 
 def test_a_topic_that_nobody_reads_costs_no_send_but_keeps_counting(publisher: Publisher) -> None:

@@ -17,7 +17,11 @@ from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.transport import publisher_socket
+from palp_core.graph.transport import receiver as receiver_module
+from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
 from palp_core.units import RatioArray
@@ -136,6 +140,55 @@ def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Pa
     assert unread * len(payload) < MOST_UNREAD_BYTES + (ARRAY_QUEUE + 1) * len(payload)
     publisher.close(linger=0)
     receiver.close()
+
+
+def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
+    tmp_path: Path, context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher_socket, "QUEUE_BYTES", 8 << 20)
+    monkeypatch.setattr(receiver_module, "ARRAY_QUEUE", 16)
+    qos = Qos(reliability="best_effort", depth=1000)
+    spec = NodeSpec(name="c", run="m:C", inputs={"block": "/p/block"}, qos={"block": qos})
+    executor = Executor(Collector, spec, SimClock(), lambda _: None)
+    sockets = NodeSockets(f"ipc://{tmp_path}/p", f"ipc://{tmp_path}/s")
+    receiver = TopicReceiver(executor, {"/p/block": sockets.endpoints}, context, None)
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    receiver.set_start(0)
+    outlet = PublisherEnd("/p/block", Block, qos, 0, _Owner(sockets), sockets.publisher.send)
+    sockets.publisher.offer([outlet])
+    while not sockets.publisher.readers:
+        sockets.poll()
+    values = np.zeros(2 << 17)
+    values.flags.writeable = False
+    for _ in range(100):
+        outlet.publish(Block(values=values))
+    account = executor.ends.subscriptions["/p/block"][0].account
+    while account.sequence < 100:
+        sockets.publisher.send_heartbeats()
+        receiver.receive(1_000_000_000, 10)
+        while executor.inbox:
+            receiver.deliver_next()
+    assert account.lost > 50
+    assert account.received + account.lost == 100
+    assert account.repeated == account.dropped == 0
+    receiver.close()
+    sockets.close()
+
+
+class _Owner:
+    """The node of a publisher."""
+
+    publishing = True
+
+    def __init__(self, sockets: NodeSockets) -> None:
+        self.send_pieces = sockets.publisher.send_pieces
+
+    def now_ns(self) -> int:
+        return 0
+
+    def resend(self, frame: bytes) -> None:
+        raise AssertionError("nothing is sent again here")
 
 
 def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import msgpack
+import pytest
 import zmq
 
+from palp_core.graph.transport import request_server
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, RequestServer
 from tests.support.palp import short_folder
 
@@ -37,4 +39,35 @@ def test_what_came_with_one_that_takes_long_does_not_wait_for_it() -> None:
         assert msgpack.unpackb(asker.recv()) == {"said": "done"}
         assert set(server.remembered) == {"first", "second"}
         assert not server.waiting
+        context.destroy(linger=0)
+
+
+def test_replies_that_nobody_takes_are_bounded_in_bytes_and_each_request_is_answered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(request_server, "REPLY_BYTES", 1 << 20)
+    large = NodeOperation(NodeRequest, lambda _: {"bytes": bytes(256 << 10)})
+    with short_folder() as folder, zmq.Context() as context:
+        server = RequestServer(context, f"ipc://{folder}/srv")
+        server.add("n", {"large": large})
+        asker = context.socket(zmq.DEALER)
+        asker.setsockopt(zmq.RCVHWM, 1)
+        asker.connect(f"ipc://{folder}/srv")
+        answered: list[bytes] = []
+        send = server._send
+
+        def note(envelope: list[bytes], reply: bytes) -> None:
+            send(envelope, reply)
+            answered.append(reply)
+
+        monkeypatch.setattr(server, "_send", note)
+        for _ in range(60):
+            asker.send(msgpack.packb({"op": "large"}))
+        while len(answered) < 60:
+            server.poll(1)
+            assert server._under_way._total <= 1 << 20
+        replies = [msgpack.unpackb(asker.recv()) for _ in range(60)]
+        refused = [reply["error"] for reply in replies if "error" in reply]
+        assert set(refused) == {"too many large replies wait to be taken; take them and ask again"}
+        assert len(refused) >= 40
         context.destroy(linger=0)

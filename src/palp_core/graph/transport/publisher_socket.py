@@ -19,6 +19,7 @@ from palp_core.graph.transport.requester_socket import readable
 COPY_BELOW = 512 * 1024
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
+PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
 
 class PublisherSocket:
@@ -119,6 +120,7 @@ class PublisherSocket:
             self._send_frame(frame)
         elif self._under_way.has_room(len(frame)):
             self._under_way.send(self._socket, frame)
+            self._fill_places(topic_of(frame), len(frame))
 
     def send_pieces(self, topic: bytes, *pieces: bytes | memoryview) -> None:
         """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic.
@@ -132,6 +134,18 @@ class PublisherSocket:
             self._socket.send(pieces[0], zmq.SNDMORE)
             self._under_way.send(self._socket, pieces[1], zmq.SNDMORE)
             self._socket.send(pieces[2])
+            self._fill_places(topic, len(pieces[1]))
+
+    def _fill_places(self, topic: bytes, size: int) -> None:
+        """Let a large message take a place per MiB in its readers' queues, which are bounded by places.
+
+        A heartbeat says nothing new and takes one: a reader that does not read keeps as many MiB as places.
+        """
+        publisher = self._publishers.get(topic)
+        if publisher is not None and size >= PLACE_BYTES:
+            beat = publisher.heartbeat()
+            for _ in range(size // PLACE_BYTES):
+                self._socket.send(beat)
 
     def send_heartbeats(self) -> None:
         """State every subscribed topic's last sequence."""

@@ -281,7 +281,7 @@ class TopicReceiver:
 
 
 def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
-    """Return how many messages may wait in the socket: ZeroMQ counts them, whatever their size.
+    """Return how many messages may wait in the socket: ZeroMQ counts them; large ones take several places.
 
     The rest waits at the publisher, which counts the bytes of large ones; what it has no room for is a gap.
     """
