@@ -13,16 +13,21 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.bag.edit import filter_bag
+from palp_core.graph.bag.edit import copy_messages, filter_bag
+from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.selection import topic_selection
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.builtin import DiagnosticStatus
+from palp_core.graph.messages.message import encode
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.session_folder import OWN_FILES, SWEEPS
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
+from tests.support.bags import describe
 from tests.support.palp import SIM
 from tests.support.rig_session import RigSession
 from tests.support.sessions import Summariser, without_times
@@ -77,6 +82,29 @@ def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_pat
     same_record(tmp_path / "again", out)
     assert {row.policy for row in read_rows(out)} == {"markov", "uniform"}
     assert "rings_mm" in json.dumps(result(tmp_path / "again")["protocol"]["policy"])
+
+
+def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    topic = "/safety/diagnostics"
+    with Bag(rig_session.bag) as bag, BagWriter(tmp_path / "tripped") as writer:
+        launch = json.loads(bag.attachments()[LAUNCH_ATTACHMENT])
+        launch["publishes"]["safety"] = {topic: "DiagnosticStatus"}
+        writer.attach(LAUNCH_ATTACHMENT, json.dumps(launch).encode())
+        copy_messages(bag.recorded(), writer)
+        stream = writer.stream(Stream(topic=describe(DiagnosticStatus, topic)))
+        for sequence, level in enumerate(("ok", "error", "ok"), start=1):
+            stamp_ns = sequence * 10**10
+            said = DiagnosticStatus(stamp_ns=stamp_ns, level=level, text="tripped", advice="look")
+            writer.write(stream, sequence, stamp_ns, stamp_ns, encode(said))
+    report(tmp_path / "tripped")
+    assert result(tmp_path / "tripped_report")["incidents"] == [
+        {
+            "node": "safety", "level": "error", "text": "tripped", "advice": "look", "at": "at 20.0 s",
+            "at_s": 20.0, "until_s": 30.0,
+        }
+    ]  # fmt: skip
 
 
 def part(session: RigSession, out: Path, **limits: Any) -> Path:
