@@ -70,6 +70,7 @@ class PolicyNode(Node):
     remember what came for the one that has.
     """
 
+    on_probation = True
     params: Params
     state: PolicyNodeState
     trial = Sub(Trial)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
+import itertools
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from palp_core.errors import NodeError
 from palp_core.graph.launch.graph import Graph
-from palp_core.graph.swap.swap import SwapFailed, SwapReport, SwapRequest
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.swap.swap import Probation, SwapFailed, SwapReport, SwapRequest
 from tests.support.palp import Palp
 from tests.support.swapping import workspace
 
@@ -70,16 +72,67 @@ def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose:
     frames: list[bytes] = []
     with Graph(launch, compose=compose, observe=lambda _, frame: frames.append(frame)) as graph:
         graph.plan_swap(0.1, "relay", "swap_toys:Faulty", **params)
-        swaps = graph.swaps
-        turn = swaps.run_due
-
-        def forgiving() -> None:
-            with contextlib.suppress(SwapFailed):
-                turn()
-
-        swaps.run_due = forgiving  # type: ignore[method-assign]
+        _forgiving(graph)
         assert graph.run().exit_code == 0
     assert _without_orders(frames) == _without_orders(plain)
+
+
+def _observer(frames: list[bytes]) -> Callable[[int, bytes], None]:
+    return lambda _, frame: frames.append(frame)
+
+
+def _forgiving(graph: Graph) -> list[SwapFailed]:
+    """Let the run go on after a swap that failed; collect what failed."""
+    failures: list[SwapFailed] = []
+    turn = graph.swaps.run_due
+
+    def forgiving() -> None:
+        try:
+            turn()
+        except SwapFailed as failure:
+            failures.append(failure)
+
+    graph.swaps.run_due = forgiving  # type: ignore[method-assign]
+    return failures
+
+
+@pytest.mark.parametrize(
+    ("run", "deed", "after", "makers"),
+    [
+        ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
+        ("Novice", "raise", 0, ["Relay"]),
+        ("Loner", "raise", 0, ["Relay"]),
+        ("Novice", "", 0, ["Relay", "Novice"]),
+        pytest.param("Novice", "kill", 3, ["Relay", "Novice", "Relay"], id="kill"),
+    ],
+)
+def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
+    launch: Path, run: str, deed: str, after: int, makers: list[str]
+) -> None:
+    found = []
+    for compose in (False, True) if deed != "kill" else (False,):
+        frames: list[bytes] = []
+        seen = _observer(frames)
+        with Graph(launch, compose=compose, run="swap_toys:Relay", observe=seen) as graph:
+            params = {"deed": deed, "after": after}
+            probation = Probation(100, 0.05)
+            request = SwapRequest(node="relay", run=f"swap_toys:{run}", params=params, probation=probation)
+            graph.swaps.plan(50_000_000, request)
+            failures, reports = _forgiving(graph), _reported(graph)
+            assert graph.run().exit_code == 0
+        assert [failure.step for failure in failures] == ["probation"] * bool(deed)
+        assert all(report.proven >= 40 for report in reports if report.after != "swap_toys:Other")
+        found.append(frames)
+    assert all(other == found[0] for other in found)
+    numbers = [parse(frame) for frame in found[0] if frame.startswith(b"/relay/out\0")]
+    values = [msgspec.msgpack.decode(number.payload) for number in numbers]
+    assert [value["index"] for value in values] == list(range(1, len(values) + 1))
+    assert [number.sequence for number in numbers] == list(range(1, len(values) + 1))
+    by = [maker for maker, _ in itertools.groupby(value["by"] for value in values)]
+    assert by == [*makers, "Other"]  # the plan's own swap comes later
+    plain = _run(launch, [], compose=True, run="swap_toys:Relay")
+    if makers == ["Relay"]:
+        assert _without_orders(found[0]) == _without_orders(plain)
 
 
 def _reported(graph: Graph) -> list[SwapReport]:
@@ -139,6 +192,53 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
     assert again.returncode == 0, again.stderr
     (row,) = json.loads((tmp_path / "again" / "analysis.json").read_text())["results"]
     assert (row["trials"], row["left_out"]) == (4, 2)
+
+
+BAD_POLICIES = """
+from nodes.policy_fixed import Fixed
+
+
+class Silent(Fixed):
+    def choose(self):
+        return None
+
+
+class Tired(Fixed):
+    def refreshed(self):
+        self.asked = getattr(self, "asked", 0) + 1
+        if self.asked > 2:  # once it is tried, once it does well
+            raise RuntimeError("tired")
+        return self.policy
+"""
+
+
+def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.py"
+    bad.write_text(BAD_POLICIES)
+    beliefs: list[int] = []
+
+    def take(now_ns: int, frame: bytes) -> None:
+        if frame.startswith(b"/estimator/belief\0"):
+            beliefs.append(now_ns)
+            name = {2: "Silent", 3: "Tired"}.get(len(beliefs))
+            if name:
+                request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=Probation(10, 60.0))
+                graph.swaps.plan(now_ns, request)
+
+    path, small = (
+        list(sys.path),
+        ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "stop:=fixed_number"),
+    )
+    with Graph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], compose=True, observe=take) as graph:
+        failures = _forgiving(graph)
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
+    assert [(failure.step, failure.text.split(":")[-1]) for failure in failures] == [
+        ("state", " 'NoneType' object has no attribute 'start'"),
+        ("probation", " tired"),
+    ]
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
 
 
 @pytest.mark.parametrize("how", [["--compose"], pytest.param([], marks=pytest.mark.slow)])

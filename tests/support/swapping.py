@@ -234,6 +234,63 @@ class Fleeting(Faulty):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+class NoviceParams(DeedParams):
+    after: int = 0
+
+
+class Novice(Relay):
+    """Does a deed when so many numbers have passed."""
+
+    params: NoviceParams
+
+    def on_configure(self):
+        self.count = 0
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        self.count += 1
+        if self.count == self.params.after + 1:
+            do(self.params)
+        Relay.pass_on(self, num)
+
+
+class Trainee(Novice):
+    """Is tried on a number before it takes over."""
+
+    on_probation = True
+    strict = False
+
+
+class LonerState(State):
+    index: int = 0
+
+    @classmethod
+    def adopt(cls, old):
+        return cls(index=old.values["total"])
+
+
+class Loner(Novice):
+    """Nobody can take its state back."""
+
+    state: LonerState
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        self.count += 1
+        if self.count == self.params.after + 1:
+            do(self.params)
+        if num.index != self.state.index + 1:
+            raise ValueError(f"{num.index} came after {self.state.index}")
+        self.state.index = num.index
+        self.out.publish(Num(index=num.index, by=type(self).__name__))
+
+    @serve(Relay.ask)
+    def answer(self, num):
+        if self.count <= self.params.after:
+            do(self.params)
+        return Relay.answer(self, num)
+
+
 class SinkParams(Params):
     out: str = ""
 

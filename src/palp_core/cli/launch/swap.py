@@ -1,5 +1,6 @@
 """``palp swap``: let another class take a running node's place."""
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -45,10 +46,20 @@ def swap(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Try every step, or the shadow, and change nothing.")
     ] = False,
+    probation: Annotated[
+        str | None,
+        typer.Option(
+            "--probation",
+            metavar="N|Ss",
+            help="Let the old node stand by until so many handlers of the new one, as in 5, or so many "
+            "seconds on the graph's clock, as in 2.5s, have gone well; 0: not at all. Policies: 3 or 3s.",
+            show_default=False,
+        ),
+    ] = None,
     timeout: Annotated[
         float,
         typer.Option(
-            "--timeout", metavar="S", min=0.1, max=3600.0, help="Seconds for all of it but the shadow."
+            "--timeout", metavar="S", min=0.1, max=3600.0, help="Seconds for all but shadow and probation."
         ),
     ] = 10.0,
     graph: GraphOption = None,
@@ -58,7 +69,7 @@ def swap(
 
     The old node works until the new one is ready, then hands over everything at one instant. If anything
     fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
-    13 connect, 14 state, 15 shadow, 16 hand over, 17 take over).
+    13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
@@ -76,6 +87,8 @@ def swap(
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     run = _absolute(target) if target is not None else ""
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
+    if probation is not None:
+        options["probation"] = _probation(probation, timeout)
     running = find_graph(graph, changes=True)
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
@@ -91,6 +104,23 @@ def swap(
         sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
     if not as_json:
         _print(answer["report"])
+
+
+def _probation(text: str, timeout_s: float) -> dict[str, Any]:
+    """Return how many handlers, and how long at the most: what is not given has no bound but the other.
+
+    Raises:
+        GraphError: It is neither a number of handlers nor of seconds.
+    """
+    from palp_core.graph.swap.swap import LONGEST_S, MOST_RUNS
+
+    number = text.removesuffix("s")
+    with contextlib.suppress(ValueError):
+        if text.endswith("s") and 0.0 <= (longest_s := float(number)) <= LONGEST_S:
+            return {"run_count": MOST_RUNS if longest_s else 0, "longest_s": longest_s}
+        if not text.endswith("s") and 0 <= (run_count := int(number)) <= MOST_RUNS:
+            return {"run_count": run_count, "longest_s": timeout_s}
+    raise GraphError(f"--probation {text}: write a number of handlers, as in 5, or of seconds, as in 2.5s")
 
 
 def _absolute(target: str) -> str:
@@ -110,4 +140,5 @@ def _print(report: dict[str, Any]) -> None:
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
         f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
+        + (f"; {report['proven']} handlers ran well on probation" if report["proven"] >= 0 else "")
     )

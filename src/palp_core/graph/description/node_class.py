@@ -103,6 +103,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     moves: bool = False
     simulates: bool = False
     records: bool = False
+    on_probation: bool = False
 
 
 def inspect_classes(requests: Sequence[NodeClassRequest], workspace: Path) -> list[NodeClass]:
@@ -162,6 +163,7 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         moves=cls.moves,
         simulates=cls.simulates,
         records=cls.records,
+        on_probation=cls.on_probation,
     )
 
 

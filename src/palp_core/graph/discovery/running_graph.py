@@ -207,7 +207,9 @@ class RunningGraph:
         Raises:
             GraphError: No such node, or the launcher does not answer.
         """
+        probation = options.get("probation") or {}
         wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
+        wait_s += float(probation.get("longest_s", 0.0))
         wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
         request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
         reply = None

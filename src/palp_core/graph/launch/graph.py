@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -25,6 +25,7 @@ from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
+from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
@@ -121,6 +122,7 @@ class Graph:
         self._stack = contextlib.ExitStack()
         self._interrupt = Interrupt()
         self._conductor: Conductor | None = None
+        self._time = SimulatedTime()
         self._supervisor: Supervisor | None = None
         self._instant_count = 0
         self._begun = False
@@ -172,7 +174,7 @@ class Graph:
                 self._nodes = self._supervisor = self._supervised(stack, server)
                 self._supervisor.on_new_process, self._supervisor.on_turn = self._announce, self._serve
             backend = _swap_backend(
-                self._nodes, self.directory.path, Path(self.checked.workspace), self._elapse
+                self._nodes, self.directory.path, Path(self.checked.workspace), self._time
             )
             self.swaps = Swapper(
                 self.checked, backend, self._now_ns, self._swapped, self.launcher_node.report
@@ -316,7 +318,7 @@ class Graph:
         checked = self.checked
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
-        self._conductor = conductor
+        self._conductor = self._time.conductor = conductor
         try:
             with self.launcher_node.announcing(self.checked.graph, len(self.checked.spawned)):
                 conductor.activate()
@@ -352,13 +354,10 @@ class Graph:
         self.diagnostics.follow(checked)
         self.recorders.follow(checked)
         self._announce()
-        if self._conductor is not None and done is not None:
+        if self._conductor is not None:
             self._conductor.rewire(checked.readers)
-            self._conductor.accept(index, done)
-
-    def _elapse(self, duration_ns: int) -> None:
-        assert self._conductor is not None
-        self._conductor.run(self._conductor.now_ns + duration_ns)
+            if done is not None:
+                self._conductor.accept(index, done)
 
     def plan_swap(self, at_s: float, node: str, run: str, **params: Any) -> None:
         """Let another class take a node's place when it is that time on the graph's clock.
@@ -390,25 +389,23 @@ def _scalar(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _swap_backend(
-    nodes: LockstepNodes, folder: Path, workspace: Path, elapse: Callable[[int], None]
-) -> SwapBackend:
+def _swap_backend(nodes: LockstepNodes, folder: Path, workspace: Path, time: SimulatedTime) -> SwapBackend:
     """Return what swaps the nodes: between processes, or within the one of a composed graph.
 
     Args:
         nodes: Those of the graph.
         folder: The run directory.
         workspace: Folder that holds ``nodes/``.
-        elapse: Lets so much simulated time go by.
+        time: Simulated time.
     """
     from palp_core.graph.supervision.supervisor import Supervisor
 
     if isinstance(nodes, Supervisor):
         from palp_core.graph.swap.process_swap import ProcessSwaps
 
-        return ProcessSwaps(nodes, folder, workspace, elapse)
+        return ProcessSwaps(nodes, folder, workspace, time)
     from palp_core.graph.lockstep.composition import Composition
     from palp_core.graph.swap.composed_swap import ComposedSwaps
 
     assert isinstance(nodes, Composition)
-    return ComposedSwaps(nodes, workspace, elapse)
+    return ComposedSwaps(nodes, workspace, time)

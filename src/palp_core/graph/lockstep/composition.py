@@ -2,7 +2,7 @@
 
 import contextlib
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from palp_core.graph.clock import SimClock
 from palp_core.graph.description.checked import CheckedGraph
@@ -16,6 +16,7 @@ from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
 from palp_core.graph.process.node_services import CHANGING, NodeServices
+from palp_core.graph.process.probation import LockstepProbation
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.node_sockets import NodeSockets
 
@@ -27,6 +28,8 @@ class Composition:
 
     Attributes:
         shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
+        probation: The rounds of a node whose predecessor stands by.
+        clock: That of all nodes.
 
     Args:
         specs: The nodes in graph order.
@@ -40,14 +43,16 @@ class Composition:
 
     def __init__(self, specs: Sequence[NodeSpec], workspace: str, sockets: NodeSockets | None = None) -> None:
         self.names = [spec.name for spec in specs]
-        self._clock = SimClock()
+        self.clock = SimClock()
         self._workspace = workspace
         self._frames: list[bytes] = []
         self.shadow: tuple[int, Executor, list[bytes], ShadowComparison] | None = None
+        self.probation: LockstepProbation | None = None
+        self._unheard = False
         self._sockets = sockets
         self._round_count = 0
         self._executors = [
-            Executor(load_class(spec.run, workspace), spec, self._clock, self._send) for spec in specs
+            Executor(load_class(spec.run, workspace), spec, self.clock, self._send) for spec in specs
         ]
         for executor in self._executors:
             executor.transition(Transition.CONFIGURE)
@@ -60,6 +65,10 @@ class Composition:
 
     def _send(self, frame: bytes) -> None:
         self._frames.append(frame)
+        if not self._unheard:
+            self._tell(frame)
+
+    def _tell(self, frame: bytes) -> None:
         if self._sockets is not None and self._sockets.publisher.has_subscribers:
             self._sockets.publisher.send(frame)
 
@@ -80,14 +89,21 @@ class Composition:
             self._sockets.poll()
         replies = {}
         for index, message in rounds.items():
-            self._clock.set(message.now_ns)
+            self.clock.set(message.now_ns)
             if self._sockets is not None and self._sockets.requests.waiting:
                 self._sockets.requests.perform(self.names[index])
-            follow_round(self._executors[index], self._clock, message)
-            replies[index] = self._done(self._executors[index])
+            if self.probation is not None and self.probation.index == index:
+                replies[index] = self.probation.work(message)
+                continue
+            replies[index] = self.work_alone(index, message)
             if self.shadow is not None and self.shadow[0] == index:
                 self._work_shadow(message, replies[index])
         return replies
+
+    def work_alone(self, index: int, message: Round) -> Done:
+        """Let one node do its part of a round."""
+        follow_round(self._executors[index], self.clock, message)
+        return self._done(self._executors[index])
 
     def pending_commands(self) -> set[int]:
         """Return the nodes for which a command from outside waits."""
@@ -96,7 +112,7 @@ class Composition:
 
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and end it."""
-        self._clock.set(now_ns)
+        self.clock.set(now_ns)
         self._executors[index].transition(Transition.SHUTDOWN)
         return self._done(self._executors[index])
 
@@ -106,12 +122,30 @@ class Composition:
         """Let a node's standby do the same as the node, and compare."""
         assert self.shadow is not None
         _, executor, sent, comparison = self.shadow
-        follow_round(executor, self._clock, message)
+        follow_round(executor, self.clock, message)
         for frame in done.frames:
             comparison.old(frame)
         for frame in sent:
             comparison.new(frame)
         sent.clear()
+
+    def work_unheard(self, index: int, work: Callable[[], None]) -> Done:
+        """Let a node work; return what it has published, which :meth:`publish` lets tools hear.
+
+        Raises:
+            NodeError: It failed, and has published nothing.
+        """
+        self._unheard = True
+        try:
+            work()
+        finally:
+            done, self._unheard = self._done(self._executors[index]), False
+        return done
+
+    def publish(self, frames: Iterable[bytes]) -> None:
+        """Let tools hear what a node has published unheard."""
+        for frame in frames:
+            self._tell(frame)
 
     def executor(self, index: int) -> Executor:
         """Return a node."""
@@ -121,7 +155,7 @@ class Composition:
         """Configure a node beside the one that has its part; return it and where its frames go meanwhile."""
         held: list[bytes] = []
         node_class = load_class(spec.run, self._workspace, fresh=True)
-        executor = Executor(node_class, spec, self._clock, held.append)
+        executor = Executor(node_class, spec, self.clock, held.append)
         executor.transition(Transition.CONFIGURE)
         return executor, held
 
@@ -131,12 +165,12 @@ class Composition:
         hand_over = self._executors[index].succession.hand_over()
         return self._done(self._executors[index]).frames, hand_over
 
-    def promote(self, index: int, executor: Executor, frames: list[bytes]) -> Done:
+    def promote(self, index: int, executor: Executor, frames: Iterable[bytes] = ()) -> Done:
         """Give a standby the node's part, and publish what it and the other have to say."""
         self._executors[index] = executor
         self._offer(executor)
         for out in executor.ends.publishers.values():
-            out.send_through(self._send)
+            out.send = self._send
         self._frames = []
         for frame in frames:
             self._send(frame)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import EventKind, Qos, events_of
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
@@ -188,6 +188,22 @@ class Bindings:
             "overruns": sum(end.overrun_count for end in timers),
             "missed_deadlines": sum(end.total for end in events if end.kind == "deadline"),
         }
+
+    def run_count(self) -> int:
+        """Return how many messages, ticks and alarms have been handled; a predecessor's messages count."""
+        handled = sum(subscription.account.received for subscription in self._all_subscriptions())
+        ticks = [end.tick_count for end in self.timers.values() if isinstance(end, TimerEnd | AlarmEnd)]
+        return handled + sum(ticks)
+
+    def latest(self) -> list[tuple[str, bytes]]:
+        """Return the last message that each topic's reader has handled, the oldest first."""
+        handled = [
+            (*first.last, name)
+            for name, (first, *_) in self.subscriptions.items()
+            if first.last is not None and type(first) is Subscription
+        ]
+        handled.sort(key=lambda one: one[0])
+        return [(name, encode_any(message)) for _, message, name in handled]
 
     def write_down(self) -> dict[str, Any]:
         """Return what a successor must know of these ends, as fields of a hand-over."""

@@ -36,6 +36,8 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
         active: Whether the node is at work; one that was deactivated stays so.
         finished: Whether its work is done.
         swaps: Every time it has changed hands, the latest last.
+        latest: The last message that each input has handled, with its topic, the oldest first; only where a
+            successor is to be tried on them.
     """
 
     version: int = VERSION
@@ -58,6 +60,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     active: bool = True
     finished: bool = False
     swaps: list[dict[str, Any]] = []
+    latest: list[tuple[str, bytes]] = []
 
 
 class Predecessor(msgspec.Struct, frozen=True):

@@ -39,9 +39,10 @@ class Journal:
         self._greeted_count = 0
         self._snapshot = snapshot
         self.next_snapshot_ns = SNAPSHOT_INTERVAL_NS
-        self._clear()
+        self.discard()
 
-    def _clear(self) -> None:
+    def discard(self) -> None:
+        """Forget what has not been published."""
         self._hand_over = b""
         self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
@@ -71,7 +72,7 @@ class Journal:
             self._followed = False
         elif active and (not self._followed or publisher.greeted_count > self._greeted_count):
             if not self._followed:
-                self._clear()
+                self.discard()
             self._follow()
             self.take_snapshot(now_ns)
         elif self._entries:
@@ -119,7 +120,7 @@ class Journal:
         if not self._entries and not self._hand_over:
             return
         if self._publisher.listened and not self._followed:
-            self._clear()  # a new follower cannot tell where this begins; it gets a place to start
+            self.discard()  # a new follower cannot tell where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
         batch = Order(
@@ -132,5 +133,5 @@ class Journal:
             changes=self._changes,
             hand_over=self._hand_over,
         )
-        self._clear()
+        self.discard()
         self._publisher.put(batch)

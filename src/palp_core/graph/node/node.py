@@ -81,11 +81,14 @@ class Node(LifecycleHooks):
         moves: The node commands motion: it is brought to a safe state first when a graph ends.
         simulates: The node stands for the physical world and may read ports named ``truth``.
         records: The node is the experiment's record and may read ports named ``truth``.
+        on_probation: At a swap the handlers are tried on the last messages first, which the predecessor has
+            had already; and the old node stands by until the first of them have run well.
     """
 
     moves: ClassVar[bool] = False
     simulates: ClassVar[bool] = False
     records: ClassVar[bool] = False
+    on_probation: ClassVar[bool] = False
     params: Params
     state: State
 

@@ -19,6 +19,7 @@ class PublisherEnd(Generic[M]):
     """Publishes one topic in order.
 
     Attributes:
+        send: Takes each frame.
         sequence: Of the last message published; 0 before the first.
         history: The last ``depth`` frames, large ones in pieces.
         listened: Somebody reads the topic; where nobody knows, it counts as read.
@@ -53,7 +54,7 @@ class PublisherEnd(Generic[M]):
         self._type_hash = schema_of(message).type_hash
         self._canonical = schema_of(message).canonical
         self._owner = owner
-        self._send = send
+        self.send = send
 
     def publish(self, message: M) -> None:
         """Send a message to every reader; its stamp is the node's time.
@@ -84,13 +85,23 @@ class PublisherEnd(Generic[M]):
         now_ns = self._owner.now_ns()
         frame = pack(self._bytes, Kind.DATA, self.epoch, self.sequence, now_ns, self._type_hash, payload)
         if self.listened:
-            self._send(frame)
+            self.send(frame)
         self.history.append(frame)
 
     def reply(self, message: M, epoch: int, sequence: int) -> None:
         """Send a reply, which carries its request's epoch and sequence."""
         self.sequence = sequence
         self._put(message, epoch, sequence)
+
+    def pass_on(self, raw: bytes) -> None:
+        """Send a frame of this topic that a successor has made, as if it were this end's own."""
+        frame = parse(raw)
+        self.idle_until_next = frame.kind == Kind.IDLE
+        if frame.kind == Kind.DATA:
+            self.sequence = frame.sequence
+            self.history.append(raw)
+        if self.listened:
+            self.send(raw)
 
     def repeat(self, epoch: int, sequence: int) -> bool:
         """Send a remembered reply again; return False if it is not remembered."""
@@ -119,7 +130,7 @@ class PublisherEnd(Generic[M]):
         header = quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash)
         frame = b"".join((self._prefix, header, payload))
         if self.listened:
-            self._send(frame)
+            self.send(frame)
         self.history.append(frame)
 
     def idle(self) -> None:
@@ -127,7 +138,7 @@ class PublisherEnd(Generic[M]):
         if not self.idle_until_next:
             self.idle_until_next = True
             if self.listened:
-                self._send(self.heartbeat())
+                self.send(self.heartbeat())
 
     def heartbeat(self) -> bytes:
         """Return the frame that states the last sequence."""
@@ -151,10 +162,6 @@ class PublisherEnd(Generic[M]):
     def remembered(self) -> list[bytes]:
         """Return all that is remembered, the oldest first."""
         return [_whole(kept) for kept in self.history]
-
-    def send_through(self, send: Callable[[bytes], None]) -> None:
-        """Give frames to somebody else from now on."""
-        self._send = send
 
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
         """Continue a predecessor's epoch and sequence."""

@@ -33,12 +33,14 @@ class Subscription:
     Attributes:
         account: What has been taken up.
         index: Number of the source in the node's journal.
+        last: When a message was last handled, and the message.
         is_plain: No time limit holds on the edge, and its messages are neither requests nor replies.
         tell_repeats: Is told how many in a row have been dropped as repeats, when they are not few.
     """
 
     ordered = True
     index = 0
+    last: tuple[int, Message] | None = None
 
     def __init__(
         self,
@@ -113,6 +115,14 @@ class Subscription:
         if account.lost > lost_before and self._message_lost is not None:
             self._message_lost.count(account.lost - lost_before, now_ns)
         return taken
+
+    def decode(self, payload: bytes | memoryview) -> Message:
+        """Decode a message of this input; nothing is accounted for.
+
+        Raises:
+            SchemaMismatch: It is none.
+        """
+        return self._decode(memoryview(payload))
 
     def _note_repeat(self) -> None:
         """Count a repeat; a reader that drops everything must not look like one to whom nothing is said."""

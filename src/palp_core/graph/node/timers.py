@@ -100,6 +100,7 @@ class AlarmEnd:
         self.name = name
         self.handle = handle
         self.due_ns: int | None = None
+        self.tick_count = 0
         self._owner = owner
 
     def activate(self, now_ns: int) -> None:
@@ -117,6 +118,7 @@ class AlarmEnd:
     def tick(self) -> int:
         """Ring: the alarm is spent."""
         self.due_ns = None
+        self.tick_count += 1
         return 0
 
     def retime(self, now_ns: int) -> None:

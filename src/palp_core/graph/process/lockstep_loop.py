@@ -12,7 +12,7 @@ from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.process.swap_messages import HandedIn, TookOver, ToSwapped
+from palp_core.graph.process.swap_messages import Commit, HandedIn, TookOver, ToSwapped
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import ReceivedOffsets
@@ -48,7 +48,8 @@ class LockstepLoop:
 
     def _send(self, frame: bytes) -> None:
         self.frames.append(frame)
-        if self.sockets.publisher.has_subscribers and not self.participant.shadowing:
+        unheard = self.participant.shadowing or self.participant.on_probation
+        if self.sockets.publisher.has_subscribers and not unheard:
             self.sockets.publisher.send(frame)
 
     def _await_conductor(self) -> None:
@@ -91,6 +92,9 @@ class LockstepLoop:
                     self.close()
                     return
                 continue
+            if self.participant.on_probation:
+                for frame in self.frames:  # nothing has failed
+                    self.sockets.publisher.send(frame)
             due_ns = self.executor.next_due_ns()
             self.channel.send(
                 control_messages.Done(self.frames, -1 if due_ns is None else due_ns, self.executor.exit_code)
@@ -118,7 +122,7 @@ class LockstepLoop:
             due_ns = self.executor.next_due_ns()
             frames, next_due_ns = self.frames, -1 if due_ns is None else due_ns
             message = msgspec.structs.replace(message, frames=frames, next_due_ns=next_due_ns)
-        elif isinstance(message, HandedIn):
+        elif isinstance(message, HandedIn | Commit):
             message = msgspec.structs.replace(message, frames=self.frames)
         self.channel.send(message)
 

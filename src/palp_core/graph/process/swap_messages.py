@@ -53,10 +53,12 @@ class HandIn(ChannelMessage, frozen=True):
         after: Epoch and sequence by input topic: up to there it must have received, because the successor
             hears only what comes later.
         pause: Then take up nothing more, until :class:`Resume` or :class:`Leave`.
+        with_latest: Add the last message of every input.
     """
 
     after: dict[str, tuple[int, int]]
     pause: bool
+    with_latest: bool = False
 
 
 class HandedIn(ChannelMessage, frozen=True):
@@ -78,23 +80,38 @@ class HandedIn(ChannelMessage, frozen=True):
 
 
 class Rehearse(ChannelMessage, frozen=True):
-    """To the successor: would this hand-over fit? ``params`` are those that the swap sets."""
+    """To either: would this hand-over fit?
+
+    Attributes:
+        hand_over: An encoded hand-over.
+        params: Those that the swap sets.
+        try_out: Try the handlers on the last messages, too, if it has some.
+    """
 
     hand_over: bytes
     params: dict[str, object]
+    try_out: bool = False
 
 
 class Rehearsed(ChannelMessage, frozen=True):
-    """Why not, or ""; and up to where the successor has not heard its inputs (see :class:`HandIn`)."""
+    """How that went.
+
+    Attributes:
+        error: Why it would not, or "".
+        after: Up to where the successor has not heard its inputs (see :class:`HandIn`).
+        tried: What came of the state, as an encoded hand-over, if it was tried out.
+    """
 
     error: str
     after: dict[str, tuple[int, int]]
+    tried: bytes = b""
 
 
 class TakeOver(ChannelMessage, frozen=True):
-    """To the successor: continue from here, but publish nothing yet. ``start_ns`` is the graph's start.
+    """To the successor: continue from here, but publish nothing yet.
 
-    ``remembered`` and ``heard`` are those of :class:`HandedIn`.
+    ``remembered``, ``heard`` and ``at_ns`` are those of :class:`HandedIn`; ``start_ns`` is the graph's start.
+    On probation the successor works, and says every :class:`Commit`.
     """
 
     hand_over: bytes
@@ -102,6 +119,32 @@ class TakeOver(ChannelMessage, frozen=True):
     start_ns: int
     heard: dict[str, tuple[int, int]]
     remembered: dict[str, bytes]
+    at_ns: int = 0
+    on_probation: bool = False
+
+
+class Commit(ChannelMessage, frozen=True):
+    """From a successor on probation, to its predecessor: so far all is well.
+
+    What it publishes is heard by way of the predecessor, who can go on from here if the next handler fails.
+
+    Attributes:
+        hand_over: The node as it is now, without what waits in its inbox.
+        frames: What it has published since the last commit.
+        run_count: How many handlers have run.
+        last: The probation is over: what it publishes now it keeps back.
+    """
+
+    hand_over: bytes
+    frames: list[bytes]
+    run_count: int
+    last: bool = False
+
+
+class CommitNow(ChannelMessage, frozen=True):
+    """To a successor on probation: say a :class:`Commit`; ``last`` if the probation is over."""
+
+    last: bool
 
 
 class Shadow(ChannelMessage, frozen=True):
@@ -142,14 +185,9 @@ class TookOver(ChannelMessage, frozen=True):
 
 
 class Go(ChannelMessage, frozen=True):
-    """To the successor: the node is yours.
-
-    ``record`` is what the node is to remember of the swap; ``paused_ns`` when the predecessor took up nothing
-    more, on the host's monotonic clock; 0 in simulated time, which stands still.
-    """
+    """To the successor: the node is yours; ``record`` is what it is to remember of the swap."""
 
     record: dict[str, object]
-    paused_ns: int
 
 
 class Working(ChannelMessage, frozen=True):
@@ -159,7 +197,7 @@ class Working(ChannelMessage, frozen=True):
 
 
 class Resume(ChannelMessage, frozen=True):
-    """To the predecessor: the swap is off, go on."""
+    """To the predecessor: the swap is off, go on; from the last :class:`Commit`, if there was one."""
 
 
 class Stay(ChannelMessage, frozen=True):
@@ -177,6 +215,19 @@ class Bury(ChannelMessage, frozen=True):
 
 
 ToSwapped = (
-    Place | HandIn | Resume | Stay | Leave | Meet | Rehearse | TakeOver | Go | Bury | Shadow | EndShadow
+    Place
+    | HandIn
+    | Resume
+    | Stay
+    | Leave
+    | Meet
+    | Rehearse
+    | TakeOver
+    | Go
+    | Bury
+    | Shadow
+    | EndShadow
+    | Commit
+    | CommitNow
 )
-FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening
+FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening | Commit

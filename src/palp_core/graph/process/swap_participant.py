@@ -10,6 +10,7 @@ import msgspec
 
 from palp_core.errors import PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.messages.schema_reader import array_fields
@@ -18,6 +19,8 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
+from palp_core.graph.process.probation import FirstWork
+from palp_core.graph.process.rehearsal import rehearse
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -63,6 +66,9 @@ class SwapParticipant:
         self._place: swap_messages.Place | None = None
         self._hand_in: swap_messages.HandIn | None = None
         self._meet: tuple[swap_messages.Meet, int] | None = None
+        self._first_work: FirstWork | None = None
+        self._commit: swap_messages.Commit | None = None
+        self._paused_ns, self._gap_s = 0, 0.0
         self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
         self.silent = successor
@@ -74,7 +80,8 @@ class SwapParticipant:
     @property
     def waiting(self) -> bool:
         """True while :meth:`turn` has to look."""
-        return self._hand_in is not None or self._meet is not None or self._eavesdropper is not None
+        waits = any(one is not None for one in (self._hand_in, self._meet, self._eavesdropper))
+        return waits or (self._first_work is not None and self._first_work.reports)
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
         """Do what the supervisor says."""
@@ -91,7 +98,7 @@ class SwapParticipant:
                 self._hand_in = message
             case swap_messages.Resume():
                 self._hand_in = None
-                self._executor.succession.resume()
+                self._resume()
             case swap_messages.Stay():
                 self._sockets.publisher.send_past_hold(self._moved_all("stay"))
                 self._sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
@@ -101,7 +108,7 @@ class SwapParticipant:
             case swap_messages.Meet():
                 self._meet = message, monotonic_ns() + READERS_NS
             case swap_messages.Rehearse():
-                self._say(swap_messages.Rehearsed(self._objection(message), self._heard()))
+                self._say(self._rehearse(message))
             case swap_messages.TakeOver():
                 self._say(self._take_over(message))
             case swap_messages.Go():
@@ -112,18 +119,22 @@ class SwapParticipant:
                 self._say(self._begin_shadow(message))
             case swap_messages.EndShadow():
                 self._say(self._end_shadow())
+            case swap_messages.Commit():
+                self._pass_on(message)
+            case swap_messages.CommitNow(last=last):
+                self._commit_work(last=last)
         self.turn()
 
     def turn(self) -> None:
         """Look whether what was waited for has come."""
         if self._hand_in is not None and _covers(self._heard(), self._hand_in.after):
-            pause, self._hand_in = self._hand_in.pause, None
-            if pause:
-                self._executor.succession.pause()
-            at_ns = monotonic_ns()
+            asked, self._hand_in = self._hand_in, None
             succession, remembered = self._executor.succession, self._sockets.requests.remembered
-            hand_over = encode_any(succession.hand_over() if pause else succession.copy())
-            self._say(swap_messages.HandedIn(hand_over, at_ns, remembered, self._heard()))
+            if asked.pause:
+                succession.pause()
+            at_ns = monotonic_ns()
+            found = succession.hand_over() if asked.pause else succession.copy(with_latest=asked.with_latest)
+            self._say(swap_messages.HandedIn(encode_any(found), at_ns, remembered, self._heard()))
         if self._meet is not None:
             self._sockets.poll()
             meet, until_ns = self._meet
@@ -132,7 +143,8 @@ class SwapParticipant:
             if complete and (not missing or monotonic_ns() >= until_ns):
                 self._meet = None
                 self._say(swap_messages.Met(missing))
-
+        if self._first_work is not None and self._first_work.has_news:
+            self._commit_work()
         if self._eavesdropper is not None and self._comparison is not None:
             for raw in self._eavesdropper.receive():
                 self._comparison.old(raw)
@@ -151,6 +163,24 @@ class SwapParticipant:
             self._moved(out, phase) for name, out in self._executor.ends.publishers.items() if name in readers
         ]
 
+    def _pass_on(self, commit: swap_messages.Commit) -> None:
+        """Say what the successor has to say, and know where to go on should it fail."""
+        self._commit = commit
+        publishers = self._executor.ends.publishers
+        for frame in commit.frames:
+            if end := publishers.get(topic_of(frame).decode()):  # what only the new class has nobody reads
+                end.pass_on(frame)
+
+    def _resume(self) -> None:
+        succession, commit = self._executor.succession, self._commit
+        self._commit = None
+        if commit is None or not succession.paused:
+            succession.resume()
+            return
+        hand_over = decode_any(HandOver, commit.hand_over)
+        succession.take_back(hand_over)
+        self._succeed(hand_over, {})
+
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
         self._sockets.publisher.greeting = lambda publisher: [self._moved(publisher, "gone")]
@@ -162,28 +192,60 @@ class SwapParticipant:
 
     # Successor
 
-    def _objection(self, message: swap_messages.Rehearse) -> str:
+    def _rehearse(self, message: swap_messages.Rehearse) -> swap_messages.Rehearsed:
+        error, tried, succession = "", b"", self._executor.succession
         try:
             hand_over = decode_any(HandOver, message.hand_over)
-            self._executor.succession.fitting(hand_over, message.params)
-        except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
-            return in_words(error)
-        return ""
+            succession.fitting(hand_over, message.params)
+            if message.try_out:
+                tried = encode_any(rehearse(self._executor, hand_over, message.params))
+                self._sockets.publisher.hold()  # what it has published then is forgotten
+        except Exception as failure:  # noqa: BLE001 - migrate, adopt and handlers are the user's
+            error = in_words(failure)
+        return swap_messages.Rehearsed(error, self._heard(), tried)
 
     def _take_over(self, message: swap_messages.TakeOver) -> swap_messages.TookOver:
         try:
             self._begin(message.start_ns)
             hand_over = decode_any(HandOver, message.hand_over)
+            if message.on_probation:
+                self._first_work = FirstWork(self._executor, reports=message.start_ns > 0)
+                if self._first_work.reports:
+                    self._sockets.publisher.hold(self._first_work.frames.append)
             self._executor.succession.take_over(hand_over, message.params)
             self._sockets.requests.remember(message.remembered)
-            return swap_messages.TookOver("", self._succeed(hand_over, message.heard))
+            held = self._succeed(hand_over, message.heard)
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
+        self._paused_ns = message.at_ns if message.start_ns else 0
+        if self._first_work is not None:
+            self._first_work.begin()
+            self._gap_s = self._since_pause_s()
+        return swap_messages.TookOver("", held)
+
+    def _since_pause_s(self) -> float:
+        """Return how long ago the predecessor took up nothing more; in simulated time 0."""
+        return (monotonic_ns() - self._paused_ns) / 1e9 if self._paused_ns else 0.0
+
+    def _commit_work(self, *, last: bool = False) -> None:
+        """Say what has been done, at a handler boundary; the last time, keep back what follows."""
+        if self._first_work is None:
+            return
+        self._say(self._first_work.commit(last=last))
+        if last and self._first_work.reports:
+            self._sockets.publisher.hold()
+        if last:
+            self._first_work = None
 
     @property
     def shadowing(self) -> bool:
         """True while this node works unheard."""
         return self._comparison is not None
+
+    @property
+    def on_probation(self) -> bool:
+        """True while its predecessor may have to go on from where this node has come."""
+        return self._first_work is not None
 
     def _begin_shadow(self, message: swap_messages.Shadow) -> swap_messages.TookOver:
         """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
@@ -195,23 +257,19 @@ class SwapParticipant:
         if message.publish:
             places = dict.fromkeys(published, message.publish)
             self._eavesdropper = SubscriberSocket(places, self._sockets.context, queue=100_000)
-            for out in self._executor.ends.publishers.values():
-                out.listened = True
         return self._take_over(
             swap_messages.TakeOver(message.hand_over, message.params, message.start_ns, message.heard, {})
         )
 
     def _end_shadow(self) -> swap_messages.Shadowed:
         assert self._comparison is not None
-        self._executor.succession.pause()
-        self._executor.succession.paused = False  # it is no more than ready to take over
+        self._executor.succession.step_back()
         self.turn()
         report = b""
         if self._eavesdropper is not None:
             self._eavesdropper.close()
             self._eavesdropper = None
             report = msgspec.json.encode(self._comparison.report())
-            self._sockets.publisher.offer(self._executor.ends.publishers.values(), direct=True)
         self._comparison = None
         self._sockets.publisher.hold()
         return swap_messages.Shadowed(report, self._heard())
@@ -222,7 +280,7 @@ class SwapParticipant:
         sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
         self._tell_readers("here")
         sockets.publisher.release()
-        gap_s = (monotonic_ns() - message.paused_ns) / 1e9 if message.paused_ns else 0.0
+        gap_s = self._gap_s or self._since_pause_s()
         record = {**message.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
         self._executor.swaps.append(record)
         self._say(swap_messages.Working(record))

@@ -75,7 +75,7 @@ class WallLoop:
             shown = publisher.message in (Progress, Swap, DiagnosticStatus)
             self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
-                publisher.send_through(partial(self._send_shown, passing=publisher.message is Progress))
+                publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -136,16 +136,16 @@ class WallLoop:
                 self.channel.send(control_messages.Matched(self._matched_readers.missing))
             if spoken and self._command():
                 return
-            if self.participant.waiting:
-                self.participant.turn()
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
+            if self.participant.waiting:
+                self.participant.turn()
             if self.sockets.pending():
                 self.sockets.poll()
                 if not self.executor.succession.paused:
                     self.sockets.requests.perform()
-            if self.executor.exit_code is not None and not finished:
+            if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
                 self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
 

@@ -22,7 +22,7 @@ from palp_core.graph.bag.values import decoder_for
 from palp_core.graph.clock import SimClock, monotonic_ns
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, pack, parse
-from palp_core.graph.messages.message import decode, decode_any
+from palp_core.graph.messages.message import decode, decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import read_request, serve_outside, set_parameters
 from palp_core.graph.node.handover import HandOver
@@ -205,9 +205,12 @@ class _Replay:
         return class_name(load_class(self._spec.run, self._workspace)) == present_name(name)
 
     def _was_replaced(self, hand_over: HandOver) -> bool:
-        """Tell whether another class is at work since the last batch: a swap."""
+        """Tell whether another class, or this one with other parameters, is at work since the last batch."""
         assert self._executor is not None
-        return class_name(type(self._executor.node)) != present_name(hand_over.node_class)
+        node = self._executor.node
+        if class_name(type(node)) != present_name(hand_over.node_class):
+            return True
+        return encode_any(msgspec.to_builtins(node.params)) != encode_any(hand_over.params)
 
     def _consume(self, order: Order, entry: int) -> None:
         executor = self._executor

@@ -12,6 +12,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelClosed
+from palp_core.graph.process.probation import LockstepProbation
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import FromSwapped, Listening
 from palp_core.graph.supervision.channel_server import ChannelServer
@@ -51,6 +52,7 @@ class Supervisor:
         listening: Which nodes listen to which topic at which second place.
         standbys: Processes beside those that have the nodes' parts.
         shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
+        probation: In lockstep, the rounds of a node whose predecessor stands by.
         watch, forget: As of the channel server.
     """
 
@@ -76,6 +78,7 @@ class Supervisor:
         self.swap_replies: dict[int, FromSwapped] = {}
         self.listening: set[tuple[int, str, str]] = set()
         self.shadow: tuple[int, Standby, ShadowComparison] | None = None
+        self.probation: LockstepProbation | None = None
         self._server, self._interrupt, self._observe = server, interrupt, observe
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, control_messages.Done] = {}
@@ -169,13 +172,26 @@ class Supervisor:
 
     def work(self, rounds: Mapping[int, control_messages.ToNode]) -> Mapping[int, control_messages.Done]:
         """Let several nodes do their part of a round, in parallel; return what each has done."""
+        probation = self.probation
+        if probation is None or probation.index not in rounds:
+            return self.work_together(rounds)
+        others = {index: message for index, message in rounds.items() if index != probation.index}
+        replies = dict(self.work_together(others)) if others else {}
+        message = rounds[probation.index]
+        assert isinstance(message, control_messages.Round)
+        return replies | {probation.index: probation.work(message)}
+
+    def work_together(
+        self, rounds: Mapping[int, control_messages.ToNode], given_up: Callable[[], bool] = lambda: False
+    ) -> Mapping[int, control_messages.Done]:
+        """Let nodes work, whoever stands by; return what those have done that were not given up before."""
         for index, message in rounds.items():
             self._send(index, message)
         if self.shadow is not None and self.shadow[0] in rounds:
             self._work_shadow(rounds[self.shadow[0]])
         asked_ns = monotonic_ns()
-        while len(self._replies) < len(rounds):
-            self._pump(STILL_WAITING_S)
+        while len(self._replies) < len(rounds) and not given_up():
+            self._pump(1.0)
             if monotonic_ns() - asked_ns > STILL_WAITING_S * 1e9:
                 late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
@@ -260,6 +276,8 @@ class Supervisor:
             self._restarts.on_qos_event(index, message)
         elif isinstance(message, control_messages.Failed) and not self._grace.ending:
             text = message.text.removeprefix(f"{process.spec.name}: ")
+            if self._has_failed_on_probation(index, text):
+                return
             if not self._restarts.restart(index, text):
                 raise NodeError(process.spec.name, f"{text} (log: {process.log})")
 
@@ -281,9 +299,19 @@ class Supervisor:
             self._on_message(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
             return
-        self.recover(index, f"its process {exit_in_words(event.status)}")
+        text = f"its process {exit_in_words(event.status)}"
+        if not self._has_failed_on_probation(index, text):
+            self.recover(index, text)
 
     # Swap
+
+    def _has_failed_on_probation(self, index: int, text: str) -> bool:
+        """Tell whether a failure is that of a node whose predecessor stands by, and let it know."""
+        probation = self.probation
+        if probation is None or probation.index != index or probation.proven:
+            return False
+        probation.failure = probation.failure or text
+        return True
 
     def send_if_connected(self, index: int, message: control_messages.ToNode) -> None:
         """Send a node a message; of one that is gone the fork server tells."""
@@ -302,6 +330,10 @@ class Supervisor:
         """Let a standby have a node's part, and the other way round."""
         new = self.standbys.exchange(index, self.processes[index], standby)
         self.processes[index] = new
+        said, standby.replies = standby.replies, []
+        for message in said:
+            if isinstance(message, control_messages.Relay):
+                self._on_message(index, message)
         new.activate(monotonic_ns())
         self._restarts.expect_health(index)
 

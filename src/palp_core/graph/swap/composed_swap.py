@@ -1,16 +1,19 @@
 """A swap within one process: the same words on the same bytes as between two."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
+from palp_core.graph.lockstep.composed_probation import ComposedProbation
 from palp_core.graph.lockstep.composition import Composition
+from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done
+from palp_core.graph.process.rehearsal import rehearse
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
 
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
@@ -22,11 +25,11 @@ class ComposedSwaps:
     Args:
         composition: Has the nodes.
         workspace: Folder that holds ``nodes/``.
-        elapse: Lets so much simulated time go by.
+        time: Simulated time.
     """
 
-    def __init__(self, composition: Composition, workspace: Path, elapse: Callable[[int], None]) -> None:
-        self._composition, self._workspace, self._elapse = composition, workspace, elapse
+    def __init__(self, composition: Composition, workspace: Path, time: SimulatedTime) -> None:
+        self._composition, self._workspace, self._time = composition, workspace, time
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Say what a class declares; in this process, which has imported the workspace anyway."""
@@ -45,10 +48,13 @@ class ComposedSwaps:
         try:
             new, sent = composition.start_standby(swap.new)
             step = "state"
-            running = _copied(old.succession.copy())
+            on_probation = swap.probation.run_count > 0 and old.succession.is_active
+            running = _copied(old.succession.copy(with_latest=swap.try_out))
             if why := unfit(running, swap):
                 raise GraphError(why)
             new.succession.fitting(running, request.params)
+            way_back = on_probation and self._rehearse(old, new, running, request.params)
+            sent.clear()
             found: dict[str, Any] = {}
             if request.shadow_s:
                 step = "shadow"
@@ -75,9 +81,50 @@ class ComposedSwaps:
             "held": len(new.inbox),
         }
         new.swaps.append(record)
-        done = composition.promote(swap.index, new, [*handed_frames, *sent])
+        held = len(new.inbox)
+        if on_probation:
+            composition.promote(swap.index, new)
+            proven, done = self._prove(swap, old, handed_frames, sent, way_back=way_back), None
+        else:
+            proven, done = -1, composition.promote(swap.index, new, [*handed_frames, *sent])
         old.succession.leave()
-        return swap.report(at_ns=now_ns, **_AT_ONCE, held=len(new.inbox), shadow=found), done
+        return swap.report(at_ns=now_ns, **_AT_ONCE, held=held, shadow=found, proven=proven), done
+
+    @staticmethod
+    def _rehearse(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
+        """Try the new node on the last messages; return whether the old one could take its state back."""
+        tried = _copied(rehearse(new, running, params))
+        try:
+            old.succession.fitting(tried, {})
+        except Exception:  # noqa: BLE001 - migrate and adopt are the user's
+            return False
+        return True
+
+    def _prove(
+        self, swap: CheckedSwap, old: Executor, frames: list[bytes], sent: list[bytes], *, way_back: bool
+    ) -> int:
+        """Let simulated time go by while the old node stands by; return how many handlers ran well.
+
+        Raises:
+            SwapFailed: The new node failed; the old one goes on.
+        """
+        composition, wanted, index = self._composition, swap.probation, swap.index
+        inputs = swap.new.inputs.values()
+        new = composition.executor(index)
+        probation = ComposedProbation(composition, old, index, inputs, wanted.run_count, way_back=way_back)
+        composition.probation = probation
+        due_ns = new.next_due_ns()
+        taken = Done(list(sent), -1 if due_ns is None else due_ns, new.exit_code)
+        sent.clear()
+        try:
+            first = probation.begin(frames, taken)
+            composition.publish(first.frames)
+            self._time.pass_probation(probation, first, round(wanted.longest_s * 1e9))
+        finally:
+            composition.probation = None
+        if probation.failure:
+            raise SwapFailed(swap.request.node, "probation", probation.failure)
+        return probation.run_count
 
     def _shadow(
         self, swap: CheckedSwap, new: Executor, sent: list[bytes], running: HandOver
@@ -86,12 +133,11 @@ class ComposedSwaps:
         comparison = swap.comparison(running.published)
         self._composition.shadow = (swap.index, new, sent, comparison)
         try:
-            self._elapse(round(swap.request.shadow_s * 1e9))
+            self._time.elapse(round(swap.request.shadow_s * 1e9))
         finally:
             self._composition.shadow = None
             sent.clear()
-        new.succession.pause()
-        new.succession.paused = False
+        new.succession.step_back()
         new.inbox.clear()
         return comparison.report()
 

@@ -13,11 +13,14 @@ import msgspec
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
+from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.control_messages import Done
+from palp_core.graph.process.probation import HUNG_S
+from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
@@ -27,6 +30,7 @@ Answer = TypeVar("Answer", bound=swap_messages.FromSwapped)
 
 
 FAREWELL_NS = 1_000_000_000
+HUNG_NS = round(HUNG_S * 1e9)
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
 
@@ -38,14 +42,12 @@ class ProcessSwaps:
         supervisor: Has the processes.
         folder: The run directory.
         workspace: Folder that holds ``nodes/``.
-        elapse: Lets so much simulated time go by.
+        time: Simulated time.
     """
 
-    def __init__(
-        self, supervisor: Supervisor, folder: Path, workspace: Path, elapse: Callable[[int], None]
-    ) -> None:
+    def __init__(self, supervisor: Supervisor, folder: Path, workspace: Path, time: SimulatedTime) -> None:
         self._supervisor, self._folder, self._workspace = supervisor, folder, workspace
-        self._elapse = elapse
+        self._time = time
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Let a forked child import a class and say what it declares."""
@@ -65,7 +67,7 @@ class ProcessSwaps:
         Raises:
             SwapFailed: A step failed; the old node goes on.
         """
-        return _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._elapse).run()
+        return _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._time).run()
 
 
 class _ProcessSwap:
@@ -76,7 +78,7 @@ class _ProcessSwap:
         folder: The run directory.
         swap: What is replaced by what.
         now_ns: Time on the graph's clock.
-        elapse: Lets so much simulated time go by.
+        time: Simulated time.
     """
 
     def __init__(
@@ -85,9 +87,9 @@ class _ProcessSwap:
         folder: Path,
         swap: CheckedSwap,
         now_ns: int,
-        elapse: Callable[[int], None],
+        time: SimulatedTime,
     ) -> None:
-        self._elapse = elapse
+        self._time = time
         self._supervisor, self._folder, self._swap = supervisor, folder, swap
         self._index, self._now_ns = swap.index, now_ns
         self._old = supervisor.processes[swap.index]
@@ -95,7 +97,10 @@ class _ProcessSwap:
         self._deadline_ns = self._begun_ns + round(swap.request.timeout_s * 1e9)
         self._step = "start"
         self._new: Standby | None = None
-        self._announced = self._paused = False
+        self._announced = self._paused = self._changed = False
+        self._on_probation = self._way_back = False
+        self._proven = -1
+        self._commits: list[swap_messages.Commit] = []
         self._comparison: dict[str, Any] = {}
 
     def run(self) -> tuple[SwapReport, Done | None]:
@@ -110,7 +115,8 @@ class _ProcessSwap:
                 return self._report(None, 0), None
             return self._change(after)
         except BaseException:
-            self._roll_back()
+            if not self._changed:
+                self._roll_back()
             raise
 
     # Steps
@@ -139,6 +145,7 @@ class _ProcessSwap:
         running = decode_any(HandOver, self._request_hand_over({}, pause=False).hand_over)
         if why := unfit(running, self._swap):
             self._fail(why)
+        self._on_probation = self._swap.probation.run_count > 0 and running.active
         self._step = "configure"
         supervisor = self._supervisor
         new_spec = self._old.successor_spec(self._swap.new)
@@ -157,11 +164,15 @@ class _ProcessSwap:
         # Who does not come is no node of this graph, and can ask for what it missed.
         self._reply_of_new(swap_messages.Met)
         self._step = "state"
-        handed = self._request_hand_over({}, pause=False)
-        self._send_new(swap_messages.Rehearse(handed.hand_over, self._swap.request.params))
+        tried = self._on_probation
+        handed = self._request_hand_over({}, pause=False, with_latest=self._swap.try_out)
+        self._send_new(swap_messages.Rehearse(handed.hand_over, self._swap.request.params, tried))
         rehearsed = self._reply_of_new(swap_messages.Rehearsed)
         if rehearsed.error:
             self._fail(rehearsed.error)
+        if tried:
+            self._send_old(swap_messages.Rehearse(rehearsed.tried, {}))
+            self._way_back = not self._reply_of_old(swap_messages.Rehearsed).error
         return rehearsed.after
 
     def _wait_for_readers(self, publish: str) -> list[str]:
@@ -207,7 +218,7 @@ class _ProcessSwap:
             begun_ns = monotonic_ns()
             supervisor.shadow = (self._index, new, comparison)
             try:
-                self._elapse(duration_ns)
+                self._time.elapse(duration_ns)
             finally:
                 supervisor.shadow = None
             self._deadline_ns += monotonic_ns() - begun_ns
@@ -229,27 +240,100 @@ class _ProcessSwap:
         start_ns = self._supervisor.start_ns
         self._send_new(
             swap_messages.TakeOver(
-                handed.hand_over, request.params, start_ns, handed.heard, handed.remembered
+                handed.hand_over,
+                request.params,
+                start_ns,
+                handed.heard,
+                handed.remembered,
+                handed.at_ns,
+                self._on_probation,
             )
         )
         taken = self._reply_of_new(swap_messages.TookOver)
         if taken.error:
             self._fail(taken.error)
         assert self._new is not None
+        if self._on_probation and start_ns:
+            self._step = "probation"
         if self._new.process.has_died():  # with these words; how, the fork server is about to tell
             self._wait_for(lambda: False, "its process has died")
         if start_ns:
             self._now_ns = handed.at_ns - start_ns
+        if self._on_probation and start_ns:
+            self._prove()
         runs = {"before": self._swap.old.run, "after": self._swap.new.run}
         record = {"at_s": self._now_ns / 1e9, **runs}
-        new, self._new = self._new, None  # from here on there is no way back
-        self._supervisor.standbys.send(new, swap_messages.Go(record, handed.at_ns if start_ns else 0))
+        new, self._new = self._new, None
+        self._changed = True  # from here on there is no way back but that of a probation in lockstep
+        self._supervisor.standbys.send(new, swap_messages.Go(record))
         self._supervisor.promote(self._index, new)
         working = self._working()
+        done: Done | None = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
+        if self._on_probation and not start_ns:
+            self._prove_in_lockstep(new, handed, taken)
+            done = None
         self._end_former(new)
-        done = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
         held = taken.held if working is None else int(str(working.record["held"]))
         return self._report(working, held), done
+
+    def _prove(self) -> None:
+        """Let the new node work, and the old one say what it has to say, until enough handlers have run well.
+
+        Where the old one could not take the new one's state, it says nothing before one handler has.
+        """
+        supervisor, new, probation = self._supervisor, self._new, self._swap.probation
+        assert new is not None
+        end_ns = monotonic_ns() + round(probation.longest_s * 1e9)
+        enough = probation.run_count if self._way_back else 1
+        while self._proven < enough and monotonic_ns() < end_ns and not self._old.ended:
+            supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._old.ended, end_ns)
+            self._pass_on(new)
+            if new.failure:
+                self._fail(new.failure)
+        supervisor.standbys.send(new, swap_messages.CommitNow(last=True))
+        self._deadline_ns = max(self._deadline_ns, monotonic_ns() + HUNG_NS)
+        end_ns = monotonic_ns() + HUNG_NS
+        while not self._pass_on(new):
+            if new.failure:
+                self._fail(new.failure)
+            if not supervisor.wait_until(lambda: bool(new.replies or new.failure), end_ns):
+                self._fail(f"a handler of it did not return within {HUNG_S:g} s")
+
+    def _pass_on(self, new: Standby) -> bool:
+        """Let the old node say what the new one has reported; tell whether that was the last."""
+        said, new.replies = new.replies, []
+        for commit in said:
+            if isinstance(commit, swap_messages.Commit):
+                self._proven = commit.run_count
+                self._commits.append(commit)
+                if self._way_back or commit.last:
+                    for waiting in self._commits:
+                        self._send_old(waiting)
+                    self._commits.clear()
+                if commit.last:
+                    return True
+        return False
+
+    def _prove_in_lockstep(
+        self, former: Standby, handed: swap_messages.HandedIn, taken: swap_messages.TookOver
+    ) -> None:
+        """Let simulated time go by while the old node stands by."""
+        self._step = "probation"
+        wanted, supervisor = self._swap.probation, self._supervisor
+        inputs = self._swap.new.inputs.values()
+        probation = ProcessProbation(
+            supervisor, former, self._index, inputs, wanted.run_count, way_back=self._way_back
+        )
+        supervisor.probation = probation
+        try:
+            first = probation.begin(handed.frames, Done(taken.frames, taken.next_due_ns, None))
+            self._time.pass_probation(probation, first, round(wanted.longest_s * 1e9))
+        finally:
+            supervisor.probation = None
+        self._proven = probation.run_count
+        if probation.failure:
+            self._new, self._changed = former, False
+            self._fail(probation.failure)
 
     def _report(self, working: swap_messages.Working | None, held: int) -> SwapReport:
         lockstep = not self._supervisor.start_ns
@@ -260,6 +344,7 @@ class _ProcessSwap:
             held=held,
             duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
             shadow=self._comparison,
+            proven=self._proven,
         )
 
     def _working(self) -> swap_messages.Working | None:
@@ -332,8 +417,10 @@ class _ProcessSwap:
     def _fail(self, text: str) -> NoReturn:
         raise SwapFailed(self._swap.request.node, self._step, text)
 
-    def _request_hand_over(self, after: dict[str, tuple[int, int]], *, pause: bool) -> swap_messages.HandedIn:
-        self._send_old(swap_messages.HandIn(after, pause))
+    def _request_hand_over(
+        self, after: dict[str, tuple[int, int]], *, pause: bool, with_latest: bool = False
+    ) -> swap_messages.HandedIn:
+        self._send_old(swap_messages.HandIn(after, pause, with_latest))
         return self._reply_of_old(swap_messages.HandedIn)
 
     def _send_old(self, message: swap_messages.ToSwapped) -> None:
@@ -376,6 +463,8 @@ class _ProcessSwap:
 
         in_time = self._supervisor.wait_until(over, self._deadline_ns)
         if new is not None and new.failure:  # it may have answered before it died
+            if self._step == "take over" and self._on_probation and condition():
+                self._step = "probation"
             self._fail(new.failure)
         if condition():
             return

@@ -28,8 +28,24 @@ from palp_core.graph.transport.request_server import NodeRequest
 
 TIMEOUT_S = 10.0
 LONGEST_S = 86_400.0
-STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over", "take over")
-"""In their order; after the last the new node works."""
+MOST_RUNS = 1_000_000
+STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over", "take over", "probation")
+"""In their order; after the last the new node works by itself."""
+
+
+class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How long the old node stands by, and goes on if the new one fails: whatever is over first.
+
+    Attributes:
+        run_count: Handlers that have to run well; 0: there is no probation.
+        longest_s: The longest it lasts, on the graph's clock.
+    """
+
+    run_count: Annotated[int, msgspec.Meta(ge=0, le=MOST_RUNS)] = 3
+    longest_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = 3.0
+
+
+NO_PROBATION = Probation(0, 0.0)
 
 
 class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -42,6 +58,7 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         timeout_s: How long all of it may take, the shadow not counted.
         shadow_s: So long, on the graph's clock, both work and only the old one is heard.
         dry_run: Change nothing in the end.
+        probation: How long the old node stands by; None: as the new class says.
     """
 
     node: str
@@ -50,6 +67,7 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_S)] = TIMEOUT_S
     shadow_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = 0.0
     dry_run: bool = False
+    probation: Probation | None = None
 
 
 class AskToSwap(NodeRequest, frozen=True, kw_only=True):
@@ -68,6 +86,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
         duration_s: From the request to the end of the old node.
         shadow: How the outputs of both compare, if they worked side by side.
         switched: False after a dry run.
+        proven: Handlers of the new node that ran well while the old one stood by; -1: it did not stand by.
     """
 
     node: str
@@ -79,6 +98,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float
     shadow: dict[str, Any] = {}
     switched: bool = True
+    proven: int = -1
 
 
 class SwapFailed(NodeError):
@@ -94,9 +114,16 @@ class SwapFailed(NodeError):
 
 
 class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
-    """One node in place of another: the place, who had it, who gets it."""
+    """One node in place of another: the place, who had it, who gets it.
+
+    Attributes:
+        probation: How long the former stands by.
+        try_out: Before that the new one is tried on the last messages.
+    """
 
     request: SwapRequest
+    probation: Probation
+    try_out: bool
     index: int
     old: NodeSpec
     new: NodeSpec
@@ -180,6 +207,8 @@ class Swapper:
 
     def plan(self, at_ns: int, request: SwapRequest) -> None:
         """Swap when it is that time on the graph's clock."""
+        if request.probation is None:  # one that fails ends the run: there is nothing to stand by for
+            request = msgspec.structs.replace(request, probation=NO_PROBATION)
         self._planned.append((at_ns, request))
 
     def observe(self, now_ns: int, frame: bytes) -> None:
@@ -271,8 +300,11 @@ class Swapper:
             raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
         now = replaced(checked, old, new_class, request.params)
         new = next(spec for spec in now.spawned if spec.name == name)
+        usual = Probation() if new_class.on_probation else NO_PROBATION
         swap = CheckedSwap(
             request=msgspec.structs.replace(request, node=name),
+            probation=usual if request.probation is None else request.probation,
+            try_out=new_class.on_probation,
             index=list(specs).index(name),
             old=old,
             new=new,

@@ -67,7 +67,7 @@ class PublisherSocket:
             name = publisher.topic.encode()
             self._publishers[name] = publisher
             if direct:
-                publisher.send_through(self._transmit)
+                publisher.send = self._transmit
                 publisher.listened = name in self._subscribed
                 self._direct.add(publisher.topic)
 
@@ -92,9 +92,15 @@ class PublisherSocket:
         return (+self._named).keys()
 
     def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
-        """Keep back whatever is published, until :meth:`release`; or give it to somebody else instead."""
+        """Keep back whatever is published, until :meth:`release`; or give it to somebody else instead.
+
+        The latter is given what nobody reads, too.
+        """
         self._held = []
         self._send_frame = instead or self._held.append
+        for name, publisher in self._publishers.items():
+            if publisher.topic in self._direct:
+                publisher.listened = instead is not None or name in self._subscribed
 
     def release(self) -> None:
         """Publish what was kept back."""
@@ -110,8 +116,8 @@ class PublisherSocket:
         self.stirred = True
 
     def send(self, frame: bytes) -> None:
-        """Publish a frame if anyone subscribes to its topic."""
-        if topic_of(frame) in self._subscribed:
+        """Publish a frame if anyone subscribes to its topic; one that is held is kept in any case."""
+        if self._held is not None or topic_of(frame) in self._subscribed:
             self._transmit(frame)
 
     def _transmit(self, frame: bytes) -> None:

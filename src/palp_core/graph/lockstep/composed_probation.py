@@ -1,0 +1,71 @@
+"""A composed node on probation, while its predecessor stands by in the same process."""
+
+from collections.abc import Collection
+
+from palp_core.errors import NodeError
+from palp_core.graph.lockstep.composition import Composition
+from palp_core.graph.messages.message import decode_any
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.process.control_messages import Done, Round
+from palp_core.graph.process.lockstep_loop import follow_round
+from palp_core.graph.process.probation import FirstWork, LockstepProbation
+from palp_core.graph.process.swap_messages import Commit
+
+
+class ComposedProbation(LockstepProbation):
+    """Rounds that may fail; one that does not return holds up the run, as everywhere in one process.
+
+    Args:
+        composition: Has the nodes, the successor in its place.
+        former: The predecessor.
+        index: Number of the node.
+        inputs: Topics that the successor reads.
+        enough: How many handlers have to run well.
+        way_back: The predecessor can take the successor's state.
+    """
+
+    def __init__(
+        self,
+        composition: Composition,
+        former: Executor,
+        index: int,
+        inputs: Collection[str],
+        enough: int,
+        *,
+        way_back: bool,
+    ) -> None:
+        super().__init__(index, inputs, enough, way_back=way_back)
+        self._composition, self._former = composition, former
+        self._first_work = FirstWork(composition.executor(index), reports=False)
+        self._first_work.begin()
+
+    def _try(self, message: Round) -> Done | None:
+        done = super()._try(message)
+        self._composition.publish(() if done is None else done.frames)
+        return done
+
+    def _attempt(self, message: Round) -> Done | None:
+        composition, index = self._composition, self.index
+        try:
+            return composition.work_unheard(
+                index, lambda: follow_round(composition.executor(index), composition.clock, message)
+            )
+        except NodeError as error:
+            self.failure = str(error).removeprefix(f"{error.node}: ")
+            return None
+
+    def _report(self) -> Commit | None:
+        commits: list[Commit] = []
+        done = self._composition.work_unheard(self.index, lambda: commits.append(self._first_work.commit()))
+        return Commit(commits[0].hand_over, done.frames, commits[0].run_count)
+
+    def _fall_back(self) -> None:
+        self._composition.promote(self.index, self._former)
+        if self._commit is None:
+            self._former.succession.resume()
+        else:
+            self._former.succession.take_back(decode_any(HandOver, self._commit.hand_over))
+
+    def _work_now(self, message: Round) -> Done:
+        return self._composition.work_alone(self.index, message)

@@ -1,0 +1,148 @@
+"""The first work of a successor, from which its predecessor can go on if a handler of it fails."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection
+
+import msgspec
+
+from palp_core.graph.messages.frame import topic_of
+from palp_core.graph.messages.message import encode_any
+from palp_core.graph.node.executor import Executor
+from palp_core.graph.process.control_messages import Done, Round
+from palp_core.graph.process.swap_messages import Commit
+
+HUNG_S = 5.0
+"""A handler that takes longer does not return (assumed: a swap is for nodes that answer)."""
+
+
+class FirstWork:
+    """What a successor has done since it last reported.
+
+    Args:
+        executor: The node.
+        reports: It says by itself what it has done, and is heard by way of its predecessor; else it is asked
+            after each of its rounds, which are published as a whole or not at all.
+
+    Attributes:
+        frames: What it has published and not reported.
+    """
+
+    def __init__(self, executor: Executor, *, reports: bool) -> None:
+        self.reports = reports
+        self.frames: list[bytes] = []
+        self._executor = executor
+        self._begun_at = self._reported = 0
+
+    def begin(self) -> None:
+        """Count handlers from here on: the node has taken over."""
+        self._begun_at = self._reported = self._executor.ends.run_count()
+
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to report that nobody will ask for."""
+        return self.reports and (bool(self.frames) or self._executor.ends.run_count() != self._reported)
+
+    def commit(self, *, last: bool = False) -> Commit:
+        """Report what has been done, at a handler boundary."""
+        executor = self._executor
+        executor.journal.flush(executor.now_ns())
+        self._reported = executor.ends.run_count()
+        frames = list(self.frames)
+        self.frames.clear()
+        # whoever passes the frames on remembers them; in lockstep nobody does
+        written = executor.succession.snapshot() if self.reports else executor.succession.copy()
+        return Commit(encode_any(written), frames, self._reported - self._begun_at, last)
+
+
+class LockstepProbation(ABC):
+    """The rounds of a successor while its predecessor stands by: each is published as a whole or not at all.
+
+    Args:
+        index: Number of the node.
+        inputs: Topics that the successor reads; what else comes waits for the predecessor.
+        enough: How many handlers have to run well.
+        way_back: The predecessor can take the successor's state; else one round has to go well.
+
+    Attributes:
+        failure: Why the predecessor goes on; "" if it need not.
+        run_count: How many handlers have run well.
+        proven: Enough have: whatever fails now is a failure of the node.
+    """
+
+    def __init__(self, index: int, inputs: Collection[str], enough: int, *, way_back: bool) -> None:
+        self.index = index
+        self.failure = ""
+        self.run_count = 0
+        self.proven = False
+        self._inputs = {name.encode() for name in inputs}
+        self._enough, self._way_back = enough, way_back
+        self._passed_by: list[bytes] = []
+        self._held: list[bytes] = []
+        self._commit: Commit | None = None
+        self._fell_back = False
+
+    @property
+    def over(self) -> bool:
+        """Whether it is clear who goes on."""
+        return self.proven or bool(self.failure)
+
+    @property
+    def fell_back(self) -> bool:
+        """Whether the predecessor works again."""
+        return self._fell_back
+
+    def begin(self, frames: list[bytes], done: Done) -> Done:
+        """Return what both have published at the change of hands, as far as it may be heard.
+
+        Args:
+            frames: The predecessor's.
+            done: The successor's, which is kept back until it cannot be taken back any more.
+        """
+        commit = self._report() if self._way_back else None
+        if commit is None:
+            self._held = done.frames
+            return msgspec.structs.replace(done, frames=frames)
+        self._commit = commit
+        return msgspec.structs.replace(done, frames=[*frames, *done.frames, *commit.frames])
+
+    def work(self, message: Round) -> Done:
+        """Let the successor do its part of a round; if it fails, the predecessor instead."""
+        if not self.failure:
+            own = [frame for frame in message.frames if topic_of(frame) in self._inputs]
+            if self.proven:
+                return self._work_now(Round(message.now_ns, own))
+            if (done := self._try(Round(message.now_ns, own))) is not None:
+                self._passed_by += [frame for frame in message.frames if topic_of(frame) not in self._inputs]
+                return done
+        if not self._fell_back:
+            self._fell_back = True
+            self._fall_back()
+        passed_by, self._passed_by = self._passed_by, []
+        return self._work_now(Round(message.now_ns, [*passed_by, *message.frames]))
+
+    def _try(self, message: Round) -> Done | None:
+        """Let the successor work; None if it failed."""
+        done = self._attempt(message)
+        commit = self._report() if done is not None else None
+        if done is None or commit is None:
+            return None
+        self._commit, self.run_count = commit, commit.run_count
+        self.proven = self.run_count >= self._enough or not self._way_back
+        held, self._held = self._held, []
+        return msgspec.structs.replace(done, frames=[*held, *done.frames, *commit.frames])
+
+    @abstractmethod
+    def _attempt(self, message: Round) -> Done | None:
+        """Let the successor work, unheard; None if it failed, which :attr:`failure` then says."""
+
+    @abstractmethod
+    def _report(self) -> Commit | None:
+        """Let the successor write itself down; None if it failed."""
+
+    @abstractmethod
+    def _fall_back(self) -> None:
+        """Give the predecessor the node's part, from where the successor last went well."""
+
+    @abstractmethod
+    def _work_now(self, message: Round) -> Done:
+        """Let the one work that has the node's part."""

@@ -1,0 +1,155 @@
+"""After a swap the old node stands by, and goes on from where the new one fails: nothing lost or repeated."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palp_core.graph.swap.swap import STEPS
+from tests.support.palp import PATIENCE_S, Palp
+from tests.support.swapping import Stage, workspace
+
+LONG = {"run_count": 1_000_000, "longest_s": 240.0}
+"""Longer than anything here lasts."""
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Path:
+    return workspace(tmp_path) / "wall.yaml"
+
+
+@pytest.fixture
+def stage(palp: Palp, launch: Path) -> Stage:
+    return Stage(palp, launch)
+
+
+def _swap(stage: Stage, run: str, probation: dict[str, Any] = LONG, **params: Any) -> dict[str, Any]:
+    return stage.graph.swap("relay", f"swap_toys:{run}", timeout_s=240.0, params=params, probation=probation)
+
+
+def _nothing_was_lost_or_repeated(stage: Stage) -> None:
+    assert stage.judgement()[1] == ""
+    for reader, name in (("sink", "/relay/out"), ("relay", "/source/out")):
+        account = stage.graph.ask(reader, "info")["inputs"][name]
+        assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
+
+
+def test_the_old_node_goes_on_from_where_the_new_one_fails(stage: Stage) -> None:
+    for deed, after in (("raise", 5), ("exit", 1), ("kill", 400), ("raise", 0)):
+        failed = _swap(stage, "Novice", deed=deed, after=after)["failed"]
+        assert failed["step"] == "probation", failed
+        stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+    makers = stage.judgement()[2]  # the work of one turn is taken back as a whole
+    assert makers == ["Relay", "Novice"] * (len(makers) // 2) + ["Relay"]
+    assert len(makers) >= 3
+    assert len([event for event in stage.events() if event.kind == "swap_failed"]) == 4
+    assert stage.graph.ask("relay", "info")["run"] == "swap_toys:Relay"
+    assert "report" in stage.swap("Other")  # nothing is left of it that would keep a node from the next
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
+def test_a_node_that_does_well_has_the_part_by_itself(stage: Stage) -> None:
+    report = _swap(stage, "Other", {"run_count": 3, "longest_s": 240.0})["report"]
+    assert report["proven"] >= 3
+    stage.passes(20)
+    assert _swap(stage, "Relay", {"run_count": 1_000_000, "longest_s": 0.2})["report"]["proven"] > 0
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+    assert stage.judgement()[2] == ["Relay", "Other", "Relay"]
+    (swap, _) = stage.graph.ask("relay", "info")["swaps"]
+    assert swap["gap_s"] == report["gap_s"] < report["duration_s"]
+
+
+def test_a_state_that_nobody_can_take_back_is_proven_by_one_handler(stage: Stage) -> None:
+    failed = _swap(stage, "Loner", deed="raise", after=0)["failed"]
+    assert failed["step"] == "probation"
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    assert _swap(stage, "Loner", after=10**9)["report"]["proven"] >= 1
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+    assert stage.judgement()[2] == ["Relay", "Loner"]
+
+
+def test_a_class_is_tried_on_the_last_message_before_it_takes_over(stage: Stage) -> None:
+    failed = stage.swap("Trainee", deed="raise", after=0)["failed"]
+    assert failed["step"] == "state"
+    assert "pass_on failed when it was tried on the last message of /source/out" in failed["text"]
+    assert stage.swap("Trainee", deed="raise", after=2)["failed"]["step"] == "probation"
+    assert stage.swap("Trainee", after=10**9)["report"]["proven"] >= 3
+    assert _swap(stage, "Trainee", {"run_count": 0, "longest_s": 0.0}, after=10**9)["report"]["proven"] == -1
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
+def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: Stage) -> None:
+    old = stage.process_of("relay")
+    assert "report" in _swap(stage, "Novice", deed="kill_other", pid=old, after=5)
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+    assert stage.judgement()[2] == ["Relay", "Novice"]
+
+
+@pytest.mark.nightly
+def test_a_handler_that_does_not_return_is_given_up(stage: Stage) -> None:
+    failed = _swap(stage, "Novice", {"run_count": 10, "longest_s": 0.2}, deed="hang", after=5)["failed"]
+    assert (failed["step"], failed["text"]) == ("probation", "a handler of it did not return within 5 s")
+    stage.passes(20)
+    assert stage.judgement()[1:] == ("", ["Relay", "Novice", "Relay"])
+
+
+@pytest.mark.nightly
+def test_the_launchers_death_ends_everything(palp: Palp, stage: Stage) -> None:
+    from palp_core.errors import GraphError
+
+    with pytest.raises(GraphError, match="did not answer"):
+        _swap(stage, "Novice", deed="kill_other", pid=stage.launcher.pid, after=5)
+    assert stage.launcher.wait() == -signal.SIGKILL
+    assert palp.all_gone()
+
+
+def test_the_command_tells_by_its_exit_status(palp: Palp, stage: Stage) -> None:
+    done = palp.run(
+        "swap",
+        "relay",
+        "swap_toys:Novice",
+        "deed:=raise",
+        "after:=5",
+        "--probation",
+        "60s",
+        "--timeout",
+        "100",
+    )
+    assert done.returncode == 10 + STEPS.index("probation") == 18
+    assert "/relay goes on as it was: probation: pass_on" in done.stderr
+    done = palp.run("swap", "relay", "swap_toys:Other", "--probation", "2", "--timeout", "100")
+    assert done.returncode == 0
+    assert "handlers ran well on probation" in done.stdout
+    for wrong in ("-1", "x", "3m", "nans"):
+        done = palp.run("swap", "relay", "swap_toys:Relay", f"--probation={wrong}")
+        assert done.returncode == 2
+        assert "write a number of handlers" in done.stderr
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
+def test_a_record_replays_through_a_probation_that_failed(palp: Palp, launch: Path, tmp_path: Path) -> None:
+    stage = Stage(palp, launch, "rate_hz:=300.0", "--record", tmp_path / "bag")
+    assert _swap(stage, "Novice", deed="raise", after=100)["failed"]["step"] == "probation"
+    assert "report" in stage.swap("Relay", gain=3)
+    stage.passes(20)
+    stage.launcher.send_signal(signal.SIGINT)
+    _, errors = stage.launcher.communicate(timeout=PATIENCE_S)
+    done = palp.run(
+        "bag", "replay", tmp_path / "bag", "--nodes", "relay", "--launch", launch, "--compare", "--json"
+    )
+    assert done.returncode == 0, done.stdout + done.stderr + errors
+    (relay,) = json.loads(done.stdout)
+    assert (relay["divergence"], relay["uncovered"]) == (None, 0)
+    assert relay["compared"] > 100
