@@ -139,7 +139,7 @@ def storm(given: argparse.Namespace) -> int:
             "counted",
         )
         print(f"{'fault':15}", *(f"{name:>9}" for name in columns), "silence, ms  not swapped, at step")
-        for fault, row in found["by_fault"].items():
+        for fault, row in ((fault, row) for fault, row in found["by_fault"].items() if row["tries"]):
             failed = ", ".join(f"{step} {count}" for step, count in row["failed_at"].items())
             counts = (f"{row[name]:9}" for name in columns)
             print(f"{fault:15}", *counts, f"{row['silence_max_ms']:11.0f}  {failed}")

@@ -54,7 +54,10 @@ STEPS = ("configure", "state", "take over", "first number", "leave")
 """Where the new process can strike, and the old one as it leaves; instants fall anywhere else, too."""
 
 STOPS_S = (0.2, 1.0, 3.0, 12.0)
-"""How long a stop lasts at most, the rarest last; palp gives a node up after 10 s."""
+"""How long a stop lasts at most, the rarest last."""
+
+GIVEN_UP_S = 9.0
+"""A stop that lasts longer than this may make palp, which waits 10 s, start another process."""
 
 MARK = "PALP_STORM"
 COUNTED = ("lost", "repeated", "reordered", "explained")
@@ -370,7 +373,9 @@ class Storm:
         self._judge(turn, self.tape("sent"), former, all_ended=True)
 
     def _judge(self, turn: Turn, sent: Rows, former: int, *, all_ended: bool = False) -> None:
-        killed = turn.struck and turn.plan.fault.startswith("kill")
+        plan = turn.plan
+        given_up = plan.fault == "stop reader" and plan.stop_s > GIVEN_UP_S  # palp has started another
+        killed = turn.struck and (plan.fault.startswith("kill") or given_up)
         deaths = Deaths(
             frozenset([turn.victim] if killed else []),
             frozenset([former] if turn.outcome == "swapped" else []),

@@ -5,7 +5,8 @@ what only the killed process held: then it is ``explained``. That is so of
 
 - the last numbers of a source that was killed, which no relay has had,
 - the last numbers that a killed relay passed on, if it had handed over nothing to another,
-- what came for a best-effort reader from its death until its next process was there,
+- what came for a best-effort reader from its death (or from when it was stopped, so long that palp has
+  given it up) until its next process was there,
 - the one number that a kill interrupted, which is taken up again.
 """
 
