@@ -101,6 +101,19 @@ def test_what_a_killed_node_could_not_send_any_more_is_counted_by_its_reader(
         assert stage.launcher.poll() is None
 
 
+def test_what_is_passed_on_for_a_successor_counts_as_published() -> None:
+    made: list[bytes] = []
+    old, new = (Executor(Speaker, SPEC, SimClock(), made.append) for _ in range(2))
+    for executor in (old, new):
+        executor.transition(Transition.CONFIGURE)
+        executor.transition(Transition.ACTIVATE)
+    noted: list[tuple[int, int]] = []
+    old.ends.publishers["/p/word"].note = lambda *point: noted.append(point)
+    new.node.word.publish(Word(n=1))  # type: ignore[attr-defined]
+    old.ends.publishers["/p/word"].pass_on(next(raw for raw in made if parse(raw).topic == "/p/word"))
+    assert noted == [(0, 1)]
+
+
 # Any order of all that can happen, in memory: processes and wires are those of the graph, time is not
 
 

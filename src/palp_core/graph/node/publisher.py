@@ -99,6 +99,8 @@ class PublisherEnd(Generic[M]):
         self.idle_until_next = frame.kind == Kind.IDLE
         if frame.kind == Kind.DATA:
             self.sequence = frame.sequence
+            if self.note is not None:
+                self.note(frame.epoch, frame.sequence)
             self.history.append(raw)
         if self.listened:
             self.send(raw)
