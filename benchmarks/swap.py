@@ -5,13 +5,16 @@ reader, a process of its own, keeps every number with its maker and the time at 
 the file is checked: each number once and in order. The gap is the longest time, at a swap, between the last
 number of one maker and the first of the other (the stream's own period of 1 ms is part of it); beside it
 stands the pause that the runtime itself reports. The command's time is from the request to the old process's
-end. With ``--rival`` the same stream goes through ``dora node replace``.
+end. Then come swaps whose new node does well on probation, and as many whose new node raises or dies after a
+hundred numbers: the gap before its first number is that of the change of hands, the one after its last that
+of the return to the old node. With ``--rival`` the same stream goes through ``dora node replace``.
 
 ``--storm N`` swaps N times and kills or stops a process each time, at a step or instant drawn by ``--seed``:
 see :mod:`swap_bench.storm`. ``--busy`` keeps so many cores busy meanwhile. A turn that went wrong leaves its
 tapes and logs in the folder of ``--out``, and is repeated by ``--storm 1 --first ITS_NUMBER``.
 
-Run: .venv/bin/python benchmarks/swap.py [--quick] [--json] [--swaps N] [--faults N] [--out DIR]
+Run: .venv/bin/python benchmarks/swap.py [--quick] [--json] [--swaps N] [--faults N] [--probations N]
+         [--out DIR]
      .venv/bin/python benchmarks/swap.py --storm 300 --busy 2 [--seed S] [--first K] [--json] [--out DIR]
      .venv/bin/python benchmarks/swap.py --rival DORA      beside dora-rs; DORA is its executable
 """
@@ -39,10 +42,11 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 
 HERE = Path(__file__).parent / "swap_bench"
 BETWEEN_S = 0.05
+FAILING = 3  # the mark of those that fail on probation
 
 
-def measure(swaps: int, faults: int, folder: Path) -> dict[str, Any]:
-    """Swap so often, then so often with a fault; return what the reader got and how long it took."""
+def measure(swaps: int, faults: int, probations: int, folder: Path) -> dict[str, Any]:
+    """Swap so often, so often with a fault, so often on probation; return what came, and how long it took."""
     rows = folder / "rows.npy"
     launch = [sys.executable, "-m", "palp_core", "launch", str(HERE / "launch/stream.yaml"), f"out:={rows}"]
     process = subprocess.Popen(launch, stdout=subprocess.PIPE, text=True)
@@ -63,6 +67,17 @@ def measure(swaps: int, faults: int, folder: Path) -> dict[str, Any]:
             for _ in bar.track(range(faults), description="faults"):
                 run = chance.choice(("Dies", "Misfit", "Missing"))
                 taken_back += "failed" in graph.swap("relay", f"nodes.stream:{run}")
+            proven_s, returned = [], 0
+            for turn in bar.track(range(probations), description="probations"):
+                wanted = {"run_count": 3, "longest_s": 3.0}
+                answer = graph.swap(
+                    "relay", f"nodes.stream:{('Second', 'First')[turn % 2]}", probation=wanted
+                )
+                proven_s.append(answer["report"]["gap_s"])
+                wanted = {"run_count": 100_000, "longest_s": 60.0}
+                failing = f"nodes.stream:{('Raises', 'Falls')[turn // 2 % 2]}"
+                answer = graph.swap("relay", failing, probation=wanted)
+                returned += answer["failed"]["step"] == "probation"
         account = graph.ask("reader", "info")["inputs"]["/relay/out"]
     finally:
         process.send_signal(signal.SIGINT)
@@ -77,6 +92,9 @@ def measure(swaps: int, faults: int, folder: Path) -> dict[str, Any]:
         "reader_repeated": account["repeated"],
         **percentiles("pause", [report["gap_s"] * 1e3 for report in reports]),
         **percentiles("command", [s * 1e3 for s in command_s]),
+        "probations": 2 * probations,
+        "returned": returned,
+        **percentiles("probation_pause", [s * 1e3 for s in proven_s]),
         "held_max": max((report["held"] for report in reports), default=0),
     }
 
@@ -86,13 +104,15 @@ def judged(rows: np.ndarray[Any, Any]) -> dict[str, Any]:
     index, maker, handled_ns = rows.T
     changes = np.flatnonzero(np.diff(maker))
     gaps_ms = (handled_ns[changes + 1] - handled_ns[changes]) / 1e6
+    failing = maker[changes] == FAILING
     return {
         "received": len(index),
         "lost": int(index.max() - index.min() + 1 - len(np.unique(index))),
         "repeated": int(len(index) - len(np.unique(index))),
         "reordered": int(np.count_nonzero(np.diff(index) < 0)),
         "changes": len(changes),
-        **percentiles("gap", gaps_ms.tolist()),
+        **percentiles("gap", gaps_ms[~failing].tolist()),
+        **percentiles("return", gaps_ms[failing].tolist()),
     }
 
 
@@ -150,10 +170,13 @@ def storm(given: argparse.Namespace) -> int:
 def main() -> None:
     """Measure and say what came out."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--quick", action="store_true", help="30 swaps and 6 faults, within 40 s")
+    parser.add_argument(
+        "--quick", action="store_true", help="30 swaps, 6 faults and 4 probations, within 60 s"
+    )
     parser.add_argument("--json", action="store_true", help="for machines")
     parser.add_argument("--swaps", type=int)
     parser.add_argument("--faults", type=int)
+    parser.add_argument("--probations", type=int)
     parser.add_argument("--rival", type=Path, metavar="DORA", help="executable of dora-rs-cli")
     parser.add_argument("--out", type=Path, help="folder for swap.json, or storm.json (default there: storm)")
     parser.add_argument("--storm", type=int, metavar="N", help="swap so often, with a fault each time")
@@ -168,8 +191,9 @@ def main() -> None:
         sys.exit(storm(given))
     swaps = given.swaps if given.swaps is not None else 30 if given.quick else 200
     faults = given.faults if given.faults is not None else 6 if given.quick else 100
+    probations = given.probations if given.probations is not None else 4 if given.quick else 100
     with tempfile.TemporaryDirectory(prefix="palp-swap-") as folder:
-        found = measure(swaps, faults, Path(folder))
+        found = measure(swaps, faults, probations, Path(folder))
     if given.rival:
         from swap_bench.rival import measure as measure_rival
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from pathlib import Path
 
@@ -85,6 +87,33 @@ class Dies(First):
 
     def on_resume(self) -> None:
         raise RuntimeError("as asked")
+
+
+class Raises(First):
+    """Does well for a while, then fails."""
+
+    maker = 3
+    longest = 100
+
+    def on_configure(self) -> None:
+        self.count = 0
+
+    @on(First.number)
+    def pass_on(self, number: Number) -> None:
+        self.count += 1
+        if self.count > self.longest:
+            self.end()
+        First.pass_on(self, number)
+
+    def end(self) -> None:
+        raise RuntimeError("as asked")
+
+
+class Falls(Raises):
+    """Does well for a while, then its process dies."""
+
+    def end(self) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 class Misfit(First):
