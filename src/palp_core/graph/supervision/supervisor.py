@@ -191,7 +191,7 @@ class Supervisor:
             self._work_shadow(rounds[self.shadow[0]])
         asked_ns = monotonic_ns()
         while len(self._replies) < len(rounds) and not given_up():
-            self._pump(1.0)
+            self._pump(min(STILL_WAITING_S, 1.0))
             if monotonic_ns() - asked_ns > STILL_WAITING_S * 1e9:
                 late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
