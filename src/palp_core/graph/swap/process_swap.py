@@ -291,7 +291,6 @@ class _ProcessSwap:
             if new.failure:
                 self._fail(new.failure)
         supervisor.standbys.send(new, swap_messages.CommitNow(last=True))
-        self._deadline_ns = max(self._deadline_ns, monotonic_ns() + HUNG_NS)
         end_ns = monotonic_ns() + HUNG_NS
         while not self._pass_on(new):
             if new.failure:
