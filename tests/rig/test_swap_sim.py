@@ -241,7 +241,8 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
     assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
 
 
-@pytest.mark.parametrize("how", [["--compose"], pytest.param([], marks=pytest.mark.slow)])
+@pytest.mark.slow  # by default the README's swap is in the middle of a trial
+@pytest.mark.parametrize("how", [["--compose"], []])
 def test_the_rigs_policies_take_over_in_the_middle_of_a_trial(
     palp: Palp, tmp_path: Path, how: list[str]
 ) -> None:

@@ -71,6 +71,7 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
     assert (again / "result.json").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_path: Path) -> None:
     out, bag = tmp_path / "out", tmp_path / "bag"
     swaps = "swaps:=2=nodes.policy_uniform:Uniform"
@@ -173,6 +174,7 @@ def test_a_bag_without_what_a_session_needs_is_refused_and_leaves_nothing(
     assert not (tmp_path / "some_report").exists()
 
 
+@pytest.mark.slow
 def test_whether_guards_were_recorded_is_told_from_what_else_the_phantom_said(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
