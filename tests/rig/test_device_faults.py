@@ -191,11 +191,20 @@ nodes:
         self.seen(move=self.move_count)  # some faults show only in motion
         value = f" {fault.value or 0.1} {fault.count}" if fault.count else f" {fault.value}"
         self.rig.tell(f"fault {fault.device} {fault.name}{value if fault.count or fault.value else ''}")
-        until(lambda: set(self.seen()[mark:]) & set(fault.states), f"{fault.name}: {fault.states}", self.seen)
+        until(
+            lambda: set(self.still_seen(fault)[mark:]) & set(fault.states),
+            f"{fault.name}: {fault.states}",
+            self.seen,
+        )
         self.rig.tell(f"clear {fault.device}")
 
         self.acknowledged_count += 1  # what moves waits for a person after any trip
         until(self.is_well, f"end of {fault.name}", self.seen)
+
+    def still_seen(self, fault: Fault) -> list[str]:
+        """Return what was told; a ring that was there before its fault came is sent elsewhere."""
+        self.move_count += fault.name == "stalled"
+        return self.seen(move=self.move_count if fault.name == "stalled" else 0)
 
     def is_well(self) -> bool:
         """Tell whether the device is in health for a while; ask for it again if a step came too early."""
