@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.palpation.session.session_folder import OWN_FILES, link_latest, refuse_occupied
+from palp_core.palpation.session.session_folder import (
+    OWN_FILES,
+    REPLACED,
+    RUN,
+    TABLE,
+    forget_replaced,
+    link_latest,
+    refuse_input,
+    refuse_occupied,
+    restore_replaced,
+    take_over,
+)
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows
 from tests.palpation.session.test_trials_csv import FACTS
 
@@ -70,3 +81,36 @@ def test_a_folder_of_the_users_own_that_is_called_latest_stays(tmp_path: Path) -
     assert not (tmp_path / "latest").is_symlink()
     link_latest(tmp_path / "2026-11-22_21-05-09")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["2026-11-22_21-05-09", "latest"]
+
+
+def test_a_session_that_is_to_be_replaced_stays_until_the_other_has_a_row(tmp_path: Path) -> None:
+    for name in (TABLE, RUN, "result.json"):
+        (tmp_path / name).write_text("a\n1\n")
+    (tmp_path / "mine.txt").write_text("mine")
+    take_over(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [REPLACED, "mine.txt"]
+    with pytest.raises(PalpError, match="holds a session already"):
+        refuse_occupied(tmp_path)
+    (tmp_path / TABLE).write_text("b\n")
+    take_over(tmp_path)  # another one that ended before its first palpation
+    restore_replaced(tmp_path)
+    assert (tmp_path / TABLE).read_text() == "a\n1\n"
+    assert not (tmp_path / REPLACED).exists()
+    take_over(tmp_path)
+    (tmp_path / TABLE).write_text("b\n2\n")
+    forget_replaced(tmp_path)
+    restore_replaced(tmp_path)
+    assert (tmp_path / TABLE).read_text() == "b\n2\n"
+
+
+def test_what_is_no_session_is_not_replaced_and_an_input_is_not_removed(tmp_path: Path) -> None:
+    (tmp_path / "charts").mkdir()
+    (tmp_path / "charts/thesis.png").write_text("x")
+    (tmp_path / "noise.yaml").write_text("mine")
+    with pytest.raises(PalpError, match="that is no session"):
+        take_over(tmp_path)
+    assert (tmp_path / "charts/thesis.png").exists()
+    for name in ("noise.yaml", "sweeps/bag/bag_0.mcap"):
+        with pytest.raises(PalpError, match=r"noise:=x is in .* move it elsewhere"):
+            refuse_input(tmp_path, tmp_path / name, "noise:=x")
+    refuse_input(tmp_path, tmp_path / "mine.yaml", "noise:=x")

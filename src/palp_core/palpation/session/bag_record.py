@@ -22,7 +22,7 @@ from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.session.roles import GUARD, Roles, roles_of
-from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_occupied
+from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
 from palp_core.whole_file import write_json
 
@@ -52,6 +52,7 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
     """
     if not overwrite:
         refuse_occupied(folder, "name another folder, --out NAME, or let this replace it, --overwrite")
+    refuse_input(folder, path, f"the bag '{path}'")
     with Bag(path) as bag:
         found = _Contents(bag)
     rows = found.rows()

@@ -18,7 +18,9 @@ from palp_core.palpation.session.session_folder import (
     RUN,
     cannot_write,
     is_being_written,
+    refuse_input,
     refuse_occupied,
+    restore_replaced,
 )
 from palp_core.whole_file import read_whole, write_json
 
@@ -50,6 +52,9 @@ def refuse_run(summary: RunSummary) -> None:
     folder = out_of(summary)
     if not roles_of(summary).params("experiment").get("overwrite"):
         refuse_occupied(folder)
+    for name, value in summary.args.items():
+        if isinstance(value, str) and value and name != "out":
+            refuse_input(folder, Path(value), f"'{name}:={value}'")
 
 
 def note_begin(summary: RunSummary) -> None:
@@ -79,6 +84,8 @@ def note_end(summary: RunSummary) -> bool:
             f"'{folder}' is gone; if it was renamed, `palp report` makes the report where it is now"
         )
     (folder / NEXT_RUN).unlink(missing_ok=True)
+    if summary.exit_code != 0 and not is_being_written(folder):
+        restore_replaced(folder)
     if summary.exit_code != 0 and _run_of(folder) != summary.run:
         if not any(folder.iterdir()):
             folder.rmdir()

@@ -25,6 +25,8 @@ OWN_FILES = (
     "repeatability.json",
 )
 LATEST = "latest"
+REPLACED = ".replaced"
+"""Where a session waits that is to be replaced, until the other one has a row."""
 
 _LONGEST_LINE = 1 << 20
 
@@ -45,7 +47,7 @@ def refuse_occupied(
         PalpError: It does, or what lies there cannot be looked at.
     """
     try:
-        found = [name for name in OWN_FILES if _tells(folder / name)]
+        found = [name for name in (*OWN_FILES, REPLACED) if _tells(folder / name)]
     except OSError as error:
         raise cannot_write(folder, error) from error
     if found:
@@ -90,22 +92,76 @@ def is_being_written(folder: Path) -> bool:
     return False
 
 
-def take_over(folder: Path) -> None:
-    """Remove what an earlier session wrote there, and let the note of the present run take its name.
+def refuse_input(folder: Path, path: Path, what: str) -> None:
+    """Refuse to replace a session that something is to be read from.
 
-    Other files stay.
+    Args:
+        folder: Of the session.
+        path: What is to be read.
+        what: It, in words.
 
     Raises:
-        OSError: Something cannot be removed.
+        PalpError: It is one of the files that a session there has.
     """
+    inside = [folder.resolve() / name for name in OWN_FILES]
+    if any(path.resolve().is_relative_to(one) for one in inside):
+        raise PalpError(
+            f"{what} is in '{folder}', whose session is to be replaced; move it elsewhere, or choose another"
+            " folder"
+        )
+
+
+def take_over(folder: Path) -> None:
+    """Put an earlier session aside, and let the note of the present run take its name. Other files stay.
+
+    Raises:
+        PalpError: Files of these names are there that are of no session.
+        OSError: Something cannot be moved.
+    """
+    found = [name for name in OWN_FILES if _tells(folder / name)]
+    if found and not any((folder / name).exists() for name in (TABLE, RUN)):
+        raise PalpError(
+            f"'{folder}' holds {', '.join(found)}, but neither {TABLE} nor {RUN}: that is no session, and"
+            " nothing of it is replaced; choose another folder"
+        )
+    if found:
+        forget_replaced(folder)
+        (folder / REPLACED).mkdir()
     for name in OWN_FILES:
         path = folder / name
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
+        if found and os.path.lexists(path):
+            path.rename(folder / REPLACED / name)
         else:
-            path.unlink(missing_ok=True)
+            _remove(path)
     if (folder / NEXT_RUN).exists():
         (folder / NEXT_RUN).replace(folder / RUN)
+
+
+def forget_replaced(folder: Path) -> None:
+    """Remove the session that was put aside: the other one has begun."""
+    _remove(folder / REPLACED)
+
+
+def restore_replaced(folder: Path) -> None:
+    """Let the session that was put aside have its folder again, if the other one has no palpation.
+
+    Raises:
+        OSError: Something cannot be moved.
+    """
+    aside = folder / REPLACED
+    if aside.is_dir() and not _tells(folder / TABLE):
+        for name in OWN_FILES:
+            _remove(folder / name)
+        for path in aside.iterdir():
+            path.rename(folder / path.name)
+        aside.rmdir()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def link_latest(folder: Path) -> None:

@@ -31,6 +31,7 @@ from palp_core.palpation.session.session_folder import (
     SWEEPS,
     TABLE,
     cannot_write,
+    forget_replaced,
     link_latest,
     refuse_occupied,
     take_over,
@@ -210,6 +211,8 @@ class SessionWriter:
             with whole_file(target) as file:
                 np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
             self._append(self._cells(row))
+            if row.row == 0:
+                forget_replaced(self.folder)
         except OSError as error:
             with contextlib.suppress(OSError):
                 target.unlink(missing_ok=True)  # a sweep without its row
