@@ -84,3 +84,19 @@ def test_times_are_so_long_ago_of_today_or_written_out() -> None:
     assert since("2026-01-31T14:30+02:00") == datetime.fromisoformat("2026-01-31T12:30+00:00")
     with pytest.raises(PalpError, match="'yesterday' is no time; write 30s"):
         since("yesterday")
+
+
+@pytest.mark.parametrize(
+    "text", ["999999d", "99999999999999d", "9" * 400 + "s", "2026", "0001-01-01T00:00+14:00"]
+)
+def test_what_no_calendar_has_and_a_bare_number_are_no_time(text: str) -> None:
+    with pytest.raises(PalpError, match="is no time; write 30s"):
+        since(text)
+
+
+def test_a_time_of_day_that_is_to_come_is_of_yesterday(monkeypatch: pytest.MonkeyPatch) -> None:
+    noon = datetime(2026, 11, 22, 12).astimezone()
+    monkeypatch.setattr("palp_core.cli.text.since.unix_ns", lambda: int(noon.timestamp()) * 10**9)
+    assert since("12:00") == noon
+    assert since("11:59").strftime("%d %H:%M") == "22 11:59"
+    assert since("12:01").strftime("%d %H:%M") == "21 12:01"

@@ -85,6 +85,15 @@ def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_pat
     assert "rings_mm" in json.dumps(result(tmp_path / "again")["protocol"]["policy"])
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_record_that_cannot_begin_advises_the_option_that_names_its_folder(
+    rig_session: RigSession, tmp_path: Path, overwrite: bool
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PalpError, match=r"choose another --out$"):
+        write_record(rig_session.bag, tmp_path / "file" / "record", overwrite=overwrite)
+
+
 def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
     rig_session: RigSession, tmp_path: Path
 ) -> None:

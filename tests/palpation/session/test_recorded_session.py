@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,6 +47,27 @@ def test_a_session_that_ended_in_training_has_the_primitives_of_what_it_trained(
     assert found.primitives is not None
     assert found.primitives.mean.shape == (3, 2)
     assert found.trials == ()
+
+
+@pytest.mark.parametrize("garbage", ["", "{", "null", "[]", "3", '{"depths_m": []}', "\x00", "[" * 100_000])
+def test_primitives_that_cannot_be_read_are_an_error_and_fitted_again_without_them(
+    record: Writer, garbage: str
+) -> None:
+    out = record()
+    (out / "primitives.json").write_text(garbage)
+    with pytest.raises(
+        PalpError, match=r"primitives\.json cannot be read: .*; remove it, and it is fitted again"
+    ):
+        read_session(out)
+    (out / "primitives.json").unlink()
+    assert read_session(out).primitives is not None
+
+
+def test_primitives_whose_values_are_no_numbers_are_an_error(record: Writer) -> None:
+    file = record() / "primitives.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"mean": [["x"]]}))
+    with pytest.raises(PalpError, match=r"primitives\.json cannot be read"):
+        read_session(file.parent)
 
 
 def test_training_that_did_not_reach_every_cell_gives_no_primitives(record: Writer) -> None:

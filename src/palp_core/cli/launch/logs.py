@@ -26,7 +26,7 @@ def logs(
     since: Annotated[
         str | None,
         typer.Option(
-            "--since", metavar="TIME", help="Not before: 5m ago, 14:30 of today, or a date and time."
+            "--since", metavar="TIME", help="Not before: 5m ago, the last 14:30, or a date and time."
         ),
     ] = None,
     graph: GraphOption = None,

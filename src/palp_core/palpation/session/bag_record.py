@@ -26,6 +26,7 @@ from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
 from palp_core.whole_file import write_json
 
+_NAMED_BY = "--out"
 _HEARD = ("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", GUARD)
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
 _DIAGNOSTIC = "DiagnosticStatus"
@@ -51,12 +52,13 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
         BagError: The bag cannot be read.
     """
     if not overwrite:
-        refuse_occupied(folder, "name another folder, --out NAME, or let this replace it, --overwrite")
+        ways_on = "name another folder, --out NAME, or let this replace it, --overwrite"
+        refuse_occupied(folder, ways_on, _NAMED_BY)
     refuse_input(folder, path, f"the bag '{path}'")
     with Bag(path) as bag:
         found = _Contents(bag)
     rows = found.rows()
-    writer = SessionWriter(str(folder), found.believed_m())
+    writer = SessionWriter(str(folder), found.believed_m(), _NAMED_BY)
     writer.start(overwrite=overwrite)
     try:
         for row, palpation in rows:
@@ -66,7 +68,7 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
         summary = found.summary([row for row, _ in rows])
         write_json(folder / RUN, summary)
     except OSError as error:
-        raise cannot_write(folder, error) from error
+        raise cannot_write(folder, error, _NAMED_BY) from error
     finally:
         writer.close()
     return summary

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palp_core.errors import PalpError, PerceptionError
+from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.session.trials_csv import Row, read_rows
@@ -175,7 +175,12 @@ def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:
     """Return what the session learnt; fitted from its training where it ended before that."""
     path = folder / "primitives.json"
     if path.exists():
-        return Primitives.from_json_dict(json.loads(read_whole(path)))
+        try:
+            return Primitives.from_json_dict(json.loads(read_whole(path)))
+        except (OSError, ValueError, TypeError, RecursionError, PerceptionError) as error:
+            raise PalpError(
+                f"{path} cannot be read: {in_words(error)}; remove it, and it is fitted again from trials.csv"
+            ) from error
     training = [row for row in rows if row.phase == "training"]
     if not training:
         return None

@@ -36,12 +36,14 @@ _NAMED_BY_TIME = re.compile(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d")
 def refuse_occupied(
     folder: Path,
     ways_on: str = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true",
+    named_by: str = "out:=",
 ) -> None:
     """Refuse a folder that holds a session; one that ended before its first palpation is none.
 
     Args:
         folder: Where a session is to go.
         ways_on: What to do about it.
+        named_by: What the folder is given with.
 
     Raises:
         PalpError: It does, or what lies there cannot be looked at.
@@ -49,7 +51,7 @@ def refuse_occupied(
     try:
         found = [name for name in (*OWN_FILES, REPLACED) if _tells(folder / name)]
     except OSError as error:
-        raise cannot_write(folder, error) from error
+        raise cannot_write(folder, error, named_by) from error
     if found:
         raise PalpError(
             f"'{folder}' holds a session already ({', '.join(found)}), and nothing is overwritten unasked: "
@@ -57,9 +59,9 @@ def refuse_occupied(
         )
 
 
-def cannot_write(folder: Path, error: OSError) -> PalpError:
-    """Return what to say when a session cannot begin in a folder."""
-    return PalpError(f"cannot write the record to '{folder}': {error}; choose another out:=")
+def cannot_write(folder: Path, error: OSError, named_by: str = "out:=") -> PalpError:
+    """Return what to say when a session cannot begin in a folder that was given with ``named_by``."""
+    return PalpError(f"cannot write the record to '{folder}': {error}; choose another {named_by}")
 
 
 def _tells(path: Path) -> bool:

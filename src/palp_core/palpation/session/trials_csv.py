@@ -148,10 +148,12 @@ class SessionWriter:
     Args:
         out: The folder; made if missing.
         depths_m: Classes, in the order of posterior and gain.
+        named_by: What the folder is given with.
     """
 
-    def __init__(self, out: str, depths_m: Sequence[float]) -> None:
+    def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
         self.folder = Path(out)
+        self._named_by = named_by
         labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
         self._columns = []
         for name in _TYPES:
@@ -179,7 +181,7 @@ class SessionWriter:
             link_latest(self.folder)
         except OSError as error:
             self.close()
-            raise cannot_write(self.folder, error) from error
+            raise cannot_write(self.folder, error, self._named_by) from error
         except PalpError:
             self.close()
             raise
@@ -191,7 +193,7 @@ class SessionWriter:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise PalpError(
-                f"another session is writing its record into '{self.folder}'; choose another out:="
+                f"another session is writing its record into '{self.folder}'; choose another {self._named_by}"
             ) from None
 
     def close(self) -> None:
