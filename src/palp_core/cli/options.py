@@ -19,7 +19,7 @@ GraphOption = Annotated[
         autocompletion=completion.graphs,
     ),
 ]
-Level = Literal["debug", "info", "warning", "error"]
+Level = Literal["debug", "info", "warning", "error", "critical"]
 LevelOption = Annotated[
     Level | None, typer.Option("--level", help="At least so, with the lines that belong to it.")
 ]

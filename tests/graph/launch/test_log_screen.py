@@ -10,6 +10,7 @@ import pytest
 from palp_core.graph.discovery.log_lines import LogLine
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
+from palp_core.graph.node.log_format import ENDS_NODE
 from tests.support.palp import Palp
 
 TOYS = """
@@ -34,6 +35,23 @@ class Talker(Node):
         self.log.error("an error")
         print("printed")
         self.finish()
+"""
+HOT = """
+from palp_core import Node, Params, every
+
+
+class HotParams(Params):
+    rate_hz: float = 100.0
+
+
+class Hot(Node):
+    params: HotParams
+
+    @every("rate_hz")
+    def look(self):
+        self.log.critical("too hot")
+        self.log.warning("a warning")
+        raise ValueError("boiling")
 """
 LAUNCH = """
 graph: talkers
@@ -107,11 +125,40 @@ def test_a_flood_is_cut_and_what_is_left_out_is_counted() -> None:
     assert lines[-1].text == "... and 7 more lines: palp logs"
 
 
+@pytest.mark.parametrize(("output", "shown"), [("log", [0]), ("screen", [0, 1])])
+def test_a_critical_line_that_ends_no_node_is_shown(output: str, shown: list[int]) -> None:
+    lines: list[LogLine] = []
+    screen = Shown("critical", {"a": output}, lines.append)
+    texts = ["[CRITICAL] [a]: too hot", "    by 3 K", f"[CRITICAL] [a]: failed{ENDS_NODE}", "    Traceback"]
+    for text in texts:
+        screen.take(f"2026-11-22T12:00:00.000+00:00 a: {text}")
+    assert [line.text for line in lines] == [texts[i] for i in shown]
+    screen.take("2026-11-22T12:00:01.000+00:00 a: [CRITICAL] [a]: of the node that was restarted")
+    assert len(lines) == len(shown) + 1
+
+
+@pytest.mark.parametrize("more", [("clock:=wall",), ("clock:=sim", "--compose")])
+def test_of_a_node_that_fails_all_is_said_and_nothing_twice(
+    palp: Palp, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    (tmp_path / "hot_toys.py").write_text(HOT)
+    path = tmp_path / "hot.yaml"
+    path.write_text(LAUNCH.replace("talker_toys:Talker", "hot_toys:Hot"))
+    done = palp.run("launch", path, "output:=screen", "--log-level", "critical", *more)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[0] == "[CRITICAL] [talker]: too hot"
+    assert done.stderr.count("ValueError: boiling") == 1
+    logs = palp.run("logs", "--level", "critical")
+    assert "[CRITICAL] [talker]: too hot\n" in logs.stdout
+    assert f"ValueError: boiling{ENDS_NODE}\n" in logs.stdout
+    assert "a warning" not in logs.stdout
+
+
 def test_what_ends_a_node_is_left_to_the_launcher_to_say() -> None:
     lines: list[LogLine] = []
     screen = Shown("warning", {"a": "screen"}, lines.append)
     for text in (
-        "[CRITICAL] [a]: failed",
+        f"[CRITICAL] [a]: failed{ENDS_NODE}",
         "    Traceback",
         "[WARNING] [supervisor]: a failed; restart 1 of 3",
     ):

@@ -2,12 +2,42 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
 from tests.support.palp import CHAIN
+
+TOYS = """
+from palp_core import Node, Params, every
+
+
+class OnceParams(Params):
+    rate_hz: float = 100.0
+
+
+class Once(Node):
+    params: OnceParams
+
+    @every("rate_hz")
+    def end(self):
+        self.finish()
+
+
+def report(summary):
+    raise {}
+"""
+ONE = """
+graph: one
+clock: sim
+report: {0}:report
+nodes:
+  once: {{run: {0}:Once, on_exit: shutdown}}
+"""
 
 
 def test_a_graph_runs_from_python_and_says_how_it_went() -> None:
@@ -42,3 +72,21 @@ def test_a_failing_node_is_an_exception_that_names_it() -> None:
 def test_mistakes_are_raised_before_anything_starts() -> None:
     with pytest.raises(GraphError, match=r"chain\.yaml"), Graph(CHAIN, count="many"):
         pass
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"),
+    [("ValueError: no ink", "ValueError('no ink')"), ("SystemExit: 0", "SystemExit(0)")],
+)
+def test_a_report_that_fails_is_said_and_the_run_counts_as_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, raised: str
+) -> None:
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    module = f"report_toys_{said[0].lower()}"
+    (tmp_path / f"{module}.py").write_text(TOYS.format(raised))
+    (tmp_path / "one.yaml").write_text(ONE.format(module))
+    with Graph(tmp_path / "one.yaml", compose=True) as graph:
+        summary = graph.run()
+    assert graph.summary == summary
+    assert (summary.exit_code, summary.ended) == (1, "")
+    assert summary.report == f"No report was written: {said}"

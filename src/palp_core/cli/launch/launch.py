@@ -53,8 +53,8 @@ def launch(
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
 
-    The exit status is the run's: 0 if it came to its end, 1 if a node failed, 2 if the launch file has
-    mistakes, 130 on Ctrl-C.
+    The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
+    launch file has mistakes, 130 on Ctrl-C.
     """
     overrides = arguments or []
     if show_args:

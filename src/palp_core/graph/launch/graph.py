@@ -233,15 +233,20 @@ class Graph:
         )
         if not self.checked.report:
             return summary
-        said = "No report was written: the end was asked for twice; `palp report` makes it later."
         if not self._interrupt.insisted:
-            try:
-                said = report_function(self.checked.report, self.checked.workspace)(summary)
-            except KeyboardInterrupt:
-                pass
-            except Exception as failure:  # noqa: BLE001 - a report may raise anything; what ended the run counts
-                said = f"No report was written: {in_words(failure)}"
+            with contextlib.suppress(KeyboardInterrupt):
+                return self._reported(summary)
+        said = "No report was written: the end was asked for twice; `palp report` makes it later."
         return msgspec.structs.replace(summary, report=said)
+
+    def _reported(self, summary: RunSummary) -> RunSummary:
+        """Return the summary with what the launch file's report says; if that fails, no exit code is 0."""
+        exit_code = summary.exit_code
+        try:
+            said = report_function(self.checked.report, self.checked.workspace)(summary)
+        except (Exception, SystemExit) as failure:  # noqa: BLE001 - a report may raise anything
+            said, exit_code = f"No report was written: {in_words(failure)}", exit_code or 1
+        return msgspec.structs.replace(summary, report=said, exit_code=exit_code)
 
     def _now_ns(self) -> int:
         """Return the time on the graph's clock; 0 before it starts."""
@@ -310,8 +315,7 @@ class Graph:
             activation_count=activations,
         )
         if self.checked.report and until_s is None:
-            said = report_function(self.checked.report, self.checked.workspace)(self.summary)
-            self.summary = msgspec.structs.replace(self.summary, report=said)
+            self.summary = self._reported(self.summary)
         return self.summary
 
     def _run_lockstep(self, until_ns: int | None) -> tuple[int, float, int]:

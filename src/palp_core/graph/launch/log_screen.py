@@ -10,6 +10,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
 from palp_core.graph.discovery.log_reader import follow
+from palp_core.graph.node.log_format import ENDS_NODE
 
 MOST_PER_S = 100
 """Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""
@@ -35,6 +36,7 @@ class Shown:
         self._run = run
         self._least, self._outputs, self._show = RANK[level], outputs, show
         self._reader = LineReader()
+        self._ended: set[str] = set()
         self._end_ns = self._count = 0
 
     def take(self, text: str) -> None:
@@ -50,7 +52,11 @@ class Shown:
             self._show(line)
 
     def _is_wanted(self, line: LogLine) -> bool:
-        if "[supervisor]: " in line.text or line.level == "critical":
+        if line.begins and line.level == "critical" and line.text.endswith(ENDS_NODE):
+            self._ended.add(line.node)
+        elif line.begins or line.level != "critical":
+            self._ended.discard(line.node)
+        if "[supervisor]: " in line.text or line.node in self._ended:
             return False
         return self._outputs.get(line.node) == "screen" or (line.begins and RANK[line.level] >= self._least)
 

@@ -23,7 +23,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep; None where nobody counted.
-        exit_code: 0 if the run came to its end; negative where it did not say how it ended.
+        exit_code: 0 if the run came to its end, with its report; negative where it did not say how it ended.
         ended: Why it did not come to its end, in words; "" where it did.
         incidents: What nodes said was wrong, in time's order.
         report: What the launch file's report function says in words; "" if there is none.

@@ -21,6 +21,7 @@ from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
 from palp_core.graph.node.handover import first_state
 from palp_core.graph.node.journal import ORDER_PORT, Journal
 from palp_core.graph.node.lifecycle import Lifecycle, LifecycleHooks, Transition, successor
+from palp_core.graph.node.log_format import ENDING
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.params import load_params
 from palp_core.graph.node.qos_events import EventEnd
@@ -280,7 +281,7 @@ class Failing:
     def fail(self, error: BaseException, text: str) -> None:
         """Finalize the node, its safe state reached; its log says what has failed, with the trace."""
         executor = self._executor
-        executor.log.critical("%s", text, exc_info=error)
+        executor.log.critical("%s", text, exc_info=error, extra=ENDING)
         reason = error if isinstance(error, Exception) else NodeError(executor.name, in_words(error))
         executor.lifecycle = Lifecycle.FINALIZED
         hooks: list[Callable[[], None]] = [

@@ -6,7 +6,12 @@ from datetime import UTC, datetime
 from palp_core.graph.clock import unix_ns
 
 LEVELS = ("debug", "info", "warning", "error", "critical")
-"""What a record may be, from the least on; ``critical``, Python's own ``fatal``, is what ends a node."""
+"""What a record may be, from the least on; ``critical``, Python's own ``fatal``, is for what ends a node."""
+
+ENDING = {"ends_node": True}
+"""``extra`` of the record with which a node ends: its first line says so."""
+
+ENDS_NODE = " (this ends the node)"
 
 
 class NodeFormatter(logging.Formatter):
@@ -22,7 +27,10 @@ class NodeFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the lines of a record."""
-        text = super().format(record).replace("\n", "\n    ")
+        first, *more = super().format(record).split("\n")
+        if hasattr(record, "ends_node"):
+            first += ENDS_NODE
+        text = "\n    ".join([first, *more])
         return f"[{record.levelname}] [{self.node_of(record)}]: {text}"
 
     def node_of(self, record: logging.LogRecord) -> str:

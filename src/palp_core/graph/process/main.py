@@ -9,7 +9,7 @@ import socket
 
 from palp_core.errors import NodeError, PalpError, in_words
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.log_format import begin_log
+from palp_core.graph.node.log_format import ENDING, begin_log
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Failed, Hello, Spawn, node_end
 from palp_core.graph.process.lockstep_loop import LockstepLoop
@@ -35,7 +35,7 @@ def run_node(order: Spawn) -> int:
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         text = in_words(error)
         if not (isinstance(error, NodeError) and error.__cause__):  # that one is in the log already
-            logging.getLogger("palp").critical("%s", text, exc_info=error)
+            logging.getLogger("palp").critical("%s", text, exc_info=error, extra=ENDING)
         with contextlib.suppress(ChannelClosed):
             channel.send(Failed(text))
         _safe_end(loop)
