@@ -135,6 +135,40 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
         assert _without_orders(found[0]) == _without_orders(plain)
 
 
+@pytest.mark.parametrize("compose", [False, True])
+def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -> None:
+    params = {"after": 25}
+    with Graph(launch, compose=compose, run="swap_toys:Relay") as graph:
+        graph.plan_swap(0.005, "relay", "swap_toys:Brittle", **params)
+        request = SwapRequest(
+            node="relay", run="swap_toys:Brittle", params=params, probation=Probation(99, 1.0)
+        )
+        graph.swaps.plan(10_000_000, request)
+        with pytest.raises(NodeError, match="too much"):
+            graph.run()
+
+
+@pytest.mark.parametrize("compose", [False, True])
+def test_a_plan_that_is_due_on_probation_is_kept_and_a_state_beyond_words_is_taken_back(
+    launch: Path, *, compose: bool
+) -> None:
+    with Graph(launch, compose=compose, run="swap_toys:Relay") as graph:
+        failing = SwapRequest(
+            node="relay", run="swap_toys:Vague", params={"after": 5}, probation=Probation(99, 0.05)
+        )
+        graph.swaps.plan(10_000_000, failing)
+        good = SwapRequest(node="relay", run="swap_toys:Other", probation=Probation(10_000, 0.05))
+        graph.swaps.plan(50_000_000, good)
+        graph.plan_swap(0.06, "relay", "swap_toys:Loose")
+        failures, reports = _forgiving(graph), _reported(graph)
+        assert graph.run().exit_code == 0
+    assert [(failure.step, "cannot be written down" in failure.text) for failure in failures] == [
+        ("probation", True)
+    ]
+    swaps = [(report.after, report.at_s) for report in reports]
+    assert swaps[:2] == [("swap_toys:Other", 0.05), ("swap_toys:Loose", pytest.approx(0.1, abs=0.002))]
+
+
 def _reported(graph: Graph) -> list[SwapReport]:
     """Collect what swaps come to."""
     reports: list[SwapReport] = []

@@ -254,6 +254,26 @@ class Novice(Relay):
         Relay.pass_on(self, num)
 
 
+class Brittle(Novice):
+    """Cannot bear a number, whoever has the part."""
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        if num.index == self.params.after:
+            raise ValueError("too much")
+        Relay.pass_on(self, num)
+
+
+class Vague(Novice):
+    """Its state cannot be written down after so many numbers."""
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        Novice.pass_on(self, num)
+        if self.count > self.params.after:
+            self.state.drawn = [object()]
+
+
 class Trainee(Novice):
     """Is tried on a number before it takes over."""
 

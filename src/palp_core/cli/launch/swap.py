@@ -1,6 +1,6 @@
 """``palp swap``: let another class take a running node's place."""
 
-import contextlib
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -73,7 +73,7 @@ def swap(
     """
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
-    from palp_core.graph.swap.swap import STEPS
+    from palp_core.graph.swap.swap import MOST_RUNS, STEPS
 
     given = list(params or [])
     if target is not None and ":=" in target:
@@ -102,24 +102,29 @@ def swap(
     if failed:
         note(f"/{failed['node']} goes on as it was: {failed['step']}: {failed['text']}")
         sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
+    few = answer["report"]["proven"]
+    wanted = options.get("probation", {}).get("run_count", 0)
+    if few == 0 or 0 < few < wanted < MOST_RUNS:
+        note(
+            f"{few or 'no'} handlers of the new node ran while the old one stood by: it is proven so far only"
+        )
     if not as_json:
         _print(answer["report"])
 
 
 def _probation(text: str, timeout_s: float) -> dict[str, Any]:
-    """Return how many handlers, and how long at the most: what is not given has no bound but the other.
+    """Return how many handlers, and how long at the most: so many, but within the time-out; or so long.
 
     Raises:
         GraphError: It is neither a number of handlers nor of seconds.
     """
     from palp_core.graph.swap.swap import LONGEST_S, MOST_RUNS
 
-    number = text.removesuffix("s")
-    with contextlib.suppress(ValueError):
-        if text.endswith("s") and 0.0 <= (longest_s := float(number)) <= LONGEST_S:
-            return {"run_count": MOST_RUNS if longest_s else 0, "longest_s": longest_s}
-        if not text.endswith("s") and 0 <= (run_count := int(number)) <= MOST_RUNS:
-            return {"run_count": run_count, "longest_s": timeout_s}
+    given = re.fullmatch(r"([0-9]{1,7})|([0-9]{1,5}(?:\.[0-9]{1,9})?)s", text)
+    if given and given[1] and int(given[1]) <= MOST_RUNS:
+        return {"run_count": int(given[1]), "longest_s": timeout_s}
+    if given and given[2] and (longest_s := float(given[2])) <= LONGEST_S:
+        return {"run_count": MOST_RUNS if longest_s else 0, "longest_s": longest_s}
     raise GraphError(f"--probation {text}: write a number of handlers, as in 5, or of seconds, as in 2.5s")
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Collection
 
+import msgspec
+
 from palp_core.errors import NodeError
 from palp_core.graph.lockstep.composition import Composition
 from palp_core.graph.messages.message import decode_any
@@ -57,15 +59,25 @@ class ComposedProbation(LockstepProbation):
 
     def _report(self) -> Commit | None:
         commits: list[Commit] = []
-        done = self._composition.work_unheard(self.index, lambda: commits.append(self._first_work.commit()))
-        return Commit(commits[0].hand_over, done.frames, commits[0].run_count)
+        try:
+            done = self._composition.work_unheard(
+                self.index, lambda: commits.append(self._first_work.commit())
+            )
+        except NodeError as error:
+            self.failure = str(error).removeprefix(f"{error.node}: ")
+            return None
+        try:
+            self._former.succession.fitting(decode_any(HandOver, commits[0].hand_over), {})
+        except Exception:  # noqa: BLE001 - migrate and adopt are the user's
+            self._way_back = False  # it has to go on from here
+        return msgspec.structs.replace(commits[0], frames=done.frames)
 
     def _fall_back(self) -> None:
         self._composition.promote(self.index, self._former)
         if self._commit is None:
             self._former.succession.resume()
         else:
-            self._former.succession.take_back(decode_any(HandOver, self._commit.hand_over))
+            self._former.succession.take_back(decode_any(HandOver, self._commit.hand_over), self._commit.ends)
 
     def _work_now(self, message: Round) -> Done:
         return self._composition.work_alone(self.index, message)

@@ -90,7 +90,7 @@ class Composition:
         replies = {}
         for index, message in rounds.items():
             self.clock.set(message.now_ns)
-            if self._sockets is not None and self._sockets.requests.waiting:
+            if self._sockets is not None and self._sockets.requests.waiting and not self._on_probation(index):
                 self._sockets.requests.perform(self.names[index])
             if self.probation is not None and self.probation.index == index:
                 replies[index] = self.probation.work(message)
@@ -108,7 +108,12 @@ class Composition:
     def pending_commands(self) -> set[int]:
         """Return the nodes for which a command from outside waits."""
         waiting = self._sockets.requests.waiting if self._sockets is not None else ()
-        return {self.names.index(name) for name in waiting}
+        indices = {self.names.index(name) for name in waiting}
+        return {index for index in indices if not self._on_probation(index)}
+
+    def _on_probation(self, index: int) -> bool:
+        """Tell whether it is not clear yet who goes on as a node: what tools ask of it waits."""
+        return self.probation is not None and self.probation.index == index and not self.probation.over
 
     def shutdown(self, index: int, now_ns: int) -> Done:
         """Bring one node to its safe state and end it."""

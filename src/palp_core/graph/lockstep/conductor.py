@@ -69,6 +69,7 @@ class Conductor:
         self._check = check
         self._due: dict[int, int] = {}
         self._finished: set[int] = set()
+        self._end_ns: int | None = None
 
     def activate(self) -> None:
         """Activate every node in graph order at time 0 and run the rounds that this causes."""
@@ -88,11 +89,22 @@ class Conductor:
     def run(self, until_ns: int | None = None) -> int:
         """Go on until a node whose end is the run's end has finished, or until a time; return the exit code.
 
+        A run within a run, as a swap lets time go by, ends with the outer one at the latest.
+
         Raises:
             GraphError: Nothing is due in any node although nobody has ended the run, or a cycle of messages
             never comes to rest.
             NodeError: A node failed.
         """
+        outer_ns = self._end_ns
+        ends = [end_ns for end_ns in (until_ns, outer_ns) if end_ns is not None]
+        self._end_ns = until_ns = min(ends, default=None)
+        try:
+            return self._run(until_ns)
+        finally:
+            self._end_ns = outer_ns
+
+    def _run(self, until_ns: int | None) -> int:
         while self.exit_code is None:
             self._check()
             if self.exit_code is not None:  # there was work in between
@@ -104,7 +116,7 @@ class Conductor:
                     "every node waits for a message and no timer is due"
                 )
             if until_ns is not None and due_ns > until_ns:
-                self.now_ns = until_ns
+                self.now_ns = max(self.now_ns, until_ns)
                 return 0
             self.now_ns = max(due_ns, self.now_ns)
             self._run_rounds([])

@@ -35,6 +35,9 @@ class SimulatedTime:
         conductor.accept(probation.index, first)
         end_ns = conductor.now_ns + longest_ns
         while not probation.over and conductor.exit_code is None and conductor.now_ns < end_ns:
-            conductor.run(min(conductor.now_ns + _STEP_NS, end_ns))
+            before_ns = conductor.now_ns
+            conductor.run(min(before_ns + _STEP_NS, end_ns))
+            if conductor.now_ns == before_ns:  # the run ends at a time, and this is it
+                break
         if probation.failure and not probation.fell_back:  # it died between two rounds
             conductor.accept(probation.index, probation.work(Round(conductor.now_ns, [])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -164,11 +164,16 @@ class Succession:
         executor.exit_code = None
         executor.journal.discard()
 
-    def take_back(self, hand_over: HandOver) -> None:
+    def take_back(self, hand_over: HandOver, ends: Collection[str]) -> None:
         """Go on, after :meth:`pause`, from where a successor had come that was taken back.
 
-        State, accounts, timers and randomness are the successor's; parameters, and what was published as far
-        as it has not written that down, are the node's own. ``on_resume`` is run.
+        State and randomness are the successor's, and of each port that it has, too, what there is to know;
+        the other ports, the parameters, and what was published as far as it has not written that down, are as
+        they were. ``on_resume`` is run.
+
+        Args:
+            hand_over: The successor's.
+            ends: Names of its timers, alarms, events and clients.
 
         Raises:
             SchemaMismatch: The state does not fit this class; nothing has changed.
@@ -178,13 +183,23 @@ class Succession:
         own_class = class_name(type(executor.node))
         executor.node.state = adopt_state(executor.declaration.state, own_class, hand_over)
         executor.rng = rng_from_text(hand_over.rng)
-        history = self._history() | hand_over.history
-        executor.ends.resume(msgspec.structs.replace(hand_over, history=history))
+        executor.ends.resume(self._with_own_ports(hand_over, ends))
         executor.set_time(hand_over.now_ns)
         executor.publishing = True
         executor.failing.hook("on_resume")
         self.resume()
         executor.journal.take_snapshot(hand_over.now_ns)
+
+    def _with_own_ports(self, hand_over: HandOver, ends: Collection[str]) -> HandOver:
+        """Return a successor's hand-over with what it cannot know: of the ports that only this class has."""
+        own = self._executor.ends.write_down()
+        theirs = msgspec.structs.asdict(hand_over)
+        merged = {name: own[name] | theirs[name] for name in ("timers", "events", "consumed", "published")}
+        for name in ("alarms", "calls"):  # only what is set is written down
+            merged[name] = {end: value for end, value in own[name].items() if end not in ends} | theirs[name]
+        idle = [name for name in own["idle"] if name not in hand_over.published] + hand_over.idle
+        history = self._history() | hand_over.history
+        return msgspec.structs.replace(hand_over, history=history, idle=idle, **merged)
 
     def leave(self) -> None:
         """End a node that another process goes on with: the hooks of the safe end run and publish nothing."""

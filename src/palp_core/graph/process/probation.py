@@ -51,7 +51,14 @@ class FirstWork:
         self.frames.clear()
         # whoever passes the frames on remembers them; in lockstep nobody does
         written = executor.succession.snapshot() if self.reports else executor.succession.copy()
-        return Commit(encode_any(written), frames, self._reported - self._begun_at, last)
+        return Commit(
+            encode_any(written),
+            frames,
+            self._reported - self._begun_at,
+            last,
+            list(executor.ends.timers),
+            executor.exit_code is not None,
+        )
 
 
 class LockstepProbation(ABC):

@@ -133,12 +133,16 @@ class Commit(ChannelMessage, frozen=True):
         frames: What it has published since the last commit.
         run_count: How many handlers have run.
         last: The probation is over: what it publishes now it keeps back.
+        ends: Names of its timers, alarms, events and clients.
+        finished: Its work is done.
     """
 
     hand_over: bytes
     frames: list[bytes]
     run_count: int
     last: bool = False
+    ends: list[str] = []
+    finished: bool = False
 
 
 class CommitNow(ChannelMessage, frozen=True):

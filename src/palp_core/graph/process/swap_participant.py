@@ -165,7 +165,11 @@ class SwapParticipant:
 
     def _pass_on(self, commit: swap_messages.Commit) -> None:
         """Say what the successor has to say, and know where to go on should it fail."""
-        self._commit = commit
+        try:
+            self._executor.succession.fitting(decode_any(HandOver, commit.hand_over), {})
+            self._commit = commit
+        except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
+            self._say(swap_messages.Rehearsed(in_words(error), {}))
         publishers = self._executor.ends.publishers
         for frame in commit.frames:
             if end := publishers.get(topic_of(frame).decode()):  # what only the new class has nobody reads
@@ -178,7 +182,7 @@ class SwapParticipant:
             succession.resume()
             return
         hand_over = decode_any(HandOver, commit.hand_over)
-        succession.take_back(hand_over)
+        succession.take_back(hand_over, commit.ends)
         self._succeed(hand_over, {})
 
     def _leave(self, patience_ns: int) -> None:

@@ -7,9 +7,12 @@ import msgspec
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.process.control_messages import Done, Round
-from palp_core.graph.process.probation import HUNG_S, LockstepProbation
+from palp_core.graph.process.probation import LockstepProbation
 from palp_core.graph.process.swap_messages import Commit, CommitNow, Resume
 from palp_core.graph.supervision.standby import Standby
+
+HUNG_S = 60.0
+"""Of the machine's time; a result must not depend on how busy that is (assumed: no handler takes so long)."""
 
 if TYPE_CHECKING:
     from palp_core.graph.supervision.supervisor import Supervisor

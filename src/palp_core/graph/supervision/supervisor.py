@@ -54,6 +54,7 @@ class Supervisor:
         shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
         probation: In lockstep, the rounds of a node whose predecessor stands by.
         watch, forget: As of the channel server.
+        hear: Takes what a process says in a node's name.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Supervisor:
         )
         self.standbys = Standbys(folder, server, self._channels, self._launcher)
         self.watch, self.forget = self._channels.watch, self._channels.forget
+        self.hear = self._on_message
         for descriptor in launcher_node.file_descriptors:
             self.watch(descriptor, launcher_node.poll)
 
@@ -308,7 +310,7 @@ class Supervisor:
     def _has_failed_on_probation(self, index: int, text: str) -> bool:
         """Tell whether a failure is that of a node whose predecessor stands by, and let it know."""
         probation = self.probation
-        if probation is None or probation.index != index or probation.proven:
+        if probation is None or probation.index != index or probation.proven or probation.fell_back:
             return False
         probation.failure = probation.failure or text
         return True

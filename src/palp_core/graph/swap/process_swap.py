@@ -18,7 +18,7 @@ from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process import swap_messages
-from palp_core.graph.process.control_messages import Done
+from palp_core.graph.process.control_messages import Done, Raised
 from palp_core.graph.process.probation import HUNG_S
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
@@ -99,7 +99,7 @@ class _ProcessSwap:
         self._new: Standby | None = None
         self._announced = self._paused = self._changed = False
         self._on_probation = self._way_back = False
-        self._proven = -1
+        self._proven, self._finished = -1, False
         self._commits: list[swap_messages.Commit] = []
         self._comparison: dict[str, Any] = {}
 
@@ -285,8 +285,12 @@ class _ProcessSwap:
         assert new is not None
         end_ns = monotonic_ns() + round(probation.longest_s * 1e9)
         enough = probation.run_count if self._way_back else 1
-        while self._proven < enough and monotonic_ns() < end_ns and not self._old.ended:
-            supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._old.ended, end_ns)
+        while (
+            self._proven < enough
+            and monotonic_ns() < end_ns
+            and not (self._cannot_return() or self._finished or supervisor.exit_code is not None)
+        ):
+            supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._cannot_return(), end_ns)
             self._pass_on(new)
             if new.failure:
                 self._fail(new.failure)
@@ -298,16 +302,27 @@ class _ProcessSwap:
             if not supervisor.wait_until(lambda: bool(new.replies or new.failure), end_ns):
                 self._fail(f"a handler of it did not return within {HUNG_S:g} s")
 
+    def _cannot_return(self) -> bool:
+        """Tell whether the old node is gone, or cannot take the state any more: the new one has to go on."""
+        said = self._supervisor.swap_replies.get(self._index)
+        return self._old.ended or (
+            isinstance(said, swap_messages.Rehearsed) and self._way_back and bool(said.error)
+        )
+
     def _pass_on(self, new: Standby) -> bool:
         """Let the old node say what the new one has reported; tell whether that was the last."""
         said, new.replies = new.replies, []
         for commit in said:
+            if isinstance(commit, Raised):
+                self._supervisor.hear(self._index, commit)
             if isinstance(commit, swap_messages.Commit):
-                self._proven = commit.run_count
+                if commit.last and (new.failure or new.process.has_died()):
+                    self._fail(new.failure or "its process has died")
+                self._proven, self._finished = commit.run_count, commit.finished
                 self._commits.append(commit)
                 if self._way_back or commit.last:
                     for waiting in self._commits:
-                        self._send_old(waiting)
+                        self._supervisor.send_if_connected(self._index, waiting)
                     self._commits.clear()
                 if commit.last:
                     return True
