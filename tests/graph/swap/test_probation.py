@@ -11,20 +11,10 @@ import pytest
 
 from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.swapping import Stage, workspace
+from tests.support.swapping import Stage
 
 LONG = {"run_count": 1_000_000, "longest_s": 240.0}
 """Longer than anything here lasts."""
-
-
-@pytest.fixture
-def launch(tmp_path: Path) -> Path:
-    return workspace(tmp_path) / "wall.yaml"
-
-
-@pytest.fixture
-def stage(palp: Palp, launch: Path) -> Stage:
-    return Stage(palp, launch)
 
 
 def _swap(stage: Stage, run: str, probation: dict[str, Any] = LONG, **params: Any) -> dict[str, Any]:

@@ -20,23 +20,13 @@ from palp_core.graph.swap.swap import STEPS
 from palp_core.graph.transport.migration import read_move
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.swapping import Stage, restarting_workspace, workspace
+from tests.support.swapping import Stage, restarting_workspace
 
 EACH_STEP = [
     pytest.param("configure", marks=pytest.mark.nightly),
     pytest.param("state", marks=pytest.mark.nightly),
     "take over",
 ]
-
-
-@pytest.fixture
-def launch(tmp_path: Path) -> Path:
-    return workspace(tmp_path) / "wall.yaml"
-
-
-@pytest.fixture
-def stage(palp: Palp, launch: Path) -> Stage:
-    return Stage(palp, launch)
 
 
 def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(stage: Stage) -> None:

@@ -1,6 +1,6 @@
 """A composed node on probation, while its predecessor stands by in the same process."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import msgspec
 
@@ -49,22 +49,19 @@ class ComposedProbation(LockstepProbation):
 
     def _attempt(self, message: Round) -> Done | None:
         composition, index = self._composition, self.index
+        return self._unheard(lambda: follow_round(composition.executor(index), composition.clock, message))
+
+    def _unheard(self, work: Callable[[], None]) -> Done | None:
         try:
-            return composition.work_unheard(
-                index, lambda: follow_round(composition.executor(index), composition.clock, message)
-            )
+            return self._composition.work_unheard(self.index, work)
         except NodeError as error:
             self.failure = str(error).removeprefix(f"{error.node}: ")
             return None
 
     def _report(self) -> Commit | None:
         commits: list[Commit] = []
-        try:
-            done = self._composition.work_unheard(
-                self.index, lambda: commits.append(self._first_work.commit())
-            )
-        except NodeError as error:
-            self.failure = str(error).removeprefix(f"{error.node}: ")
+        done = self._unheard(lambda: commits.append(self._first_work.commit()))
+        if done is None:
             return None
         try:
             self._former.succession.fitting(decode_any(HandOver, commits[0].hand_over), {})

@@ -74,6 +74,7 @@ class LockstepProbation(ABC):
         failure: Why the predecessor goes on; "" if it need not.
         run_count: How many handlers have run well.
         proven: Enough have: whatever fails now is a failure of the node.
+        fell_back: The predecessor works again.
     """
 
     def __init__(self, index: int, inputs: Collection[str], enough: int, *, way_back: bool) -> None:
@@ -86,17 +87,12 @@ class LockstepProbation(ABC):
         self._passed_by: list[bytes] = []
         self._held: list[bytes] = []
         self._commit: Commit | None = None
-        self._fell_back = False
+        self.fell_back = False
 
     @property
     def over(self) -> bool:
         """Whether it is clear who goes on."""
         return self.proven or bool(self.failure)
-
-    @property
-    def fell_back(self) -> bool:
-        """Whether the predecessor works again."""
-        return self._fell_back
 
     def begin(self, frames: list[bytes], done: Done) -> Done:
         """Return what both have published at the change of hands, as far as it may be heard.
@@ -121,8 +117,8 @@ class LockstepProbation(ABC):
             if (done := self._try(Round(message.now_ns, own))) is not None:
                 self._passed_by += [frame for frame in message.frames if topic_of(frame) not in self._inputs]
                 return done
-        if not self._fell_back:
-            self._fell_back = True
+        if not self.fell_back:
+            self.fell_back = True
             self._fall_back()
         passed_by, self._passed_by = self._passed_by, []
         return self._work_now(Round(message.now_ns, [*passed_by, *message.frames]))

@@ -164,13 +164,14 @@ class _ProcessSwap:
         # Who does not come is no node of this graph, and can ask for what it missed.
         self._reply_of_new(swap_messages.Met)
         self._step = "state"
-        tried = self._on_probation
         handed = self._request_hand_over({}, pause=False, with_latest=self._swap.try_out)
-        self._send_new(swap_messages.Rehearse(handed.hand_over, self._swap.request.params, tried))
+        self._send_new(
+            swap_messages.Rehearse(handed.hand_over, self._swap.request.params, self._on_probation)
+        )
         rehearsed = self._reply_of_new(swap_messages.Rehearsed)
         if rehearsed.error:
             self._fail(rehearsed.error)
-        if tried:
+        if self._on_probation:
             self._send_old(swap_messages.Rehearse(rehearsed.tried, {}))
             self._way_back = not self._reply_of_old(swap_messages.Rehearsed).error
         return rehearsed.after
