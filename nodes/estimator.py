@@ -14,8 +14,8 @@ from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
+from palp_core.methods import find, names
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.methods import find, names
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector

@@ -46,6 +46,10 @@ app = lazy_app(
         "interface": Verb(f"{_CLI}.node.interface:app", "Types of messages and services."),
         "bag": Verb(f"{_CLI}.bag.bag:app", "Recordings."),
         "scene": Verb(f"{_CLI}.rig.scene:app", "Scenes: which model, why, and what comes out."),
+        "methods": Verb(
+            f"{_CLI}.rig.methods:methods",
+            "List the methods of every task, cheapest first, and which of them a scene gets.",
+        ),
         "cache": Verb(f"{_CLI}.rig.cache:app", "Set-ups of contact models, kept on disk."),
         "study": Verb(
             f"{_CLI}.rig.study:app", "Studies: the paper re-run, speed against accuracy, where methods fail."

@@ -120,7 +120,7 @@ def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
     ends.reactors.pop().close()
     ends.until(lambda: ends.disconnected)
     connection = ends.messages[0].connection
-    # The monitor may tell of it before the socket has dropped the connection: it takes what it is given until then.
+    # The monitor may tell of it before the socket, which takes what it is given until it knows.
     ends.until(lambda: listener.send(connection, BytesUnderWay(1 << 20), [b"c"]) is Sent.GONE)
     ends.call(mine, server.public)
     ends.until(lambda: ends.greetings == 2)

@@ -52,7 +52,8 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
                 "reason": choice.reason,
                 "evidence": choice.method.evidence,
                 "cost_s": choice.method.cost_s,
-                "motion": choice.motion,
+                "motion": choice.motion.name,
+                "motion_reason": choice.motion.reason,
                 "candidates": [vars(candidate) for candidate in choice.candidates],
             }
         )
@@ -61,7 +62,7 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
     print_text(f"why: {choice.reason}")
     print_text(f"evidence: {choice.method.evidence}")
     print_text(f"cost: about {choice.method.cost_s:g} s for set-up and a sweep with nothing cached")
-    print_text(f"motion: {choice.motion}")
+    print_text(f"motion: {choice.motion.reason}")
     print_text("")
     _print_candidates(choice)
 
@@ -81,7 +82,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
         return
     print_text(f"rung {done.choice.rung}: {scene.tolerance.output} {_within(done.choice.bound)}")
     print_text(f"why: {done.choice.reason}")
-    print_text(f"motion: {done.choice.motion}")
+    print_text(f"motion: {done.choice.motion.reason}")
     print_text("")
     rows = [
         ["r_a, mm", "peak, N mm", "contrast, N mm", "peak at, mm", "largest angle, deg", "largest force, N"]
@@ -146,7 +147,7 @@ def _metres(option: str, text: str) -> list[float]:
 
 def _print_candidates(choice: SceneChoice) -> None:
     rows = [["rung", "stated error", "set-up and a sweep", "verdict"]]
-    rows += [[c.rung, _percent(c.bound), f"{c.cost_s:g} s", c.verdict] for c in choice.candidates]
+    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", f"{c.mark}: {c.why}"] for c in choice.candidates]
     print_table(rows)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.methods import methods as declared
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.methods import methods as declared
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.resampling import (

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palp_core.methods import find
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.methods import find
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, trial_filter

@@ -7,8 +7,8 @@ from itertools import groupby
 import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError
+from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MechanicsError, MethodError
+from palp_core.methods import find
 from palp_core.palpation.mechanics import (
     Bead,
     LayeredHertz,
@@ -24,7 +25,6 @@ from palp_core.palpation.mechanics import (
 from palp_core.palpation.mechanics.contact.l2_bounds import _ABOUT, _NEAR, _PAPER
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
-from palp_core.palpation.methods import find
 
 STAGE_M = np.linspace(-0.03, 0.05, 161)
 RINGS_M = (0.0, 0.004, 0.008, 0.016)

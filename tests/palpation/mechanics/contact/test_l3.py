@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import MethodError, OutOfRange
+from palp_core.methods import choose, find
 from palp_core.palpation.mechanics import Bead, Phantom
 from palp_core.palpation.mechanics.contact.l3 import PlaneContact
-from palp_core.palpation.methods import choose, find
 
 TIP_M = 0.006
 

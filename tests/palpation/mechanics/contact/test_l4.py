@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import find
 from palp_core.palpation.mechanics import Bead, Phantom, Probe, sweep
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.methods import find
 
 TIP_M = 0.006
 ORIGIN = np.zeros(())

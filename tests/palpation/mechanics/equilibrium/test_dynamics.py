@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import choose, find
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.friction import Slip, coulomb_implicit, tanh_explicit
-from palp_core.palpation.methods import choose, find
 from palp_core.units import Float64Array
 
 RINGS_M = (0.004, 0.016)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import MechanicsError, MethodError, OutOfRange
+from palp_core.methods import find, methods
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, equilibria, sweep
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, inverse_guess, polish
-from palp_core.palpation.methods import find, methods
 from palp_core.units import Float64Array
 
 STAGE_M = np.linspace(-0.03, 0.05, 161)

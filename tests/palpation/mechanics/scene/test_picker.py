@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palp_core.methods import find
 from palp_core.palpation.mechanics import rung_model
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
-from palp_core.palpation.methods import find
 from palp_core.palpation.studies.contact import validity as contact_validity
 from palp_core.palpation.studies.contact.judged import NEAR, Judged, judge, scene_of
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MechanicsError, MethodError, OutOfRange
+from palp_core.methods import choose, find
 from palp_core.palpation.mechanics import (
     Bead,
     Phantom,
@@ -26,7 +27,6 @@ from palp_core.palpation.mechanics import (
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, decisions, peak_n_m, separation_n_m
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
-from palp_core.palpation.methods import choose, find
 
 TEXT = """\
 phantom: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: {radius_m: 0.0075, depth_m: 0.004}}
@@ -46,6 +46,7 @@ def written(folder: Path, text: str = TEXT) -> Path:
 def test_the_default_scene_is_answered_by_l2_with_its_reason() -> None:
     model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), 0.006)
     assert model.rung == choice.method.name == "l2"
+    assert choice.bound is not None
     assert choice.bound <= 0.02
     assert "contact-validity" in choice.reason
     assert model.force(np.zeros(1), np.array([0.003]))[0] > 0.0
@@ -114,12 +115,27 @@ def test_a_rung_asked_for_by_name_is_taken_with_its_stated_error_or_none() -> No
     taught = choose_rung(scene, "l1")
     assert (taught.rung, taught.bound) == ("l1", None)
     assert "finer: l2" in taught.reason
-    assert [c.rung for c in taught.candidates if c.verdict == "chosen"] == ["l1"]
+    assert [c.name for c in taught.candidates if c.mark == "chosen"] == ["l1"]
 
 
-def test_a_fast_sweep_is_told_that_inertia_is_left_out() -> None:
-    assert "without a stated bound" in choose_rung(Scene(path=StagePath(speed_m_s=0.3))).motion
-    assert "change the peak by 0.5% at most" in choose_rung(Scene()).motion
+def test_a_fast_sweep_has_inertia_and_a_slow_one_does_without() -> None:
+    assert choose_rung(Scene()).motion.name == "quasi_static"
+    fast = choose_rung(Scene(path=StagePath(speed_m_s=0.3))).motion
+    assert (fast.name, fast.bound) == ("dynamic", 0.005)
+    assert "quasi_static vouches for no 'peak' here (speed_m_s = 0.3 is not in [0, 0.1])" in fast.reason
+    neither = choose_rung(Scene(tolerance=Tolerance(relative=1e-3)), "l4").motion
+    assert (neither.name, neither.asked) == ("quasi_static", True)
+
+
+def test_a_fast_scene_is_run_with_inertia() -> None:
+    slow, fast = (run_scene(Scene(path=StagePath(speed_m_s=v), ring_m=(0.004,))) for v in (0.02, 0.3))
+    assert slow.choice.motion.name == "quasi_static"
+    assert fast.as_json()["motion"] == "dynamic"
+    assert fast.sweeps[0].stage_m.tolist() == slow.sweeps[0].stage_m.tolist()
+    assert fast.contrast_n_m[0] != pytest.approx(slow.contrast_n_m[0], rel=0.05)
+    back = run_scene(Scene(path=StagePath(speed_m_s=0.3, from_m=0.03, to_m=-0.05), ring_m=(0.004,)))
+    ahead = run_scene(Scene(path=StagePath(speed_m_s=0.3, from_m=-0.03, to_m=0.05), ring_m=(0.004,)))
+    assert back.peak_n_m == pytest.approx(ahead.peak_n_m, rel=1e-9)
 
 
 def test_a_scene_reads_as_written(tmp_path: Path) -> None:
@@ -176,7 +192,7 @@ def test_a_run_has_every_ring_and_says_what_it_met(tmp_path: Path) -> None:
     done = run_scene(read_scene(written(tmp_path)))
     told: dict[str, Any] = done.as_json()
     assert " ".join(told) == (
-        "ring_m stage_m torque_n_m angle_rad normal_n peak_n_m contrast_n_m rung bound guards"
+        "ring_m stage_m torque_n_m angle_rad normal_n peak_n_m contrast_n_m rung bound motion guards"
     )
     assert np.shape(told["torque_n_m"]) == (2, len(told["stage_m"])) == np.shape(told["normal_n"])
     assert told["peak_n_m"] == [max(row) for row in told["torque_n_m"]]
@@ -186,7 +202,7 @@ def test_a_run_has_every_ring_and_says_what_it_met(tmp_path: Path) -> None:
     assert any("small strain" in words for words in pressed.guards)
     assert pressed.as_json()["guards"] == list(pressed.guards)
     taught = run_scene(Scene(), "l1")
-    assert any("outside its valid range: poisson" in words for words in taught.guards)
+    assert any("outside its valid range: poisson = 0.49" in words for words in taught.guards)
 
 
 def test_a_table_has_both_forces_over_offsets_and_indentations() -> None:

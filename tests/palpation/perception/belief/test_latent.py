@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal, norm
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find, methods
+from palp_core.methods import find, methods
 from palp_core.palpation.perception.belief import bayes, latent
 from palp_core.palpation.perception.belief.latent import OffsetModel
 

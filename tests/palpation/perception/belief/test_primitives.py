@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from palp_core.errors import MethodError, PerceptionError
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
 from palp_core.palpation.perception.belief.bayes import flat_prior, posterior, update
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 

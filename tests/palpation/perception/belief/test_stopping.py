@@ -10,8 +10,8 @@ from scipy.spatial.distance import correlation
 from nodes.estimator import EstimatorParams, mistakes
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.node.params import describe_params
-from palp_core.palpation import methods as registry
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
+from palp_core.methods import register as registry
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.stopping import (
     BeliefStep,

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
 from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstState, distance_first
 
 

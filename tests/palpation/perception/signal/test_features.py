@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
 from palp_core.palpation.perception.signal.features import contrast, peak
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 

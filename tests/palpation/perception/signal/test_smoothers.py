@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MethodError, PerceptionError
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
 from palp_core.palpation.perception.signal.smoothers import LowPass, SavitzkyGolay, Smoother, smoother
 
 NAMES = ["db10_soft", "db10_approximation", "savitzky_golay", "low_pass", "none"]

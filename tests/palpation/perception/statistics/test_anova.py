@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import methods
+from palp_core.methods import methods
 from palp_core.palpation.perception.statistics.anova import (
     Anova,
     NotTestable,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find, methods
+from palp_core.methods import find, methods
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.strategy import figure5

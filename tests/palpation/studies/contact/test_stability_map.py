@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MechanicsError
+from palp_core.methods import find, methods, outside
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Scene, solve
 from palp_core.palpation.mechanics.equilibrium.finders import continued_newton
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.limits import explicit_step_s, stage_step
-from palp_core.palpation.mechanics.scene.guard import outside
-from palp_core.palpation.methods import find, methods
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.contact.cases_joint import joint_cases
 from palp_core.palpation.studies.contact.cases_other import other_cases
@@ -102,9 +101,9 @@ def test_an_explicit_step_is_a_third_of_the_linear_limit() -> None:
 
 
 def test_a_rung_outside_its_range_is_named_with_the_quantity_and_the_survivor() -> None:
-    assert outside("contact", "l2", Scene()) == ""
-    words = outside("contact", "l1", Scene())
-    assert "poisson not in [0, 0.45]" in words
+    assert outside("contact", "l2", Scene().quantities()) == ""
+    words = outside("contact", "l1", Scene().quantities())
+    assert "poisson = 0.49 is not in [0, 0.45]" in words
     assert "l2 survives" in words
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palp_core.palpation.methods import find
+from palp_core.methods import find
 from palp_core.palpation.studies.simulation.reading_table import (
     Gel,
     ReadingTable,

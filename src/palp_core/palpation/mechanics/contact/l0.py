@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
 _WORKING_POINT = (0.55, 1.0)  # share of the nominal indentation that a yielding joint leaves, and all of it
@@ -105,6 +105,7 @@ def fit_to(model: ContactModel, indentation_m: float = _NOMINAL_M) -> Bump:
         "indentation_m": (0.0, 0.005),
     },
     fails="anywhere but at the working point it was fitted at",
+    reference="it replays forces that it was fitted to, measured ones of a phantom or another rung's",
     survivor="l2",
 )
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import OutOfRange
+from palp_core.methods import Bound, method
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
 POISSON_MAX = 0.4995
@@ -31,6 +31,7 @@ _NODES = 16
     },
     fails="forces several times too high on thick gel; the modulus of a column diverges as nu -> 0.5",
     survivor="l2",
+    reference="for teaching; on any gel that is touched in earnest its forces are several times too high",
 )
 @dataclass(frozen=True)
 class ElasticFoundation:

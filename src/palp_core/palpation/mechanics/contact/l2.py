@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.l2_bounds import BOUNDS
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
 _ITERATIONS = 60

@@ -14,7 +14,7 @@ other scenes and must find every bound kept.
 
 from collections.abc import Mapping
 
-from palp_core.palpation.methods import Bound
+from palp_core.methods import Bound
 
 _Range = tuple[float, float]
 _Box = Mapping[str, _Range]

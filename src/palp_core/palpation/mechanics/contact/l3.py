@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palp_core.errors import OutOfRange
+from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     valid=FEM_SCENES,
     fails="as a model of a ball and a bead: it is one of two cylinders, and vouches for nothing",
     survivor="l4",
+    reference="for tests of methods: a cylinder on a section, not a ball on a gel",
 )
 @dataclass(frozen=True)
 class PlaneContact:

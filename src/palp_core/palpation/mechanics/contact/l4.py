@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from palp_core.errors import OutOfRange
+from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4_bounds import BOUNDS
@@ -16,7 +17,6 @@ from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import method
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations in the table, uniform in their square roots

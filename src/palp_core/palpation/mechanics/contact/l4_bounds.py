@@ -11,7 +11,7 @@ seventy loads and rings each. Elements twice as fine around the bead and cells o
 less than 0.7 %.
 """
 
-from palp_core.palpation.methods import Bound
+from palp_core.methods import Bound
 
 _GEL = (500.0, 500e3)
 _CROSSED = {"margin_m": (0.02, 1e9)}  # nearer the bead a path ends before the peak, or under it

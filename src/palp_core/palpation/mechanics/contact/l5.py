@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import Bound, method
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
@@ -15,7 +16,6 @@ from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_rang
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations up to the ball's radius, uniform in their square roots

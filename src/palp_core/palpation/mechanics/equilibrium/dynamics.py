@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.friction import Slip, coulomb_implicit, tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import joint_at
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
 from palp_core.palpation.mechanics.limits import explicit_step_s, require
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
 _SLOPE_RAD = 1e-6
@@ -198,6 +198,15 @@ def simulate(
         slip_m_s,
         guards,
     )
+
+
+declare_task(
+    "motion",
+    "Does the joint's inertia matter?",
+    per="a sweep of 4 s",
+    output="peak",
+    tolerance=0.02,
+)
 
 
 @method(

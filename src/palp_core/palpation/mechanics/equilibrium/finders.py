@@ -9,16 +9,25 @@ import numpy as np
 from scipy.optimize import brentq
 
 from palp_core.errors import MechanicsError
+from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
-from palp_core.palpation.methods import Bound, method
 from palp_core.units import Float64Array
 
 _EVIDENCE = (
     "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_joint_equilibrium.py"
 )
+_SHOWN = "kept to show where it fails"
 _STEPS = 60
 _SAMPLES = 65
+
+declare_task(
+    "equilibrium",
+    "At which angle does the joint come to rest?",
+    per="a position of the stage",
+    output="angle",
+    tolerance=1e-6,
+)
 
 
 @method(
@@ -66,6 +75,7 @@ def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
     evidence=_EVIDENCE,
     fails="wrong roots such as 180 degrees, or cycles, at most ring positions from 0 to 16 mm",
     survivor="bracketed_newton",
+    reference=_SHOWN,
 )
 def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Newton from an upright probe, without a bracket."""
@@ -85,6 +95,7 @@ def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
     fails="two-cycle: a larger angle unloads the contact, so the next one is too small; at every ring "
     "up to 16 mm",
     survivor="bracketed_newton",
+    reference=_SHOWN,
 )
 def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Repeat q = asin(moment of the contact at q / largest restoring moment)."""
@@ -102,6 +113,7 @@ def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
     fails="the force of the sample before is a fixed point in time: flips from sample to sample at "
     "every ring",
     survivor="bracketed_newton",
+    reference=_SHOWN,
 )
 def lagged_force(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Balance each position against the contact force at the angle of the position before."""

@@ -8,10 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.palpation.methods import Bound, method
+from palp_core.methods import Bound, declare_task, method
 from palp_core.units import Float64Array
 
 _EVIDENCE = "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_friction.py"
+_SHOWN = "kept to show where it fails"
+
+declare_task(
+    "friction",
+    "With what force does the gel hold the ball over a time step?",
+    per="a time step",
+    output="torque",
+    tolerance=0.02,
+)
 
 
 @dataclass(frozen=True)
@@ -70,6 +79,7 @@ def coulomb_implicit(slip: Slip) -> Float64Array:
     evidence=_EVIDENCE,
     fails="chatters as soon as the ball comes to rest on the gel, at any step",
     survivor="coulomb_implicit",
+    reference=_SHOWN,
 )
 def coulomb_explicit(slip: Slip) -> Float64Array:
     """Coulomb's law with the sign of the slip before the step."""
@@ -84,6 +94,7 @@ def coulomb_explicit(slip: Slip) -> Float64Array:
     fails="chatters and blows up once the step passes about 2 I v_r / (mu N A^2); creeps where it "
     "should stick",
     survivor="coulomb_implicit",
+    reference=_SHOWN,
 )
 def tanh_explicit(slip: Slip) -> Float64Array:
     """Return mu N tanh(v_slip / v_r) with the slip before the step."""

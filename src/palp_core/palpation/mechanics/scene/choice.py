@@ -2,54 +2,52 @@
 
 from dataclasses import dataclass
 
-import palp_core.palpation.mechanics.contact  # noqa: F401 -- declares the rungs
+import palp_core.palpation.mechanics.contact
+import palp_core.palpation.mechanics.equilibrium.dynamics  # noqa: F401 -- declares, as the line above does
 from palp_core.errors import MethodError
+from palp_core.methods import Candidate, Method, MethodChoice, choose, find
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, Tolerance, yielding
-from palp_core.palpation.methods import Method, MethodChoice, Quantities, choose, find, methods
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """What one rung offers a scene.
-
-    Attributes:
-        rung: Its name.
-        bound: Stated relative error of the scene's output there; None where it vouches for none.
-        cost_s: Typical seconds of CPU for set-up and a sweep, nothing cached.
-        verdict: Why it was taken or not.
-    """
-
-    rung: str
-    bound: float | None
-    cost_s: float
-    verdict: str
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, yielding
 
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """The rung for a scene.
+    """What a scene is computed with.
 
     Attributes:
-        method: The chosen rung as declared.
-        bound: Its stated relative error of the scene's output; None where it vouches for none.
-        reason: Why it was chosen, in words.
-        candidates: All rungs, cheapest first.
-        motion: Whether the joint is solved quasi-statically or with inertia, and why.
+        contact: The contact rung.
+        motion: Whether the joint is solved quasi-statically or with inertia.
     """
 
-    method: Method
-    bound: float | None
-    reason: str
-    candidates: tuple[Candidate, ...]
-    motion: str
+    contact: MethodChoice
+    motion: MethodChoice
 
     @property
     def rung(self) -> str:
         """Name of the rung."""
-        return self.method.name
+        return self.contact.name
+
+    @property
+    def method(self) -> Method:
+        """The rung as declared."""
+        return self.contact.method
+
+    @property
+    def bound(self) -> float | None:
+        """The rung's stated relative error of the scene's output; None where it vouches for none."""
+        return self.contact.bound
+
+    @property
+    def reason(self) -> str:
+        """Why the rung was chosen, in words."""
+        return self.contact.reason
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """All rungs, cheapest first."""
+        return self.contact.candidates
 
 
 def choose_rung(scene: Scene, rung: str | None = None) -> SceneChoice:
@@ -63,62 +61,31 @@ def choose_rung(scene: Scene, rung: str | None = None) -> SceneChoice:
         MethodError: No rung is good enough, the one that is takes longer than the budget, or there is no
             such.
     """
-    quantities, asked = scene.quantities(), scene.tolerance
-    bound: float | None
-    if rung is None:
-        choice = choose("contact", asked.output, asked.relative, quantities)
-        chosen, bound, reason = choice.method, choice.bound, choice.reason
-    else:
-        chosen = find("contact", rung)
-        bound = chosen.bound(asked.output, quantities)
-        stated = (
-            f"'{asked.output}' within {bound:.1%}"
-            if bound is not None
-            else f"no bound on '{asked.output}' here"
-        )
-        reason = f"{rung}: asked for by name; {stated}, evidence {chosen.evidence}"
-        if bound is None and chosen.fails:
-            reason += f"; it fails at: {chosen.fails}; finer: {chosen.survivor or 'none'}"
-    candidates = tuple(_candidate(one, quantities, asked, chosen.name) for one in methods("contact"))
-    cost_s = chosen.cost_s * len(scene.phantoms)
-    if rung is None and scene.budget_s is not None and cost_s > scene.budget_s:
-        affordable = [
-            c for c in candidates if c.bound is not None and c.cost_s * len(scene.phantoms) <= scene.budget_s
-        ]
-        best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
-        offer = f"{best.rung} gives {best.bound:.1%}" if best else "no rung vouches for it"
-        raise MethodError(
-            f"'{asked.output}' within {asked.relative:.1%} takes {chosen.name}, about {cost_s:g} s with "
-            f"nothing cached; "
-            f"budget_s is {scene.budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
-        )
-    return SceneChoice(chosen, bound, reason, candidates, _motion(scene))
-
-
-def _candidate(one: Method, quantities: Quantities, asked: Tolerance, chosen: str) -> Candidate:
-    bound = one.bound(asked.output, quantities)
-    if one.name == chosen:
-        verdict = "chosen"
-    elif bound is None:
-        verdict = f"vouches for no '{asked.output}' here"
-    else:
-        verdict = "not right enough" if bound > asked.relative else "right enough, but dearer"
-    return Candidate(one.name, bound, one.cost_s, verdict)
-
-
-def _motion(scene: Scene) -> str:
-    """Say whether inertia may be left out."""
-    slow = find("motion", "quasi_static")
-    quantities = scene.quantities() | {"speed_m_s": scene.path.speed_m_s}
-    output = "peak" if scene.tolerance.output in ("peak", "separation", "decision") else "contrast"
-    bound = slow.bound(output, quantities)
-    speed = f"{scene.path.speed_m_s:g} m/s"
-    if bound is not None:
-        return f"quasi_static: at {speed} inertia and damping change the {output} by {bound:.1%} at most"
-    return (
-        f"quasi_static, without a stated bound on the {output} at {speed} and these rings: {slow.fails}; "
-        "palp_core.palpation.mechanics.equilibrium.dynamics.simulate has inertia"
+    asked = scene.tolerance
+    contact = choose(
+        "contact",
+        asked.output,
+        asked.relative,
+        scene.quantities(),
+        asked=rung or "",
+        uses=len(scene.phantoms),
+        budget_s=None if rung else scene.budget_s,
     )
+    return SceneChoice(contact, choose_motion(scene))
+
+
+def choose_motion(scene: Scene) -> MethodChoice:
+    """Return whether inertia may be left out of a scene, as the register has it.
+
+    What leaves inertia out may take as much of the tolerance again as the contact; where nothing that is
+    declared vouches for that, the quasi-static joint is taken by name, and says that it vouches for nothing.
+    """
+    output = "contrast" if scene.tolerance.output == "contrast" else "peak"
+    quantities = scene.quantities() | {"speed_m_s": scene.path.speed_m_s}
+    try:
+        return choose("motion", output, scene.tolerance.relative, quantities)
+    except MethodError:
+        return choose("motion", output, scene.tolerance.relative, quantities, asked="quasi_static")
 
 
 def rung_model(rung: str, phantom: Phantom, tip_radius_m: float) -> ContactModel:

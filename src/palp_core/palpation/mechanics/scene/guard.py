@@ -9,26 +9,9 @@ import numpy as np
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.methods import find
 
 SMALL_STRAIN_SHARE = 0.5
 """Of the ball's radius and of the gel over the bead; beyond it small strain may be off by a tenth."""
-
-
-def outside(task: str, name: str, scene: Scene) -> str:
-    """Return which quantities of a scene lie outside a method's valid range, in words; empty if none."""
-    declared, quantities = find(task, name), scene.quantities()
-    strayed = []
-    for quantity, (low, high) in declared.valid.items():
-        given = quantities.get(quantity)
-        values = given if isinstance(given, tuple) else () if given is None else (given,)
-        if any(not low <= value <= high for value in values):
-            strayed.append(f"{quantity} not in [{low:g}, {high:g}]")
-    if not strayed:
-        return ""
-    advice = f"; {declared.survivor} survives there" if declared.survivor else ""
-    return f"{name} is outside its valid range: {', '.join(strayed)}{advice}"
 
 
 def sweep_guards(phantom: Phantom, probe: Probe, rung: str, solved: Sweep) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """The touch of a simulated rig: phantoms by code, the probe, and the rung that each phantom needs."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
+from palp_core.methods import MethodChoice, choose
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -12,26 +12,6 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.guard import sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, yielding
-from palp_core.palpation.methods import Method, choose
-
-
-class Chosen(Protocol):
-    """A rung with the bound that justified it and the reason in words."""
-
-    @property
-    def method(self) -> Method:
-        """The rung as declared."""
-        ...
-
-    @property
-    def bound(self) -> float | None:
-        """Its stated relative error of the output that was asked for."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why it was chosen."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +32,7 @@ class Rig:
     output: str
     tolerance: float
     phantoms: dict[str, Phantom]
-    choices: dict[str, Chosen]
+    choices: dict[str, MethodChoice]
 
     def model(self, code: str) -> ContactModel:
         """Return a phantom's contact model, ready to use."""
@@ -89,12 +69,12 @@ def rig(
         MechanicsError: A file is wrong; the message says where.
         MethodError: No rung is good enough for a phantom.
     """
-    choices: dict[str, Chosen] = {}
+    choices: dict[str, MethodChoice] = {}
     if scene:
         given = read_scene(scene)
         found = load_phantoms(phantoms, given.phantom)
         for code, phantom in found.items():
-            choices[code] = choose_rung(replace(given, phantom=phantom))
+            choices[code] = choose_rung(replace(given, phantom=phantom)).contact
         asked = given.tolerance
         return Rig(given.probe, given.path.indentation_m, asked.output, asked.relative, found, choices)
     probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palp_core.methods import find, outside
+from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
-from palp_core.palpation.mechanics.scene.guard import outside, sweep_guards
+from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
+from palp_core.palpation.mechanics.scene.guard import sweep_guards
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.methods import find
 from palp_core.units import Float64Array
 
 
@@ -46,8 +48,17 @@ class SceneRun:
             "contrast_n_m": list(self.contrast_n_m),
             "rung": self.choice.rung,
             "bound": self.choice.bound,
+            "motion": self.choice.motion.name,
             "guards": list(self.guards),
         }
+
+
+def _swept(model: ContactModel, scene: Scene, stage_m: Float64Array, *, moving: bool) -> tuple[Sweep, ...]:
+    """Return one sweep per ring position, with inertia where the scene needs it."""
+    if moving:
+        return dynamic_sweeps(model, scene.probe, scene.ring_m, scene.path, stage_m)
+    depth_m = scene.path.indentation_m
+    return tuple(sweep(model, scene.probe, ring_m, depth_m, stage_m) for ring_m in scene.ring_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +107,13 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
     choice = choose_rung(scene, rung)
     model = rung_model(choice.rung, scene.phantom, scene.probe.tip_radius_m)
     stage = grid_m(scene)
-    sweeps = tuple(
-        sweep(model, scene.probe, ring_m, scene.path.indentation_m, stage) for ring_m in scene.ring_m
-    )
+    sweeps = _swept(model, scene, stage, moving=choice.motion.name == "dynamic")
     guards = tuple(
         f"ring_m = {ring_m:g}: {words}"
         for ring_m, one in zip(scene.ring_m, sweeps, strict=True)
         for words in sweep_guards(scene.phantom, scene.probe, choice.rung, one)
     )
-    strayed = outside("contact", choice.rung, scene)
+    strayed = outside("contact", choice.rung, scene.quantities())
     guards = (strayed, *guards) if strayed else guards
     return SceneRun(
         choice=choice,

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -246,6 +246,15 @@ def keep(model: OffsetModel, kept: ArrayLike) -> OffsetModel:
         model.offset_sd[stays],
         tuple(flag for flag, stay in zip(model.renewed_by_move, stays, strict=True) if stay),
     )
+
+
+declare_task(
+    "filter",
+    "What do readings of one trial that share an error tell together?",
+    per="a reading",
+    output="calibration",
+    tolerance=0.05,
+)
 
 
 @method(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -30,6 +30,15 @@ class Cells:
     sd: Float64Array
     count: Float64Array
     floor: float
+
+
+declare_task(
+    "likelihood",
+    "How likely is a reading, given what training taught?",
+    per="a reading",
+    output="calibration",
+    tolerance=0.05,
+)
 
 
 @method(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find
+from palp_core.methods import find
 from palp_core.palpation.perception.belief.likelihoods import Cells
 from palp_core.units import Float64Array
 

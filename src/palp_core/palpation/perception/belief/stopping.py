@@ -5,7 +5,7 @@ That distance has cases without a value, and it cannot see a belief that doubles
 each case is named here.
 
 Arrays may have leading dimensions, one entry per trial: many trials are judged by the same lines as one. A
-rule is one class here, declared with :func:`palp_core.palpation.methods.method`; the estimator, ``palp
+rule is one class here, declared with :func:`palp_core.methods.method`; the estimator, ``palp
 analyse --stop`` and the studies find it by its name.
 """
 
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import rel_entr
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find, method
+from palp_core.methods import declare_task, find, method
 from palp_core.units import Float64Array
 
 _FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
@@ -163,6 +163,15 @@ def _direction(vector: Float64Array, flat: NDArray[np.bool_]) -> Float64Array:
 
 def _dot(first: Float64Array, second: Float64Array) -> Float64Array:
     return np.asarray((first[..., None, :] @ second[..., :, None])[..., 0, 0])
+
+
+declare_task(
+    "stop",
+    "When is enough known to end a trial?",
+    per="a reading",
+    output="calibration",
+    tolerance=0.05,
+)
 
 
 @method(

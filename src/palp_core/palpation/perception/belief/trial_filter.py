@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find
+from palp_core.methods import find
 from palp_core.palpation.perception.belief import bayes, latent
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import RigNoise, latent_model, on_depths

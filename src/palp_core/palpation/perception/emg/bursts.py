@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.palpation.perception.emg.levels import find_bursts
 from palp_core.units import Float64Array
 
@@ -51,6 +51,15 @@ class BurstState:
     first: int = 0
     last: int = 0
     pending: tuple[tuple[int, float], ...] = ()
+
+
+declare_task(
+    "burst",
+    "Where in an EMG are its bursts?",
+    per="a second of EMG",
+    output="bursts",
+    tolerance=0.01,
+)
 
 
 @method(

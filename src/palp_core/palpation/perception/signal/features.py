@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.units import Float64Array
 
 
@@ -36,6 +36,15 @@ def _search_range(sample_count: int, edge: int, around: tuple[int, int] | None) 
             "sweep further past the nodule or lower the wavelet level"
         )
     return first, last
+
+
+declare_task(
+    "feature",
+    "Which number is read off a sweep?",
+    per="a sweep of 4000 samples",
+    output="decision",
+    tolerance=0.05,
+)
 
 
 @method(

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import butter, savgol_filter, sosfilt, sosfilt_zi
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find, method
+from palp_core.methods import declare_task, find, method
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
@@ -59,6 +59,15 @@ class _Wavelet:
     def edge(self) -> int:
         """The edge cone."""
         return self.lag
+
+
+declare_task(
+    "smoother",
+    "How is a sweep freed of noise?",
+    per="a sweep of 4000 samples",
+    output="feature",
+    tolerance=0.05,
+)
 
 
 @method(

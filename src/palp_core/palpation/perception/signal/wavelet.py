@@ -10,7 +10,7 @@ import numpy as np
 import pywt
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import find, method
+from palp_core.methods import declare_task, find, method
 from palp_core.units import Float64Array
 
 _GAUSSIAN_MAD = 0.6744897501960817  # median of |z|, z standard normal
@@ -51,6 +51,15 @@ def universal_threshold(noise_sd: float, count: int) -> float:
         count: n, the number of coefficients, which is about that of the samples.
     """
     return float(noise_sd * np.sqrt(2.0 * np.log(count)))
+
+
+declare_task(
+    "denoise",
+    "What becomes of wavelet coefficients?",
+    per="a sweep of 4000 samples",
+    output="feature",
+    tolerance=0.05,
+)
 
 
 @method(

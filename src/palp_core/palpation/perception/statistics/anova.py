@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import method
 from palp_core.palpation.perception.statistics.resampling import sign_flip
 from palp_core.units import Float64Array
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import method
 from palp_core.palpation.perception.statistics.anova import NOT_FINITE, Effect, NotTestable, checked
 from palp_core.units import Float64Array
 

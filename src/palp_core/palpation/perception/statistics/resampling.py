@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.units import Float64Array
 
@@ -137,6 +137,15 @@ def share_interval(
         return found
     least = wilson(sum(int(np.sum(one)) for one in right), sum(len(one) for one in right))
     return SessionMean(found.value, least.low, least.high, found.session_count)
+
+
+declare_task(
+    "test",
+    "Do policies differ, or depths?",
+    per="the trials of a session",
+    output="level",
+    tolerance=0.02,
+)
 
 
 @method(

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import declare_task, method
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
@@ -92,6 +92,15 @@ def given(uniforms: ArrayLike) -> UniformDraw:
 def everywhere(level: int, trial_count: int | None) -> RingChoice:
     """Return the choice of one level in all trials."""
     return RingChoice.at(np.full(() if trial_count is None else trial_count, level))
+
+
+declare_task(
+    "policy",
+    "How stiff is the joint for the next palpation?",
+    per="a palpation",
+    output="decision",
+    tolerance=0.05,
+)
 
 
 @method(

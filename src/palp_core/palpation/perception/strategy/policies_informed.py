@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.methods import method
+from palp_core.methods import method
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import expected_gains_bits
 from palp_core.palpation.perception.belief.primitives import Primitives

@@ -11,9 +11,9 @@ import numpy as np
 
 from palp_core.errors import MechanicsError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.methods import find, methods
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Sweep, sweep
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
-from palp_core.palpation.methods import find, methods
 from palp_core.units import Float64Array
 
 SWEEP_POSITIONS = 3000

@@ -16,12 +16,12 @@ import numpy as np
 
 from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.methods import find, methods
 from palp_core.palpation.mechanics import ContactModel, Scene, choose_rung, run_scene
 from palp_core.palpation.mechanics.contact.cache import code
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
-from palp_core.palpation.methods import find, methods
 from palp_core.palpation.studies.contact.cost import cold_cache, side_by_side
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene
 from palp_core.units import Float64Array

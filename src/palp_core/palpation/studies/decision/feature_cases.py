@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.methods import choose
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
-from palp_core.palpation.methods import choose
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal import smoothers
 from palp_core.palpation.perception.signal.features import contrast, peak

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.palpation.methods import find
+from palp_core.methods import find
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import STIFF_M, begin_session, run_policy

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PalpError
-from palp_core.palpation.methods import find
+from palp_core.methods import find
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.rig_noise import independent_model
 from palp_core.palpation.perception.belief.stopping import FixedNumber, StopRule

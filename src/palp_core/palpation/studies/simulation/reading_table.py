@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from palp_core.errors import PalpError
+from palp_core.methods import Quantities, choose, find
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
-from palp_core.palpation.methods import Quantities, choose, find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M

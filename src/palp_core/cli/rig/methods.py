@@ -1,0 +1,92 @@
+"""``palp methods``: every exchangeable method with its cost, its error, where it fails and what survives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+
+if TYPE_CHECKING:
+    from palp_core.methods import Candidate, Method
+    from palp_core.palpation.session.method_choices import TaskChoice
+
+
+def methods(
+    task: Annotated[str, typer.Argument(help="Only this task's, as in contact.")] = "",
+    *,
+    scene: Annotated[
+        Path | None, typer.Option(help="Scene file to mark them for; default: the published rig.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the methods of every task, cheapest first, and which of them a scene gets.
+
+    Costs are seconds of one core on the machine where they were measured, errors relative unless the output
+    is a time. The choice is the one that runs obey.
+    """
+    from palp_core.methods import task as task_of
+    from palp_core.methods import tasks
+    from palp_core.methods.choice import percent
+    from palp_core.methods.machine import UNIT_S, slowness
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.scene import Scene
+    from palp_core.palpation.session.method_choices import choose_for
+
+    given = read_scene(scene) if scene else Scene()
+    found = [choose_for(one, given) for one in ([task_of(task)] if task else tasks())]
+    if as_json:
+        here = {"unit_s": UNIT_S, "slowness": slowness()}
+        print_json([_record(one, *pair) | here for one in found for pair in one.declared()])
+        return
+    for one in found:
+        asked = f"asked here: {one.output} within {percent(one.tolerance)}"
+        print_text(f"{one.task.name}: {one.task.question} (cost: {one.task.per}; {asked})")
+        print_table(_rows(one))
+        print_text("")
+    note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
+
+
+def _rows(choice: TaskChoice) -> list[list[str]]:
+    from palp_core.methods.choice import percent
+
+    rows = [["method", "cost", "error", "in this scene", "where it fails", "survivor"]]
+    for declared, offer in choice.declared():
+        error = "-" if offer.bound is None else percent(offer.bound)
+        mark = offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}"
+        fails, survivor = declared.fails or "-", declared.survivor or "-"
+        rows.append([declared.name, _seconds(declared.cost_s), error, mark, fails, survivor])
+    return rows
+
+
+def _seconds(cost_s: float) -> str:
+    for factor, unit in ((1.0, "s"), (1e3, "ms")):
+        if cost_s * factor >= 1.0:
+            return f"{cost_s * factor:.3g} {unit}"
+    return f"{cost_s * 1e6:.3g} us"
+
+
+def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:
+    """Return a method as an object: as it is declared, and what it offers in the scene."""
+    return {
+        "task": declared.task,
+        "name": declared.name,
+        "cost_s": declared.cost_s,
+        "per": choice.task.per,
+        "output": choice.output,
+        "error": offer.bound,
+        "errors": [
+            {"output": one.output, "error": one.error, "within": dict(one.within)} for one in declared.bounds
+        ],
+        "valid": dict(declared.valid),
+        "evidence": declared.evidence,
+        "fails": declared.fails,
+        "survivor": declared.survivor,
+        "reference": declared.reference,
+        "mark": offer.mark,
+        "why": offer.why,
+        "module": declared.module,
+    }

@@ -1,0 +1,183 @@
+"""The one choice: the cheapest method that is good enough, or the one asked for with what it vouches for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from palp_core.errors import MethodError
+from palp_core.methods.register import Method, Quantities, find, methods, values_of
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What one method offers a scene.
+
+    Attributes:
+        name: Its name.
+        bound: Stated error of what is asked for there; None where it vouches for none.
+        cost_s: Seconds of one core for as many uses as the scene takes.
+        mark: ``chosen``, ``valid``, ``refused`` or ``reference``.
+        why: The mark in words.
+    """
+
+    name: str
+    bound: float | None
+    cost_s: float
+    mark: str
+    why: str
+
+
+@dataclass(frozen=True)
+class MethodChoice:
+    """A method for a task in a scene.
+
+    Attributes:
+        method: The method as declared.
+        bound: Its stated error of ``output`` there; None where it vouches for none.
+        reason: Why it was chosen, in words.
+        output: What must be right.
+        tolerance: How right.
+        candidates: All methods of the task, cheapest first.
+        asked: Whether it was asked for by name.
+    """
+
+    method: Method
+    bound: float | None
+    reason: str
+    output: str
+    tolerance: float
+    candidates: tuple[Candidate, ...]
+    asked: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the method."""
+        return self.method.name
+
+
+def choose(
+    task: str,
+    output: str,
+    tolerance: float,
+    scene: Quantities,
+    *,
+    asked: str = "",
+    uses: int = 1,
+    budget_s: float | None = None,
+) -> MethodChoice:
+    """Return the cheapest method whose stated error of ``output`` in ``scene`` is within ``tolerance``.
+
+    Args:
+        task: What is to be done.
+        output: The quantity that must be right.
+        tolerance: Largest acceptable error; relative, unless the task says otherwise.
+        scene: Quantities of the scene by name, SI, as in ``{"depth_m": 0.008}``; a tuple where all its values
+            occur, as in ``{"ring_m": (0.004, 0.016)}``.
+        asked: Name of a method to take whatever it vouches for; what it does vouch for is told.
+        uses: How often the method is used there.
+        budget_s: Seconds of one core that all uses may take; None: as many as it takes.
+
+    Raises:
+        MethodError: None is good enough, the cheapest takes longer than the budget, or none has the name
+            asked for; the message says what each one vouches for.
+    """
+    wanted = find(task, asked) if asked else None
+    candidates = weigh(task, output, tolerance, scene, asked=asked, uses=uses)
+    if wanted is not None:
+        bound = wanted.bound(output, scene)
+        reason = _named(wanted, output, bound)
+        return MethodChoice(wanted, bound, reason, output, tolerance, candidates, asked=True)
+    found = next((c for c in candidates if c.mark == "chosen"), None)
+    if found is None:
+        raise MethodError(_none(task, output, tolerance, scene, candidates))
+    if budget_s is not None and found.cost_s > budget_s:
+        raise MethodError(_too_dear(found, output, tolerance, candidates, budget_s))
+    chosen = find(task, found.name)
+    why = f"{found.name}: '{output}' within {percent(found.bound or 0.0)} (asked: {percent(tolerance)})"
+    why += f", evidence {chosen.evidence}"
+    refused = [f"{c.name} {c.why}" for c in candidates[: candidates.index(found)]]
+    if refused:
+        why += f"; cheaper but refused: {'; '.join(refused)}"
+    return MethodChoice(chosen, found.bound, why, output, tolerance, candidates)
+
+
+def weigh(
+    task: str, output: str, tolerance: float, scene: Quantities, *, asked: str = "", uses: int = 1
+) -> tuple[Candidate, ...]:
+    """Return what every method of a task offers a scene, cheapest first; arguments as for :func:`choose`.
+
+    One of them is marked as chosen: the one asked for, or the cheapest that is good enough, if any is.
+    """
+    name = asked.rpartition(":")[2]
+    found: list[Candidate] = []
+    taken = False
+    for one in methods(task):
+        candidate = _candidate(one, output, tolerance, scene, uses, dearer=taken)
+        taken = taken or candidate.mark == "chosen"
+        if one.name == name:
+            candidate = replace(candidate, mark="chosen", why=f"is asked for by name; {candidate.why}")
+        elif name and candidate.mark == "chosen":
+            candidate = replace(candidate, mark="valid")
+        found.append(candidate)
+    return tuple(found)
+
+
+def _candidate(
+    one: Method, output: str, tolerance: float, scene: Quantities, uses: int, *, dearer: bool
+) -> Candidate:
+    bound, cost_s = one.bound(output, scene), one.cost_s * uses
+    if one.reference:
+        mark, why = "reference", f"is a reference: {one.reference}"
+    elif bound is None:
+        mark, why = "refused", f"vouches for no '{output}' here{_because(one, scene)}"
+    elif bound > tolerance:
+        mark, why = "refused", f"is within {percent(bound)} only"
+    elif dearer:
+        mark, why = "valid", f"is within {percent(bound)}, but dearer"
+    else:
+        mark, why = "chosen", f"is the cheapest within {percent(tolerance)}: {percent(bound)}"
+    return Candidate(one.name, bound, cost_s, mark, why)
+
+
+def _because(one: Method, scene: Quantities) -> str:
+    strayed = one.strayed(scene)
+    survivor = f"; {one.survivor} would be the next finer one" if one.survivor else ""
+    return (f" ({strayed})" if strayed else "") + survivor
+
+
+def _named(one: Method, output: str, bound: float | None) -> str:
+    stated = f"'{output}' within {percent(bound)}" if bound is not None else f"no bound on '{output}' here"
+    reason = f"{one.name}: asked for by name; {stated}, evidence {one.evidence}"
+    if bound is None and one.fails:
+        reason += f"; it fails at: {one.fails}; finer: {one.survivor or 'none'}"
+    return reason
+
+
+def _none(
+    task: str, output: str, tolerance: float, scene: Quantities, candidates: Sequence[Candidate]
+) -> str:
+    where = ", ".join(
+        f"{name} = {' and '.join(f'{v:g}' for v in values_of(value))}"
+        for name, value in sorted(scene.items())
+    )
+    refused = "; ".join(f"{c.name} {c.why}" for c in candidates) or "none is declared"
+    return (
+        f"no {task} method gives '{output}' within {percent(tolerance)} at {where}: {refused}; "
+        "relax the tolerance or add a finer method"
+    )
+
+
+def _too_dear(
+    found: Candidate, output: str, tolerance: float, candidates: Sequence[Candidate], budget_s: float
+) -> str:
+    affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
+    best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
+    offer = f"{best.name} gives {percent(best.bound or 0.0)}" if best else "no method vouches for it"
+    return (
+        f"'{output}' within {percent(tolerance)} takes {found.name}, about {found.cost_s:g} s with nothing "
+        f"cached; budget_s is {budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
+    )
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent, small ones with two digits."""
+    return f"{share:.1%}" if share >= 1e-3 else f"{100.0 * share:.2g}%"

@@ -1,0 +1,260 @@
+"""What there is to choose from: tasks, and the methods declared for each."""
+
+import importlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, TypeVar
+
+from palp_core.errors import MethodError
+
+T = TypeVar("T")
+Range = tuple[float, float]
+Quantities = Mapping[str, float | tuple[float, ...]]
+"""Quantities of a scene by name, SI; one value, or several that all occur."""
+
+GROUP = "palp.methods"
+"""Entry points by task: the modules that declare its methods, imported when somebody asks for one."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something that can be done in several ways.
+
+    Attributes:
+        name: As in ``contact``.
+        question: What its methods answer, in words.
+        per: What the cost of a method is for, as in ``a sweep of 4000 samples``.
+        output: What must be right where nobody says.
+        tolerance: How right, where nobody says; as the bounds of its methods count.
+    """
+
+    name: str
+    question: str
+    per: str
+    output: str
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A stated error of one output, and the scenes in which it holds.
+
+    Attributes:
+        output: What the bound is about, as in ``peak`` or ``contrast``.
+        error: Largest error; relative, dimensionless, unless the task's output says otherwise.
+        within: Inclusive range per scene quantity; a quantity that the scene does not name is not checked.
+    """
+
+    output: str
+    error: float
+    within: Mapping[str, Range] = field(default_factory=dict)
+
+    def holds(self, scene: Quantities) -> bool:
+        """Tell whether every named quantity of the scene lies in its range, all its values if several."""
+        return not _strays(self.within, scene)
+
+
+@dataclass(frozen=True)
+class Method:
+    """One declared method: what it does, what it costs, how wrong it is, and where it fails.
+
+    Attributes:
+        task: What it is exchangeable for.
+        name: Its name within the task.
+        target: The function or class.
+        cost_s: Seconds of one core for one use, on the machine whose unit is
+            :data:`palp_core.methods.machine.UNIT_S`; orders the choice.
+        bounds: Stated errors.
+        evidence: Where they were established.
+        valid: Range per scene quantity outside which it must not be used at all.
+        fails: What happens beyond.
+        survivor: Name of the method of the same task to use there.
+        reference: Why it is declared though never chosen; empty: it can be.
+    """
+
+    task: str
+    name: str
+    target: Any
+    cost_s: float
+    bounds: tuple[Bound, ...]
+    evidence: str
+    valid: Mapping[str, Range]
+    fails: str
+    survivor: str
+    reference: str = ""
+
+    def bound(self, output: str, scene: Quantities) -> float | None:
+        """Return the smallest stated error of ``output`` in ``scene``, or None where none is vouched for."""
+        if _strays(self.valid, scene):
+            return None
+        errors = [b.error for b in self.bounds if b.output == output and b.holds(scene)]
+        return min(errors, default=None)
+
+    def strayed(self, scene: Quantities) -> str:
+        """Return which quantities lie outside the valid range, in words; empty if none does."""
+        return ", ".join(_strays(self.valid, scene))
+
+    @property
+    def module(self) -> str:
+        """Module that declares it."""
+        return str(self.target.__module__)
+
+
+_REGISTER: dict[tuple[str, str], Method] = {}
+_TASKS: dict[str, Task] = {}
+
+
+def declare_task(name: str, question: str, *, per: str, output: str, tolerance: float) -> None:
+    """Declare a task, in the module that its methods are declared in or below; see :class:`Task`.
+
+    Raises:
+        MethodError: It is declared already, as something else.
+    """
+    made = Task(name, question, per, output, tolerance)
+    if _TASKS.setdefault(name, made) != made:
+        raise MethodError(f"task '{name}' is declared twice")
+
+
+def method(
+    *,
+    task: str,
+    name: str,
+    cost_s: float,
+    evidence: str,
+    bounds: Sequence[Bound] = (),
+    valid: Mapping[str, Range] | None = None,
+    fails: str = "",
+    survivor: str = "",
+    reference: str = "",
+) -> Callable[[T], T]:
+    """Declare the decorated function or class as a method of ``task``.
+
+    Args:
+        task: What it is exchangeable for, as in ``contact``, ``denoise``, ``stop``.
+        name: Its name within the task.
+        cost_s: Seconds of one core for one use; orders the choice.
+        evidence: Where the stated errors were established.
+        bounds: Stated errors, each with the scenes in which it holds.
+        valid: Range per scene quantity outside which the method must not be used at all.
+        fails: What happens beyond that range.
+        survivor: Name of the method of the same task to use there.
+        reference: Why it is declared though it is never chosen, as for a method kept to show where it fails.
+
+    Raises:
+        MethodError: The name is already taken within the task, or the cost is not positive.
+    """
+    if not cost_s > 0.0:
+        raise MethodError(f"method '{name}' of task '{task}' costs {cost_s:g} s; give the seconds of one use")
+
+    def declare(target: T) -> T:
+        taken = _REGISTER.get((task, name))
+        if taken is not None and taken.target is not target and _place(taken.target) != _place(target):
+            raise MethodError(f"method '{name}' of task '{task}' is declared twice")
+        _REGISTER[task, name] = Method(
+            task, name, target, cost_s, tuple(bounds), evidence, dict(valid or {}), fails, survivor, reference
+        )
+        return target
+
+    return declare
+
+
+def _place(target: Any) -> tuple[str, str]:
+    return target.__module__, target.__qualname__
+
+
+def tasks() -> list[Task]:
+    """Return every task there is, by name."""
+    for name in sorted({*(point.name for point in _points()), *_TASKS}):
+        _load(name)
+    return sorted(_TASKS.values(), key=lambda one: one.name)
+
+
+def task(name: str) -> Task:
+    """Return a task by name.
+
+    Raises:
+        MethodError: There is none of that name; the message lists those there are.
+    """
+    _load(name)
+    if name not in _TASKS:
+        raise MethodError(f"no task '{name}'; there are {', '.join(one.name for one in tasks())}")
+    return _TASKS[name]
+
+
+def methods(task: str) -> list[Method]:
+    """Return the methods of a task, cheapest first."""
+    _load(task)
+    return sorted((m for m in _REGISTER.values() if m.task == task), key=lambda m: (m.cost_s, m.name))
+
+
+def names(task: str) -> list[str]:
+    """Return the names of a task's methods, cheapest first."""
+    return [one.name for one in methods(task)]
+
+
+def find(task: str, name: str) -> Method:
+    """Return one method by name.
+
+    Args:
+        task: What it is for.
+        name: Its name; ``package.module:name`` imports that module first, which declares it.
+
+    Raises:
+        MethodError: There is none of that name; the message lists those there are.
+    """
+    module, _, local = name.rpartition(":")
+    if module:
+        _import(module, f"method '{name}'")
+    _load(task)
+    found = _REGISTER.get((task, local))
+    if found is None:
+        known = ", ".join(names(task)) or "none"
+        raise MethodError(f"no method '{name}' for task '{task}'; declared: {known}")
+    return found
+
+
+def outside(task: str, name: str, scene: Quantities) -> str:
+    """Return which quantities of a scene lie outside a method's valid range, in words; empty if none."""
+    declared = find(task, name)
+    strayed = declared.strayed(scene)
+    if not strayed:
+        return ""
+    advice = f"; {declared.survivor} survives there" if declared.survivor else ""
+    return f"{name} is outside its valid range: {strayed}{advice}"
+
+
+@cache
+def _points() -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=GROUP))
+
+
+def _load(task: str) -> None:
+    for point in _points():
+        if point.name == task:
+            _import(point.value, f"the methods of task '{task}'")
+
+
+def _import(module: str, what: str) -> None:
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        raise MethodError(f"{what}: {module} cannot be imported: {error}") from error
+
+
+def _strays(within: Mapping[str, Range], scene: Quantities) -> list[str]:
+    return [
+        f"{name} = {_one(scene[name])} is not in [{low:g}, {high:g}]"
+        for name, (low, high) in within.items()
+        if name in scene and not all(low <= value <= high for value in values_of(scene[name]))
+    ]
+
+
+def _one(quantity: float | tuple[float, ...]) -> str:
+    return " and ".join(f"{value:g}" for value in values_of(quantity))
+
+
+def values_of(quantity: float | Iterable[float]) -> tuple[float, ...]:
+    """Return the values of a scene's quantity, one or several."""
+    return (quantity,) if isinstance(quantity, int | float) else tuple(quantity)
