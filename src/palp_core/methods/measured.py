@@ -1,0 +1,92 @@
+"""What methods cost and how wrong they are here and now: a function per task that measures, found by its name.
+
+A package that declares methods may say how they are measured: an entry point of the group :data:`GROUP`, named
+as the task, whose value is ``module:function``. The function is called with the scene and gives each way as
+soon as it is measured, the cheap ones first, so that whoever asks may stop at any time.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any
+
+from palp_core.errors import MethodError
+
+GROUP = "palp.measures"
+"""Entry points by task: the functions that measure its methods."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A method at a setting, measured.
+
+    Attributes:
+        task: Its task.
+        method: Its name in the register.
+        setting: Its resolution or parameters, in words; empty where there is nothing to set.
+        cost_s: Seconds of one core for one use, as the task counts them.
+        error: Error of ``output`` against what ``against`` names; NaN where it gave no answer.
+        output: What the error is of.
+        against: What it was held against, in words.
+        usual: Whether this is the setting that is taken when the method is.
+        condition: Under which the method was measured where it is not the scene itself, as in ``ring 0 mm``.
+        fails: Why it is not to be trusted there, in words; empty where it is.
+    """
+
+    task: str
+    method: str
+    setting: str
+    cost_s: float
+    error: float
+    output: str
+    against: str
+    usual: bool = True
+    condition: str = ""
+    fails: str = ""
+
+
+Measure = Callable[[Any], Iterator[Measured]]
+"""Takes a :class:`palp_core.palpation.mechanics.scene.scene.Scene` and gives what it measures, cheap first."""
+
+
+def measured_tasks() -> list[str]:
+    """Return the tasks that can be measured, by name."""
+    return sorted({point.name for point in entry_points(group=GROUP)})
+
+
+def measure_of(task: str) -> list[Measure]:
+    """Return the functions that measure a task's methods.
+
+    Raises:
+        MethodError: There is none.
+    """
+    found: list[Measure] = [point.load() for point in entry_points(group=GROUP) if point.name == task]
+    if not found:
+        raise MethodError(
+            f"nothing measures the methods of task '{task}'; measured are {', '.join(measured_tasks())}"
+        )
+    return found
+
+
+def cpu_s(action: Callable[[], object], *, least_s: float = 0.02, rounds: int = 3) -> float:
+    """Return the CPU time of one call of an action, in s: the least of some rounds of as many calls as it takes.
+
+    Args:
+        action: What is timed; called once before, unmeasured.
+        least_s: CPU time of a round.
+        rounds: How many.
+    """
+    action()
+    count, best_s = 1, float("inf")
+    done = 0
+    while done < rounds:
+        begun_ns = time.thread_time_ns()
+        for _ in range(count):
+            action()
+        taken_s = (time.thread_time_ns() - begun_ns) / 1e9
+        if taken_s < least_s and count < 1 << 20:
+            count = max(2 * count, round(count * least_s / max(taken_s, 1e-6)))
+            continue
+        best_s, done = min(best_s, taken_s / count), done + 1
+    return best_s
