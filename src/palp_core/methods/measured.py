@@ -1,8 +1,8 @@
-"""What methods cost and how wrong they are here and now: a function per task that measures, found by its name.
+"""What methods cost and how wrong they are here and now: a function per task measures it.
 
-A package that declares methods may say how they are measured: an entry point of the group :data:`GROUP`, named
-as the task, whose value is ``module:function``. The function is called with the scene and gives each way as
-soon as it is measured, the cheap ones first, so that whoever asks may stop at any time.
+A package that declares methods may say how they are measured: an entry point of the group :data:`GROUP`,
+named as the task, whose value is ``module:function``. The function is called with the scene and gives each
+way as soon as it is measured, the cheap ones first, so that whoever asks may stop at any time.
 """
 
 import time
@@ -47,7 +47,7 @@ class Measured:
 
 
 Measure = Callable[[Any], Iterator[Measured]]
-"""Takes a :class:`palp_core.palpation.mechanics.scene.scene.Scene` and gives what it measures, cheap first."""
+"""Takes a :class:`palp_core.palpation.mechanics.scene.scene.Scene`; gives what it measures, cheap first."""
 
 
 def measured_tasks() -> list[str]:
@@ -70,7 +70,7 @@ def measure_of(task: str) -> list[Measure]:
 
 
 def cpu_s(action: Callable[[], object], *, least_s: float = 0.02, rounds: int = 3) -> float:
-    """Return the CPU time of one call of an action, in s: the least of some rounds of as many calls as it takes.
+    """Return the CPU time of one call of an action, in s: the least of some rounds of enough calls.
 
     Args:
         action: What is timed; called once before, unmeasured.
