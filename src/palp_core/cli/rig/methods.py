@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +15,10 @@ from palp_core.cli.output import note, print_json, print_table, print_text
 if TYPE_CHECKING:
     from palp_core.methods import Candidate, Method
     from palp_core.palpation.session.method_choices import TaskChoice
+
+_HEAD = ["method", "cost", "error", "in this scene", "where it fails", "survivor"]
+_SENTENCES = ("in this scene", "where it fails")
+_STYLES = {"chosen": "bold green", "valid": "", "refused": "dim", "reference": "dim"}
 
 
 def methods(
@@ -45,21 +51,38 @@ def methods(
     for one in found:
         asked = f"asked here: {one.output} within {percent(one.tolerance)}"
         print_text(f"{one.task.name}: {one.task.question} (cost: {one.task.per}; {asked})")
-        print_table(_rows(one))
+        if sys.stdout.isatty():
+            _print_wrapped(one)
+        else:
+            print_table([_HEAD, *(cells for cells, _ in _rows(one))])
         print_text("")
     note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
 
 
-def _rows(choice: TaskChoice) -> list[list[str]]:
+def _rows(choice: TaskChoice) -> Iterator[tuple[list[str], str]]:
+    """Yield a row per method, and its mark."""
     from palp_core.methods.choice import percent
 
-    rows = [["method", "cost", "error", "in this scene", "where it fails", "survivor"]]
     for declared, offer in choice.declared():
         error = "-" if offer.bound is None else percent(offer.bound)
         mark = offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}"
         fails, survivor = declared.fails or "-", declared.survivor or "-"
-        rows.append([declared.name, _seconds(declared.cost_s), error, mark, fails, survivor])
-    return rows
+        yield [declared.name, _seconds(declared.cost_s), error, mark, fails, survivor], offer.mark
+
+
+def _print_wrapped(choice: TaskChoice) -> None:
+    """Write the rows as wide as the terminal is."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for name in _HEAD:
+        table.add_column(name, no_wrap=name not in _SENTENCES, ratio=3 if name in _SENTENCES else None)
+    for cells, mark in _rows(choice):
+        table.add_row(*map(escape, cells), style=_STYLES[mark])
+    Console(highlight=False).print(table)
 
 
 def _seconds(cost_s: float) -> str:

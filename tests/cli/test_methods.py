@@ -1,0 +1,69 @@
+"""``palp methods``: every method, its mark in a scene, and the same for machines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.methods import methods, tasks
+
+PROMISED = {"task", "name", "cost_s", "error", "valid", "evidence", "fails", "survivor"}
+
+
+def listed(*arguments: str) -> list[dict[str, Any]]:
+    result = CliRunner().invoke(app, ["methods", *arguments, "--json"])
+    assert result.exit_code == 0, result.output
+    found: list[dict[str, Any]] = json.loads(result.stdout)
+    return found
+
+
+def test_the_list_for_machines_has_every_method_of_every_task() -> None:
+    found = listed()
+    assert all(one.keys() >= PROMISED for one in found)
+    told = {(one["task"], one["name"]) for one in found}
+    assert told == {(task.name, one.name) for task in tasks() for one in methods(task.name)}
+    assert {"contact", "equilibrium", "friction", "smoother", "feature", "likelihood", "filter"} <= {
+        one["task"] for one in found
+    }
+
+
+def test_one_method_of_a_task_at_most_is_chosen_and_it_is_the_cheapest_that_is_right_enough() -> None:
+    found = listed("contact")
+    assert [one["name"] for one in found if one["mark"] == "chosen"] == ["l2"]
+    assert {one["name"] for one in found if one["mark"] == "reference"} == {"l0", "l1", "l3"}
+    assert [one["cost_s"] for one in found] == sorted(one["cost_s"] for one in found)
+    assert all(one["slowness"] > 0.0 for one in found)
+
+
+def test_a_scene_is_asked_by_its_own_output_and_tolerance(tmp_path: Path) -> None:
+    file = tmp_path / "deep.yaml"
+    file.write_text(
+        "phantom: {bead: {depth_m: 0.008}}\ntolerance: {output: contrast, relative: 0.03}\n", encoding="utf-8"
+    )
+    (chosen,) = [one for one in listed("contact", "--scene", str(file)) if one["mark"] == "chosen"]
+    assert (chosen["name"], chosen["output"]) == ("l4", "contrast")
+    assert chosen["error"] <= 0.03
+
+
+def test_a_person_reads_a_row_per_method_with_its_mark() -> None:
+    result = CliRunner().invoke(app, ["methods", "contact"])
+    assert "With what force does the gel answer a ball in it?" in result.output
+    rows = {line.split()[0]: line for line in result.output.splitlines() if line[:1] == "l"}
+    assert sorted(rows) == ["l0", "l1", "l2", "l3", "l4", "l5"]
+    assert "chosen: is the cheapest within 2.0%" in rows["l2"]
+    assert "is a reference: for teaching" in rows["l1"]
+    assert rows["l2"].rstrip().endswith("l4")
+
+
+@pytest.mark.parametrize(
+    ("call", "words"), [(["nothing"], "no task 'nothing'; there are"), (["--scene", "no.yaml"], "no.yaml")]
+)
+def test_what_is_not_there_is_said(call: list[str], words: str) -> None:
+    result = CliRunner().invoke(app, ["methods", *call])
+    assert result.exit_code != 0
+    assert words in str(result.exception)

@@ -1,0 +1,179 @@
+"""The register: what is declared, how it is found, and that the choice is the cheapest that will do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palp_core.errors import MethodError
+from palp_core.methods import (
+    Bound,
+    choose,
+    declare_task,
+    find,
+    method,
+    methods,
+    names,
+    outside,
+    register,
+    weigh,
+)
+
+TASK = "sharpen"
+
+
+@pytest.fixture
+def empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let declarations of a test be forgotten after it."""
+    monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
+    monkeypatch.setattr(register, "_TASKS", dict(register._TASKS))
+
+
+def declared(
+    name: str,
+    cost_s: float,
+    *bounds: Bound,
+    task: str = TASK,
+    fails: str = "",
+    survivor: str = "",
+    reference: str = "",
+) -> None:
+    def way() -> None: ...
+
+    way.__qualname__ = name
+    method(
+        task=task,
+        name=name,
+        cost_s=cost_s,
+        bounds=bounds,
+        evidence="here",
+        fails=fails,
+        survivor=survivor,
+        reference=reference,
+    )(way)
+
+
+@pytest.mark.usefixtures("empty")
+def test_the_cheapest_that_is_right_enough_is_chosen_and_says_what_was_refused() -> None:
+    declared("blunt", 1.0, Bound("edge", 0.5), survivor="fine")
+    declared("fine", 2.0, Bound("edge", 0.01, within={"steel": (0.0, 1.0)}))
+    declared("finest", 3.0, Bound("edge", 0.001))
+    chosen = choose(TASK, "edge", 0.05, {"steel": 0.5})
+    assert (chosen.name, chosen.bound) == ("fine", 0.01)
+    assert "cheaper but refused: blunt is within 50.0% only" in chosen.reason
+    assert [c.mark for c in chosen.candidates] == ["refused", "chosen", "valid"]
+    assert choose(TASK, "edge", 0.05, {"steel": (0.5, 1.5)}).name == "finest"
+    with pytest.raises(MethodError, match=r"no sharpen method gives 'edge' within 0\.01% at steel = 0\.5"):
+        choose(TASK, "edge", 1e-4, {"steel": 0.5})
+
+
+@pytest.mark.usefixtures("empty")
+def test_one_asked_for_by_name_is_taken_with_what_it_vouches_for() -> None:
+    declared("blunt", 1.0, Bound("edge", 0.5), fails="on hard wood")
+    declared("fine", 2.0, Bound("edge", 0.01))
+    chosen = choose(TASK, "edge", 0.05, {}, asked="blunt")
+    assert (chosen.name, chosen.bound, chosen.asked) == ("blunt", 0.5, True)
+    assert [c.mark for c in chosen.candidates] == ["chosen", "valid"]
+    silent = choose(TASK, "weight", 0.05, {}, asked="blunt")
+    assert silent.bound is None
+    assert "it fails at: on hard wood; finer: none" in silent.reason
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_reference_is_never_chosen_though_it_be_the_best() -> None:
+    declared("perfect", 1e-9, Bound("edge", 0.0), reference="it is a drawing")
+    declared("fine", 2.0, Bound("edge", 0.01))
+    assert choose(TASK, "edge", 0.05, {}).name == "fine"
+    assert weigh(TASK, "edge", 0.05, {})[0].mark == "reference"
+    assert choose(TASK, "edge", 0.05, {}, asked="perfect").name == "perfect"
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_budget_is_held_against_all_uses() -> None:
+    declared("fine", 2.0, Bound("edge", 0.01))
+    assert choose(TASK, "edge", 0.05, {}, uses=2, budget_s=4.0).name == "fine"
+    with pytest.raises(MethodError, match=r"about 6 s .* for which no method vouches"):
+        choose(TASK, "edge", 0.05, {}, uses=3, budget_s=4.0)
+
+
+@pytest.mark.usefixtures("empty")
+@pytest.mark.parametrize("cost_s", [0.0, -1.0, float("nan")])
+def test_a_method_without_a_cost_is_refused(cost_s: float) -> None:
+    with pytest.raises(MethodError, match="give the seconds of one use"):
+        declared("free", cost_s)
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_name_is_taken_once_and_a_task_is_one_thing() -> None:
+    declared("fine", 2.0)
+    with pytest.raises(MethodError, match="'fine' of task 'sharpen' is declared twice"):
+        method(task=TASK, name="fine", cost_s=1.0, evidence="here")(str)
+    declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)
+    declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)
+    with pytest.raises(MethodError, match="task 'sharpen' is declared twice"):
+        declare_task(TASK, "Why?", per="a knife", output="edge", tolerance=0.1)
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_labs_own_method_is_found_by_its_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lab_of_mine.py").write_text(
+        "from palp_core.methods import method\n\n"
+        "@method(task='contact', name='felt', cost_s=1e-3, evidence='the lab')\n"
+        "class Felt: ...\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert find("contact", "lab_of_mine:felt").name == "felt"
+    assert "felt" in names("contact")
+    with pytest.raises(MethodError, match="no_such_lab cannot be imported"):
+        find("contact", "no_such_lab:felt")
+    sys.modules.pop("lab_of_mine", None)
+
+
+def test_what_is_not_declared_is_said_with_what_is() -> None:
+    with pytest.raises(MethodError, match="no method 'l9' for task 'contact'; declared: l2, "):
+        find("contact", "l9")
+    with pytest.raises(MethodError, match="no task 'nothing'; there are "):
+        register.task("nothing")
+
+
+def test_a_range_that_a_scene_leaves_is_named_with_its_value() -> None:
+    assert outside("contact", "l1", {"poisson": 0.4}) == ""
+    assert outside("contact", "l1", {"poisson": (0.4, 0.49)}) == (
+        "l1 is outside its valid range: poisson = 0.4 and 0.49 is not in [0, 0.45]; l2 survives there"
+    )
+
+
+@pytest.fixture(scope="module")
+def many() -> Iterator[None]:
+    """Methods of one task at every cost and error of a grid."""
+    before = dict(register._REGISTER)
+    for i in range(6):
+        for j in range(6):
+            declared(
+                f"m{i}{j}",
+                1.0 + i,
+                Bound("edge", 10.0 ** (-j), within={"steel": (0.0, 1.0 + j)}),
+                task="grind",
+            )
+    yield
+    register._REGISTER.clear()
+    register._REGISTER.update(before)
+
+
+@pytest.mark.usefixtures("many")
+@given(tolerance=st.floats(1e-7, 2.0), steel=st.floats(0.0, 7.0))
+def test_nothing_cheaper_than_the_chosen_one_would_have_done(tolerance: float, steel: float) -> None:
+    good = [
+        m for m in methods("grind") if (b := m.bound("edge", {"steel": steel})) is not None and b <= tolerance
+    ]
+    offers = weigh("grind", "edge", tolerance, {"steel": steel})
+    chosen = [o for o in offers if o.mark == "chosen"]
+    assert len(chosen) == bool(good)
+    assert all(o.name == good[0].name for o in chosen)
+    assert {o.name for o in offers if o.mark in ("chosen", "valid")} == {m.name for m in good}
