@@ -1,8 +1,8 @@
 """Frictionless contact on a condensed compliance: which points touch, and with what force."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from palp_core.errors import MechanicsError
 from palp_core.units import Float64Array
@@ -38,8 +38,9 @@ def solve_contact(
         at = np.flatnonzero(touching)
         if at.size:
             try:
-                force[at] = cho_solve(
-                    cho_factor(compliance[np.ix_(at, at)], lower=True, check_finite=False), gap[at]
+                force[at] = scipy.linalg.cho_solve(
+                    scipy.linalg.cho_factor(compliance[np.ix_(at, at)], lower=True, check_finite=False),
+                    gap[at],
                 )
             except np.linalg.LinAlgError as error:
                 raise MechanicsError(

@@ -1,12 +1,14 @@
 """A bead's stiffening of the surface as a sum of squares: the part of it that a contact needs."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 from palp_core.units import Float64Array
 
@@ -49,9 +51,9 @@ class BeadTerm:
         orders = np.arange(self.harmonic[-1] + 1)
         turning = np.cos(np.arctan2(y_m, x_m)[:, None] * orders)
         pieces = self._curve
-        values = PPoly.construct_fast(pieces.c[:, :, kept], pieces.x)(r)
+        values = scipy.interpolate.PPoly.construct_fast(pieces.c[:, :, kept], pieces.x)(r)
         return np.asarray(values * turning[:, self.harmonic[kept]])
 
     @cached_property
-    def _curve(self) -> CubicSpline:
-        return CubicSpline(self.radius_m, self.squares, extrapolate=True)
+    def _curve(self) -> scipy.interpolate.CubicSpline:
+        return scipy.interpolate.CubicSpline(self.radius_m, self.squares, extrapolate=True)

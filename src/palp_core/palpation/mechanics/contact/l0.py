@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import method
@@ -66,7 +66,7 @@ def fit_bump(offset_m: ArrayLike, indentation_m: ArrayLike, normal_n: ArrayLike)
         difference: Float64Array = (x[0] * terms[0] + x[1] * terms[1]) * shape - n / strongest_n
         return difference
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         off, np.array([0.5, 0.1, 0.5, 0.3]), bounds=([0.0, -1.0, 0.0, 1e-3], [1e3, 1e3, 1e3, 10.0])
     )
     if not found.success:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import Bound, method
@@ -193,7 +193,7 @@ class FiniteStrainContact:
                 f"the gel over the bead folds before {root**2:g} m of indentation; use a deeper bead or l4"
             )
         at = np.linspace(0.0, roots[-1], _ROOTS + 1)[1:]
-        normal_n = CubicSpline(roots, shares)(at) * small_n(at)
+        normal_n = scipy.interpolate.CubicSpline(roots, shares)(at) * small_n(at)
         hertz = 4.0 / 3.0 * math.sqrt(self.tip_radius_m) / (1.0 - small.phantom.poisson**2)
         table = energy_table(0.0, roots[-1], normal_n[None, :], hertz)
         return {"root_max": np.array(table.root_max), "pieces": table.pieces}

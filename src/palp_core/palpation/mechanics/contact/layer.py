@@ -17,7 +17,7 @@ Everything is for Young's modulus 1.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import j0, j1
+import scipy
 
 from palp_core.units import Float64Array
 
@@ -115,7 +115,7 @@ class BondedLayer:
         """
         distance_m = np.asarray(distance_m, dtype=np.float64)
         k_1_m, amplitude = self._surface(float(distance_m.max()))
-        return np.asarray(j0(np.outer(distance_m, k_1_m)) @ amplitude)
+        return np.asarray(scipy.special.j0(np.outer(distance_m, k_1_m)) @ amplitude)
 
     def disc_compliance(self, radius_m: float) -> float:
         """Return the mean sinking of a disc under a unit force spread evenly over it, in m/N for E = 1.
@@ -123,6 +123,6 @@ class BondedLayer:
         The half-space's is 16 (1 - nu^2) / (3 pi^2 a); Johnson, Contact Mechanics, 1985, equation (3.29).
         """
         k_1_m, amplitude = self._surface(radius_m)
-        spread = 2.0 * j1(k_1_m * radius_m) / (k_1_m * radius_m)
+        spread = 2.0 * scipy.special.j1(k_1_m * radius_m) / (k_1_m * radius_m)
         half_space = 16.0 * (1.0 - self.poisson**2) / (3.0 * np.pi**2 * radius_m)
         return float(half_space + spread**2 @ amplitude)

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
@@ -89,7 +89,7 @@ class Patch:
         far = float(apart.max())
         count = 8 + math.ceil(24.0 * far / self.layer.height_m)
         at = np.linspace(0.0, far, count)
-        curve = CubicSpline(at, self.layer.surface_correction(at))
+        curve = scipy.interpolate.CubicSpline(at, self.layer.surface_correction(at))
         return np.asarray(curve(apart))
 
     def compliance(self, offset_m: float) -> Float64Array:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+import scipy
 
 from palp_core.units import Float64Array
 
@@ -109,7 +109,7 @@ def energy_table(
     count_s, count_t = normal.shape[0] - 1, normal.shape[1]
     root = np.linspace(0.0, root_max, count_t + 1)
     scaled = np.concatenate([np.full((count_s + 1, 1), first), normal / root[1:] ** (power - 2)], axis=1)
-    curve = CubicSpline(root, scaled, axis=1)
+    curve = scipy.interpolate.CubicSpline(root, scaled, axis=1)
     x, w = np.polynomial.legendre.leggauss((power + 5) // 2)  # exact for t^(power - 1) times a cubic
     half = 0.5 * root_max / count_t
     at = (root[:-1, None] + half) + half * x
@@ -118,7 +118,7 @@ def energy_table(
     g[:, 0], slope[:, 0] = 2.0 * first / power, 2.0 * curve(0.0, 1) / (power + 1)
     g[:, 1:] = work / root[1:] ** power
     slope[:, 1:] = (2.0 * scaled[:, 1:] - power * g[:, 1:]) / root[1:]
-    along = CubicHermiteSpline(root, g, slope, axis=1).c[::-1] * np.reshape(
+    along = scipy.interpolate.CubicHermiteSpline(root, g, slope, axis=1).c[::-1] * np.reshape(
         (root_max / count_t) ** np.arange(4), (4, 1, 1)
     )  # (power of t, cell of t, row of s)
     if count_s == 0:
@@ -127,7 +127,7 @@ def energy_table(
         return EnergyTable(0.0, root_max, pieces, power)
     step_m = offset_max_m / count_s
     offset = np.linspace(0.0, offset_max_m, count_s + 1)
-    across = CubicSpline(offset, along, axis=2, bc_type="clamped").c[
+    across = scipy.interpolate.CubicSpline(offset, along, axis=2, bc_type="clamped").c[
         ::-1
     ]  # (power, cell of s, power, cell of t)
     pieces = across * np.reshape(step_m ** np.arange(4), (4, 1, 1, 1))

@@ -6,7 +6,7 @@ each fails was measured by the study ``contact-stability``.
 """
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from palp_core.errors import MechanicsError
 from palp_core.methods import Bound, declare_task, method
@@ -64,7 +64,7 @@ def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
             return float(joint.residual(here, np.array([angle_rad]))[0])
 
         if pushed_back(0.0) < 0.0:
-            found[i] = brentq(pushed_back, 0.0, joint.lift_off_rad, xtol=1e-14, rtol=1e-14)
+            found[i] = scipy.optimize.brentq(pushed_back, 0.0, joint.lift_off_rad, xtol=1e-14, rtol=1e-14)
     return found
 
 

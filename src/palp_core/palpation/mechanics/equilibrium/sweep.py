@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
@@ -135,7 +135,7 @@ def _angles(
     slope = (residual[rows, cells + 1] - residual[rows, cells]) / spacing
     if len(sampled) < len(forward_m):
         at_m = forward_m[sampled]
-        curve = (PchipInterpolator if snaps else CubicSpline)(at_m, guess)
+        curve = (scipy.interpolate.PchipInterpolator if snaps else scipy.interpolate.CubicSpline)(at_m, guess)
         start, slopes = curve(forward_m), np.interp(forward_m, at_m, slope)
         start[sampled], slopes[sampled] = guess, slope
     else:

@@ -1,11 +1,13 @@
 """A sweep solved once on a stage grid and read at any stage position, as at 1 kHz."""
 
+from __future__ import annotations
+
 import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
@@ -29,7 +31,7 @@ class SweepTable:
     """
 
     solved: Sweep
-    _curve: PPoly
+    _curve: scipy.interpolate.PPoly
 
     @property
     def low_m(self) -> float:
@@ -118,14 +120,14 @@ def solve(
     return SweepTable(solved, _curve(solved))
 
 
-def _curve(solved: Sweep) -> PPoly:
+def _curve(solved: Sweep) -> scipy.interpolate.PPoly:
     """Join the stretches between jumps into one piecewise polynomial over rising stage positions."""
     columns = np.stack([solved.torque_n_m, solved.normal_n, solved.angle_rad, solved.lateral_n], axis=-1)
     falling = solved.stage_m[0] > solved.stage_m[-1]
     order = slice(None, None, -1) if falling else slice(None)
     stage_m, columns = solved.stage_m[order], columns[order]
     if not solved.snapped:
-        return CubicSpline(stage_m, columns)
+        return scipy.interpolate.CubicSpline(stage_m, columns)
     jumps = sorted(len(stage_m) - i if falling else i for i in solved.snap_at)
     pieces = []
     for low, high in itertools.pairwise([0, *jumps, len(stage_m)]):
@@ -134,5 +136,5 @@ def _curve(solved: Sweep) -> PPoly:
             flat = np.zeros_like(slope)
             pieces.append(np.stack([flat, flat, slope, columns[low - 1]])[:, None])
         if high - low > 1:
-            pieces.append(PchipInterpolator(stage_m[low:high], columns[low:high]).c)
-    return PPoly(np.concatenate(pieces, axis=1), stage_m)
+            pieces.append(scipy.interpolate.PchipInterpolator(stage_m[low:high], columns[low:high]).c)
+    return scipy.interpolate.PPoly(np.concatenate(pieces, axis=1), stage_m)

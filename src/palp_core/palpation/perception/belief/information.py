@@ -9,7 +9,7 @@ is the expected information gain, the mutual information of class and reading. T
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import rel_entr
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -30,7 +30,7 @@ def gain_vector(posterior: Float64Array, prior: Float64Array) -> Float64Array:
     """
     if posterior.shape != prior.shape:
         raise PerceptionError(f"posterior has shape {posterior.shape}, prior {prior.shape}")
-    gain = np.asarray(rel_entr(posterior, prior))
+    gain = np.asarray(scipy.special.rel_entr(posterior, prior))
     if not np.isfinite(gain).all():
         raise PerceptionError(
             "information gain is not finite: a probability is not one, or the prior excluded a class"

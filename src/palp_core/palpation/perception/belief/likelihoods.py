@@ -7,7 +7,7 @@ finite reading of physical size. Readings of shape (n, 1) with cells of shape (n
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
+import scipy
 
 from palp_core.methods import declare_task, method
 from palp_core.units import Float64Array
@@ -78,7 +78,11 @@ def student_t(reading: float | Float64Array, cells: Cells) -> Float64Array:
     variance = ((count - 1.0) * cells.sd**2 + cells.floor**2) / count
     scale = np.sqrt(variance * (1.0 + 1.0 / count))
     z = (reading - cells.mean) / scale
-    constant = gammaln(0.5 * (count + 1.0)) - gammaln(0.5 * count) - 0.5 * np.log(count * np.pi)
+    constant = (
+        scipy.special.gammaln(0.5 * (count + 1.0))
+        - scipy.special.gammaln(0.5 * count)
+        - 0.5 * np.log(count * np.pi)
+    )
     return np.asarray(constant - np.log(scale) - 0.5 * (count + 1.0) * np.log1p(z * z / count))
 
 

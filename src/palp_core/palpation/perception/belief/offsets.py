@@ -1,7 +1,7 @@
 """What is known to stay, from memory primitives: how a reading answers to the landing of the ring."""
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -24,4 +24,4 @@ def ring_slopes(mean: Float64Array, rings_m: Float64Array) -> Float64Array:
     """
     if len(rings_m) < 2:
         raise PerceptionError("a slope over ring positions needs two of them; train more, or take no offset")
-    return np.asarray(PchipInterpolator(rings_m, mean, axis=1).derivative()(rings_m))
+    return np.asarray(scipy.interpolate.PchipInterpolator(rings_m, mean, axis=1).derivative()(rings_m))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import find
@@ -110,11 +110,11 @@ class Primitives:
                 f"primitives know {self.depths_m[0]} to {self.depths_m[-1]} m and do not extrapolate"
             )
         above = np.clip(np.searchsorted(self.depths_m, grid), 1, self.depths_m.size - 1)
-        log_sd = PchipInterpolator(self.depths_m, np.log(self.sd))(grid)
+        log_sd = scipy.interpolate.PchipInterpolator(self.depths_m, np.log(self.sd))(grid)
         return Primitives(
             depths_m=grid,
             rings_m=self.rings_m,
-            mean=PchipInterpolator(self.depths_m, self.mean)(grid),
+            mean=scipy.interpolate.PchipInterpolator(self.depths_m, self.mean)(grid),
             sd=np.maximum(np.exp(log_sd), self.floor),
             count=np.minimum(self.count[above - 1], self.count[above]),
             floor=self.floor,

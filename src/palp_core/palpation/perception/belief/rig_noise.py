@@ -15,7 +15,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief.latent import OffsetModel
@@ -108,7 +108,7 @@ def on_depths(values: Float64Array, depths_m: Float64Array, grid_m: Float64Array
     """Return values of trained depths, shape (m, ...), on others between them, by a monotone cubic."""
     if depths_m.size == grid_m.size:
         return values
-    return np.asarray(PchipInterpolator(depths_m, values)(grid_m))
+    return np.asarray(scipy.interpolate.PchipInterpolator(depths_m, values)(grid_m))
 
 
 def independent_model(primitives: Primitives) -> OffsetModel:

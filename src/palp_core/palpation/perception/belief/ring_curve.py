@@ -10,7 +10,7 @@ too much. A curve through all cells of training takes that back.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -40,7 +40,7 @@ class RingCurve:
     @property
     def fits(self) -> bool:
         """Whether the cells do not contradict the curve: chi squared at 0.1 %."""
-        return self.misfit * self.freedom <= float(chi2.ppf(0.999, self.freedom))
+        return self.misfit * self.freedom <= float(scipy.stats.chi2.ppf(0.999, self.freedom))
 
 
 def ring_curve(mean: Float64Array, error_sd: Float64Array, rings_m: Float64Array) -> RingCurve:

@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import rel_entr
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
@@ -52,7 +52,13 @@ class BeliefStep:
         cls, prior: Float64Array, posterior: Float64Array, before: Float64Array, probe_count: int
     ) -> BeliefStep:
         """Return the step from one belief to the next, with the gains over the prior P_0, shape (m,)."""
-        return cls(posterior, before, rel_entr(posterior, prior), rel_entr(before, prior), probe_count)
+        return cls(
+            posterior,
+            before,
+            scipy.special.rel_entr(posterior, prior),
+            scipy.special.rel_entr(before, prior),
+            probe_count,
+        )
 
     @classmethod
     def last(cls, posteriors: Sequence[Float64Array], gains: Sequence[Float64Array]) -> BeliefStep:

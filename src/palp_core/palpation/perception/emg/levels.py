@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
@@ -45,7 +45,7 @@ def find_bursts(
     """
     if not (prominence > 0.0 and distance_s > 0.0):
         raise PerceptionError(f"prominence {prominence} and distance {distance_s} s must be positive")
-    found, _ = find_peaks(
+    found, _ = scipy.signal.find_peaks(
         cocontraction, prominence=prominence, distance=max(distance_s * rate_hz, 1.0), plateau_size=1
     )
     return np.asarray(found, dtype=np.int64)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from scipy.signal import butter, savgol_filter, sosfilt, sosfilt_zi
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
@@ -139,12 +139,12 @@ class SavitzkyGolay:
 
     def apply(self, signal: Float64Array) -> Float64Array:
         samples = _checked(signal, 2 * self.half + 1)
-        return np.asarray(savgol_filter(samples, 2 * self.half + 1, self.degree, mode="interp"))
+        return np.asarray(scipy.signal.savgol_filter(samples, 2 * self.half + 1, self.degree, mode="interp"))
 
 
 @lru_cache(maxsize=32)
 def _low_pass(order: int, cutoff: float) -> Float64Array:
-    return np.asarray(butter(order, 2.0 * cutoff, output="sos"))
+    return np.asarray(scipy.signal.butter(order, 2.0 * cutoff, output="sos"))
 
 
 @method(
@@ -192,7 +192,7 @@ class LowPass:
         samples = _checked(signal, 1)
         sections = _low_pass(self.order, self.cutoff_per_sample)
         held = np.concatenate([samples, np.full(self.lag, samples[-1])])
-        passed, _ = sosfilt(sections, held, zi=sosfilt_zi(sections) * samples[0])
+        passed, _ = scipy.signal.sosfilt(sections, held, zi=scipy.signal.sosfilt_zi(sections) * samples[0])
         return np.asarray(passed[self.lag :])
 
 

@@ -4,20 +4,27 @@ The method's source names the wavelet (db10) and five levels but no rule for the
 a named choice. Both are declared in the register as task ``denoise``.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pywt
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
 from palp_core.units import Float64Array
+
+if TYPE_CHECKING:
+    import pywt
 
 _GAUSSIAN_MAD = 0.6744897501960817  # median of |z|, z standard normal
 
 
 @lru_cache(maxsize=16)
 def _wavelet(name: str) -> pywt.Wavelet:
+    import pywt  # takes a tenth of a second, for which whoever only asks what there is need not wait
+
     try:
         return pywt.Wavelet(name)
     except ValueError as error:
@@ -126,6 +133,8 @@ def denoise(
         PerceptionError: The signal is not 1-D and finite, or shorter than :func:`least_samples`.
         MethodError: No such rule.
     """
+    import pywt
+
     samples = np.require(signal, np.float64, ["WRITEABLE"])  # pywt refuses a read-only buffer
     if samples.ndim != 1:
         raise PerceptionError(f"signal to de-noise has shape {samples.shape}; pass one channel, shape (n,)")

@@ -11,7 +11,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import method
@@ -206,7 +206,7 @@ def bonferroni(outcome: Sequence[float] | Float64Array, group: Labels) -> list[P
         if min(len(a), len(b)) < 2 or is_constant(a) or is_constant(b):
             found.append(PairTest(str(one[0]), str(other[0]), gap, None, "a group is constant or one value"))
             continue
-        p = float(stats.ttest_ind(a, b, equal_var=False).pvalue)
+        p = float(scipy.stats.ttest_ind(a, b, equal_var=False).pvalue)
         found.append(PairTest(str(one[0]), str(other[0]), gap, min(1.0, p * len(pairs))))
     return found
 
@@ -284,4 +284,4 @@ def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
         if not 0 <= right <= total or total < 1:
             raise PerceptionError(f"{right} of {total} is no share")
     table = np.array([[right, total - right] for right, total in (first, second)])
-    return float(stats.fisher_exact(table).pvalue)
+    return float(scipy.stats.fisher_exact(table).pvalue)

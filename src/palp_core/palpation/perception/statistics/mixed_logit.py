@@ -5,7 +5,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import method
@@ -81,5 +81,5 @@ def mixed_logit(
     for name, places in where.items():
         part = mean[places]
         wald = float(part @ np.linalg.solve(cov[np.ix_(places, places)], part))
-        effects.append(Effect(name, len(places), wald, float(stats.chi2.sf(wald, len(places)))))
+        effects.append(Effect(name, len(places), wald, float(scipy.stats.chi2.sf(wald, len(places)))))
     return tuple(effects)

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, method
@@ -71,7 +71,7 @@ def widened(session_count: int, confidence: float = 0.95) -> float:
     [9.17, 1.29, 1.1, 1.05]
     """
     tail = 0.5 * (1.0 - confidence)
-    student = stdtrit(session_count - 1, tail) / ndtri(tail)
+    student = scipy.special.stdtrit(session_count - 1, tail) / scipy.special.ndtri(tail)
     return float(student * np.sqrt(session_count / (session_count - 1)))
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -44,7 +44,7 @@ def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) ->
     """
     if trial_count < 1 or not 0 <= success_count <= trial_count:
         raise PerceptionError(f"{success_count} of {trial_count} is no proportion")
-    found = binomtest(success_count, trial_count).proportion_ci(confidence, method="wilson")
+    found = scipy.stats.binomtest(success_count, trial_count).proportion_ci(confidence, method="wilson")
     share = success_count / trial_count
     return Proportion(share, float(found.low), float(found.high), success_count, trial_count)
 

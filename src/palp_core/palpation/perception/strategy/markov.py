@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from math import gcd
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -112,7 +112,9 @@ class Structure:
 def structure(matrix: Float64Array) -> Structure:
     """Return the chain's closed classes and period."""
     arrows = check_stochastic(matrix).T > _EDGE  # [current, next]
-    class_count, label = connected_components(arrows.astype(np.float64), directed=True, connection="strong")
+    class_count, label = scipy.sparse.csgraph.connected_components(
+        arrows.astype(np.float64), directed=True, connection="strong"
+    )
     leaves = np.zeros(class_count, dtype=bool)
     origins, targets = np.nonzero(arrows)
     leaves[label[origins[label[origins] != label[targets]]]] = True
@@ -123,7 +125,7 @@ def structure(matrix: Float64Array) -> Structure:
 
 def _period(arrows: NDArray[np.bool_]) -> int:
     """Return one strong class's period: gcd of depth(i) + 1 - depth(j) over its arrows i -> j."""
-    order, parent = breadth_first_order(arrows.astype(np.float64), 0)
+    order, parent = scipy.sparse.csgraph.breadth_first_order(arrows.astype(np.float64), 0)
     depth = np.zeros(len(arrows), dtype=np.int64)
     for node in order[1:]:
         depth[node] = depth[parent[node]] + 1

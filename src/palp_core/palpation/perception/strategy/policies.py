@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, method
@@ -240,5 +240,7 @@ class MarkovPolicy:
     def level_law(self, mean: ArrayLike) -> Float64Array:
         """Return N(mean, sd_level) rounded to the nearest level, tails to the end levels, shape (..., n)."""
         levels = np.asarray(self.levels)
-        below = ndtr(((levels[:-1] + levels[1:]) / 2.0 - np.asarray(mean)[..., None]) / self.sd_level)
+        below = scipy.special.ndtr(
+            ((levels[:-1] + levels[1:]) / 2.0 - np.asarray(mean)[..., None]) / self.sd_level
+        )
         return np.diff(below, prepend=0.0, append=1.0)
