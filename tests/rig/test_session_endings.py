@@ -46,6 +46,19 @@ def test_a_second_launch_into_a_session_is_refused_before_anything_starts(palp: 
     assert palp.all_gone()
 
 
+def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path) -> None:
+    before = contents(occupied)
+    for given, words in (
+        ([f"out:={occupied}"], "holds a session already"),
+        (["out:=~/session"], "nothing replaces '~' there"),
+        (["--name", "a/b"], "'a/b' is no name of a graph"),
+    ):
+        done = palp.run("launch", SIM, "--check", *given)
+        assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    assert palp.run("launch", SIM, "--check", f"out:={occupied}", "overwrite:=true").returncode == 0
+    assert contents(occupied) == before
+
+
 def test_a_session_that_is_to_be_replaced_is(occupied: Path) -> None:
     with Graph(SIM, compose=True, out=occupied, overwrite=True, trials=0, training=1) as graph:
         graph.run()

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import save
@@ -163,6 +164,16 @@ def test_without_its_sweeps_a_record_still_has_a_report(record: Writer, summary:
     shutil.rmtree(out / "sweeps")
     session(summary(out))
     assert charts(out) == ALL - {"sweeps"}
+
+
+def test_a_table_that_was_emptied_beside_its_sweeps_is_not_called_kept(
+    record: Writer, summary: Summariser
+) -> None:
+    out = record(trials=TRIALS)
+    table = out / "trials.csv"
+    table.write_text(table.read_text().splitlines(keepends=True)[0])
+    with pytest.raises(PalpError, match=r"has no row, and .* holds \d+ sweeps: the table was emptied"):
+        session(summary(out))
 
 
 def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, summary: Summariser) -> None:

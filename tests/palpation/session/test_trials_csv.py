@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import palp_core
+from palp_core.errors import PalpError
 from palp_core.palpation.session import trials_csv
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows
 from tests.support.palp import ROOT
@@ -35,6 +37,21 @@ def test_every_column_is_read_back_as_it_was_written(tmp_path: Path) -> None:
         writer.append(row, np.zeros(3), 1000.0)
     writer.close()
     assert read_rows(tmp_path / "out") == rows
+
+
+def test_a_table_of_which_a_part_is_there_twice_is_refused_with_its_line(tmp_path: Path) -> None:
+    writer = SessionWriter(str(tmp_path), (0.002, 0.004))
+    writer.start()
+    for number in range(3):
+        writer.append(Row(**(FACTS | {"row": number})), np.zeros(3), 1000.0)
+    writer.close()
+    table = tmp_path / "trials.csv"
+    lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
+    table.write_text("".join([*lines, *lines[1:]]), encoding="utf-8")
+    with pytest.raises(PalpError, match=r"trials.csv:5: row 0 follows row 2: a part .* is there twice"):
+        read_rows(tmp_path)
+    table.write_text("".join([lines[0], lines[1], lines[3]]), encoding="utf-8")
+    assert [row.row for row in read_rows(tmp_path)] == [0, 2]
 
 
 def test_a_new_column_takes_two_lines_a_field_and_where_rows_are_made() -> None:

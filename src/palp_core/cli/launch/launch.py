@@ -65,9 +65,11 @@ def launch(
         return
     if check or print_:
         from palp_core.graph.description.checked import resolved_yaml
-        from palp_core.graph.launch.graph import check_file
+        from palp_core.graph.launch.graph import check_file, check_start
 
         checked = check_file(file, overrides)
+        if check:
+            check_start(file, checked, name)
         _say_without_effect(file, checked)
         print_text(
             resolved_yaml(checked).rstrip()

@@ -72,6 +72,30 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
         folder.remove()
 
 
+def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None) -> None:
+    """Check what only a start would tell: that the name is free, and that the report has where to go.
+
+    Args:
+        path: The launch file.
+        checked: It, checked.
+        name: What the running graph is to be called, if not as the launch file says.
+
+    Raises:
+        PalpError: It would not start.
+    """
+    if name is not None:
+        check_free(name)
+    _tell(checked, "prepare", summary_of(checked, Path(path)))
+
+
+def _tell(checked: CheckedGraph, stage: Literal["prepare", "begin"], summary: RunSummary) -> None:
+    """Let the launch file's report look at the run before it begins, if it wants to."""
+    if checked.report:
+        tell = getattr(report_function(checked.report, checked.workspace), stage, None)
+        if tell is not None:
+            tell(summary)
+
+
 class Graph:
     """A checked graph, started on entry and ended on exit.
 
@@ -146,7 +170,7 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
-                self._tell_report("prepare")
+                _tell(self.checked, "prepare", self._summary())
                 self.recorders = Recorders(self.checked, self._record)
                 self.diagnostics.follow(self.checked)
                 self._open_gateway(stack)
@@ -201,13 +225,6 @@ class Graph:
         outputs = {spec.name: spec.output for spec in self.checked.nodes}
         shown = Shown(self._log_level, outputs, self._show_log, self.directory.path.name)
         return showing_log(self.directory.log(MERGED_LOG), shown)
-
-    def _tell_report(self, stage: Literal["prepare", "begin"]) -> None:
-        """Let the launch file's report look at the run before it begins, if it wants to."""
-        if self.checked.report:
-            tell = getattr(report_function(self.checked.report, self.checked.workspace), stage, None)
-            if tell is not None:
-                tell(self._summary())
 
     def _summary(self, **outcome: Any) -> RunSummary:
         return summary_of(
@@ -300,7 +317,7 @@ class Graph:
         """
         until_ns = None if until_s is None else round(until_s * 1e9)
         self._begin_ns = monotonic_ns()
-        self._tell_report("begin")
+        _tell(self.checked, "begin", self._summary())
         self._begun = True
         if self.checked.clock == "sim":
             exit_code, clock_s, activations = self._run_lockstep(until_ns)

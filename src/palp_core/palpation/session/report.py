@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.roles import Roles, roles_of
+from palp_core.palpation.session.session_folder import SWEEPS, TABLE
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -76,8 +77,14 @@ def write(folder: Path, summary: RunSummary) -> str:
     from palp_core.palpation.session.recorded_session import read_session
 
     found = read_session(folder)
-    if not found.rows and summary.exit_code != 0:
-        return f"Nothing is kept: '{folder}' holds no palpation."
+    if not found.rows:
+        if orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz")):
+            raise PalpError(
+                f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds {orphans} sweeps: the table was "
+                "emptied; restore it, and `palp report` makes the report"
+            )
+        if summary.exit_code != 0:
+            return f"Nothing is kept: '{folder}' holds no palpation."
     try:
         said = _write(found, summary)
     except OSError as error:

@@ -32,13 +32,17 @@ def out_of(summary: RunSummary) -> Path:
     """Return the folder that a run records into.
 
     Raises:
-        PalpError: The run names none.
+        PalpError: The run names none, or one that a shell was to replace.
     """
     out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
     if not out:
         raise PalpError(
             f"{summary.file}: the run names no folder of a record; give the launch file an argument 'out' "
             "that the experiment records into"
+        )
+    if out.startswith("~"):
+        raise PalpError(
+            f"out:={out}: nothing replaces '~' there; write the folder out, as in out:=\"$HOME/x\""
         )
     return Path(out)
 

@@ -320,9 +320,18 @@ def read_rows(out: str | Path) -> list[Row]:
     lines = csv.reader(io.StringIO(whole + newline, newline=""))
     try:
         columns = next(lines, [])
-        return [_row(path, lines.line_num, columns, cells) for cells in lines]
+        rows: list[Row] = []
+        for cells in lines:
+            row = _row(path, lines.line_num, columns, cells)
+            if rows and row.row <= rows[-1].row:
+                raise PalpError(
+                    f"{path}:{lines.line_num}: row {row.row} follows row {rows[-1].row}: a part of the table "
+                    "is there twice or out of its order; remove it, and every other row can be read"
+                )
+            rows.append(row)
     except csv.Error as error:
         raise PalpError(f"{path}:{lines.line_num}: not a table: {error}") from error
+    return rows
 
 
 def _cell(value: Any) -> Any:
