@@ -42,6 +42,25 @@ def test_what_came_with_one_that_takes_long_does_not_wait_for_it() -> None:
         context.destroy(linger=0)
 
 
+def test_a_request_that_waited_is_answered_by_who_has_the_nodes_place_by_then() -> None:
+    def says(word: str) -> NodeOperation[NodeRequest]:
+        return NodeOperation(NodeRequest, lambda _: {"said": word})
+
+    with short_folder() as folder, zmq.Context() as context:
+        server = RequestServer(context, f"ipc://{folder}/srv")
+        server.add("policy", {"set": says("the new one")}, {"set"})
+        asker = context.socket(zmq.DEALER)
+        asker.connect(f"ipc://{folder}/srv")
+        asker.send(msgpack.packb({"op": "set", "node": "policy"}))
+        while not server.waiting:
+            server.poll()
+        server.add("policy", {"set": says("the old one again")}, {"set"})
+        server.perform()
+        assert asker.poll(10_000)
+        assert msgpack.unpackb(asker.recv()) == {"said": "the old one again"}
+        context.destroy(linger=0)
+
+
 def test_replies_that_nobody_takes_are_bounded_in_bytes_and_each_request_is_answered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
