@@ -53,7 +53,13 @@ class Golden(msgspec.Struct, frozen=True):
 GOLDEN = {
     "session": Golden(
         ("estimator", "policy", "experiment", "actuator"),
-        ("/torque/block", "/stage/status", "/phantom/truth", "/cocontraction/cocontraction"),
+        (
+            "/torque/block",
+            "/stage/status",
+            "/phantom/truth",
+            "/phantom/guard",
+            "/cocontraction/cocontraction",
+        ),
         160.0,
     ),
     "sweep": Golden(

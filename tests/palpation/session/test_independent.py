@@ -136,7 +136,7 @@ def test_the_result_counts_what_the_table_says(out: Path, rows: Rows) -> None:
     assert result["probes_mean"] == pytest.approx(np.mean([int(row["iteration"]) for row in last.values()]))
 
 
-# The touch: Dimitriadis' bonded layer over a bead that sinks, and the balance of moments of the joint.
+# The touch: a sphere on Dimitriadis' bonded layer over a bead that sinks, and the joint's balance of moments.
 
 
 def layer_coefficients() -> list[float]:
@@ -156,9 +156,17 @@ LAYER = layer_coefficients()
 
 
 def layer_force(pressed_m: float, inverse: float) -> float:
-    chi = math.sqrt(BALL * pressed_m) * inverse
-    hertz = 4.0 * E * math.sqrt(BALL) * pressed_m**1.5 / (3.0 * (1.0 - NU**2))
-    return float(hertz * sum(c * chi**k for k, c in enumerate(LAYER)))
+    share = pressed_m / BALL
+    if share <= 0.0:
+        return 0.0
+    # Sneddon 1965: a sphere's contact with a half-space, its radius over the ball's
+    radius = math.sqrt(share * (1.0 - share / 3.0))
+    for _ in range(3):  # Newton's steps
+        slope = math.atanh(radius) + radius / (1.0 - radius**2)
+        radius -= (radius * math.atanh(radius) - share) / slope
+    sneddon = E * BALL**2 / (1.0 - NU**2) * ((1.0 + radius**2) * math.atanh(radius) - radius)
+    chi = radius * BALL * inverse
+    return float(sneddon * sum(c * chi**k for k, c in enumerate(LAYER)))
 
 
 def normal_force(offset_m: float, pressed_m: float, depth_m: float) -> float:

@@ -97,6 +97,7 @@ SCENE = {
     "spring_n_per_m": "published: 0.24 N/mm",
     "pivot_radius_m": "published: 6.8 mm",
     "tip_radius_m": "assumed",
+    "tip": "assumed: a ball",
     "tip_mass_kg": "assumed",
     "tip_com_m": "assumed: half of the tip link",
     "friction": "assumed",

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.sparse.linalg import splu
 
 from palp_core.errors import MechanicsError
@@ -19,6 +20,7 @@ from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.section_mesh import bead_section
 from palp_core.palpation.mechanics.contact.table import energy_table
 from palp_core.palpation.mechanics.contact.trace import Trace
+from palp_core.palpation.mechanics.tip import TIP_FORMS, TipForm, contact_radius_m, gap_m
 
 RADIUS_M, DEPTH_M, HEIGHT_M, NU = 0.0075, 0.004, 0.030, 0.49
 LAYER = BondedLayer(NU, HEIGHT_M)
@@ -29,8 +31,9 @@ def hertz(poisson: float, tip_m: float, indentation_m: float) -> float:
 
 
 def pressed(layer: BondedLayer, tip_m: float, indentation_m: float, cells: float) -> float:
+    """Return the normal force of a paraboloid."""
     cell_m = math.sqrt(tip_m * indentation_m) / cells
-    return Patch(layer, None, tip_m, indentation_m, cell_m).press(0.0).normal_n
+    return Patch(layer, None, tip_m, indentation_m, cell_m, tip="paraboloid").press(0.0).normal_n
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.4999])
@@ -225,18 +228,33 @@ def test_a_table_of_a_smooth_energy_converges_with_its_grid() -> None:
     assert errors[0] > errors[1] > errors[2]
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
-def test_a_sphere_presses_less_than_the_paraboloid_by_the_tenth_of_its_share_of_the_radius(
-    share: float,
-) -> None:
-    """Half-space: N over Hertz is 1 - x / 10 - x^2 / 840 + ..., x the indentation in radii (Sneddon 1965)."""
-    tip_m = 0.006
-    patch = Patch(
-        BondedLayer(NU, 10.0), None, tip_m, share * tip_m, 0.0007 * math.sqrt(share * tip_m / 0.004)
-    )
-    paraboloid_n = patch.press(0.0).normal_n
-    x, y = patch.cells()
-    aside_m = np.minimum(np.hypot(x, y), tip_m)
-    patch._overlap += aside_m**2 / (2.0 * tip_m) - (tip_m - np.sqrt(tip_m**2 - aside_m**2))
-    expected = 1.0 - share / 10.0 - share**2 / 840.0
-    assert patch.press(0.0).normal_n / paraboloid_n == pytest.approx(expected, abs=0.004)
+def sneddon(share: float) -> float:
+    """Return the force of a rigid sphere on a half-space for R = 1 and E' = 1, by Sneddon's own equations."""
+    a = brentq(lambda a: a * math.atanh(a) - share, 0.0, 1.0 - 1e-12, xtol=1e-15)
+    return (1.0 + a * a) * math.atanh(a) - a
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.8, 1.0])
+def test_a_very_high_layer_under_a_sphere_is_sneddons_half_space(share: float) -> None:
+    tip_m, layer = 0.006, BondedLayer(NU, 10.0)
+    cell_m = contact_radius_m("sphere", tip_m, share * tip_m) / 14.0
+    force = Patch(layer, None, tip_m, share * tip_m, cell_m).press(0.0).normal_n
+    assert force == pytest.approx(sneddon(share) * tip_m**2 / (1.0 - NU**2), rel=1e-3)
+
+
+@pytest.mark.parametrize("tip", TIP_FORMS)
+def test_the_overlap_is_met_in_the_mean_of_each_cell(tip: TipForm) -> None:
+    patch = Patch(LAYER, None, 0.006, 0.004, 0.001, tip=tip)
+    (x, y), nodes = patch.cells(), (np.arange(200) + 0.5) / 200 * 0.001 - 0.0005
+    for i in (0, 20, len(x) // 2):
+        dx, dy = np.meshgrid(x[i] + nodes, y[i] + nodes)
+        if np.hypot(dx, dy).max() < 0.0055:  # beyond it a sphere's side is steep
+            mean = gap_m(tip, 0.006, np.hypot(dx, dy)).mean()
+            assert patch._overlap[i] == pytest.approx(0.004 - mean, abs=2e-9)
+
+
+def test_a_patch_under_a_sphere_ends_at_its_equator() -> None:
+    """Thin, nearly incompressible gel is squeezed up beside the ball, where there is no ball to touch."""
+    patch = Patch(BondedLayer(0.4999, 0.004), None, 0.006, 0.006, 0.0008)
+    assert np.hypot(*patch.cells()).max() < 0.006
+    assert patch.press(0.0).normal_n > 0.0

@@ -85,7 +85,9 @@ class FitProblem:
         height = x[3 + count : 3 + count + self.mount_count] * self.height_sd_m
         factor = 1.0 + x[3 + count + self.mount_count :] * self.model_sd
         models = {
-            depth_m: rung_model(self.rung, scene.with_bead(depth_m).phantom, scene.probe.tip_radius_m)
+            depth_m: rung_model(
+                self.rung, scene.with_bead(depth_m).phantom, scene.probe.tip_radius_m, scene.probe.tip
+            )
             for depth_m in self.depths_m
         }
         found = []

@@ -29,7 +29,7 @@ from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.section_mesh import slab_section
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
 
 _HEIGHT_M = 0.030
@@ -178,24 +178,23 @@ def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float,
     return float(values[0] / values[-1]), float(normal / fine - 1.0)
 
 
-def finite_strain_error(indentations_m: Float64Array, depth_m: float) -> Float64Array:
-    """Return by how much L5's force on the axis of a bead changes with facets twice as long, shape (n,).
+def finite_strain_error(indentations_m: Float64Array) -> Float64Array:
+    """Return by how much L5's force on bare gel changes with facets twice as long, shape (n,).
 
     Raises:
-        OutOfRange: An indentation is beyond what the finite-strain elements bear.
+        OutOfRange: An indentation is beyond the ball's radius, or what the finite-strain elements bear.
     """
-    phantom, tip_m, axis = Phantom(bead=Bead(depth_m=depth_m)), 0.006, np.zeros(())
-    coarse = FiniteStrainContact(phantom, tip_m, facet_m=tip_m / 8.0).force(axis, indentations_m)[0]
-    return coarse / FiniteStrainContact(phantom, tip_m).force(axis, indentations_m)[0] - 1.0
+    tip_m, axis = 0.006, np.zeros(())
+    coarse = FiniteStrainContact(Phantom(), tip_m, facet_m=tip_m / 8.0).force(axis, indentations_m)[0]
+    return coarse / FiniteStrainContact(Phantom(), tip_m).force(axis, indentations_m)[0] - 1.0
 
 
-def small_strain_excess(indentation_over_depth: float, depth_m: float = 0.004) -> float:
-    """Return by how much small strain overstates the force on the axis of a bead.
+def small_strain_excess(indentations_m: Float64Array) -> Float64Array:
+    """Return by how much small strain overstates the force of a ball of 6 mm on bare gel, shape (n,).
 
     Raises:
-        OutOfRange: The indentation is beyond what the finite-strain elements bear.
+        OutOfRange: An indentation is beyond the ball's radius, or what the finite-strain elements bear.
     """
-    phantom, tip_m = Phantom(bead=Bead(depth_m=depth_m)), 0.006
-    at = np.array(indentation_over_depth * depth_m)
-    finite = FiniteStrainContact(phantom, tip_m).force(np.zeros(()), at)[0]
-    return float(HarmonicContact(phantom, tip_m).force(np.zeros(()), at)[0] / finite - 1.0)
+    tip_m, axis = 0.006, np.zeros(())
+    finite = FiniteStrainContact(Phantom(), tip_m).force(axis, indentations_m)[0]
+    return HarmonicContact(Phantom(), tip_m).force(axis, indentations_m)[0] / finite - 1.0

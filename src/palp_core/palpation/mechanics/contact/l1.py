@@ -1,7 +1,7 @@
 """Rung L1: an elastic foundation. Every column of gel under the ball is squeezed by itself."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from palp_core.errors import OutOfRange
 from palp_core.methods import Bound, method
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 POISSON_MAX = 0.4995
@@ -40,20 +41,24 @@ class ElasticFoundation:
     The pressure is p = M w / h with w = delta - r^2 / 2R the squeeze, M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
     the confined modulus (Johnson, Contact Mechanics, section 4.3) and h the gel under that point: H, or
     d + R_n - sqrt(R_n^2 - r^2) over a bead that does not sink. Forces are integrals over the circle of radius
-    sqrt(2 R delta).
+    sqrt(2 R delta). The ball is a paraboloid, whatever its form: runs say so.
 
     Attributes:
         phantom: What is touched.
-        tip_radius_m: Radius of the ball, taken as a paraboloid.
+        tip_radius_m: Radius of the ball.
+        tip: Form of the ball, which a paraboloid stands for.
 
     Raises:
-        OutOfRange: The radius is not positive, or the gel is too nearly incompressible.
+        OutOfRange: The radius is not positive, there is no such form, or the gel is too nearly
+            incompressible.
     """
 
     phantom: Phantom
     tip_radius_m: float
+    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
+        require_form(self.tip)
         require("tip_radius_m", self.tip_radius_m, 1e-6, 1.0, "give the ball's radius in metres, as in 0.006")
         require(
             "poisson",

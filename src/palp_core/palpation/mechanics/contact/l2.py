@@ -1,7 +1,7 @@
 """Rung L2: Hertz on a bonded layer, thinner over a bead that sinks in the gel. Closed form up to one root."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.l2_bounds import BOUNDS
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.tip import TipForm, over_paraboloid, require_form
 from palp_core.units import Float64Array
 
 _ITERATIONS = 60
@@ -78,22 +79,30 @@ class LayeredHertz:
 
         delta = l + c N,    c(s) = K(s) m / (K(0) + m),    N = N_layer(l; u)
 
+    N_layer is the layer's series. For a sphere its Hertz is Sneddon's force on a half-space, and its chi the
+    radius of that contact over h, of which the first order of the layer is made: both are series in l / R, so
+    that N_layer is a sum of powers of l, of which energy and slopes are closed forms.
+
     A shallow bead thus sinks by m N, and a deep one is felt less and less (c -> K): bare gel is the limit.
     The energy U(s, delta) = W_layer(l; u) + c N^2 / 2 is stationary in l, so that dU/d(delta) = N and
     dU/ds = (dW/du) u' - N^2 c' / 2 hold to round-off.
 
     Attributes:
         phantom: What is touched.
-        tip_radius_m: Radius of the ball, taken as a paraboloid.
+        tip_radius_m: Radius of the ball.
+        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The radius is not positive, or the gel over the bead is thinner than a quarter of it.
+        OutOfRange: The radius is not positive, there is no such form, or the gel over the bead is thinner
+            than a quarter of it.
     """
 
     phantom: Phantom
     tip_radius_m: float
+    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
+        require_form(self.tip)
         require("tip_radius_m", self.tip_radius_m, 1e-6, 1.0, "give the ball's radius in metres, as in 0.006")
         bead = self.phantom.bead
         if bead is not None and bead.depth_m * _THIN < self.tip_radius_m:
@@ -106,6 +115,23 @@ class LayeredHertz:
     @cached_property
     def _series(self) -> tuple[float, ...]:
         return layer_series(self.phantom.poisson)
+
+    @cached_property
+    def _terms(self) -> Float64Array:
+        """Coefficients of the layer's series: powers of chi, then of l / R."""
+        rows = [c * over_paraboloid(self.tip, k) for k, c in enumerate(self._series)]
+        return np.stack(rows)
+
+    @cached_property
+    def _powers(self) -> Float64Array:
+        """Powers of l in the force, of the shape of the terms."""
+        count, forms = self._terms.shape
+        return np.asarray(1.5 + 0.5 * np.arange(count)[:, None] + np.arange(forms))
+
+    @property
+    def _plane(self) -> float:
+        """Hertz's force over sqrt(R) l^1.5."""
+        return 4.0 * self.phantom.modulus_pa / (3.0 * (1.0 - self.phantom.poisson**2))
 
     @property
     def rung(self) -> str:
@@ -120,7 +146,7 @@ class LayeredHertz:
 
     @property
     def indentation_max_m(self) -> float:
-        """The ball's radius, beyond which no paraboloid stands for it."""
+        """The ball's radius: it is in up to its equator."""
         return self.tip_radius_m
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -128,7 +154,7 @@ class LayeredHertz:
         indentation_m = self._checked(indentation_m)
         inverse, inverse_slope, yielding, yielding_slope = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
-        normal_n = self._layer_force(layer_m, inverse)
+        normal_n = self._layer_sum(layer_m, inverse)
         energy_by_inverse = self._layer_sum(layer_m, inverse, energy=True, by_inverse=True)
         lateral_n = energy_by_inverse * inverse_slope - 0.5 * normal_n**2 * yielding_slope
         return normal_n, lateral_n
@@ -138,7 +164,7 @@ class LayeredHertz:
         indentation_m = self._checked(indentation_m)
         inverse, _, yielding, _ = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
-        normal_n = self._layer_force(layer_m, inverse)
+        normal_n = self._layer_sum(layer_m, inverse)
         return self._layer_sum(layer_m, inverse, energy=True) + 0.5 * yielding * normal_n**2
 
     def _checked(self, indentation_m: Float64Array) -> Float64Array:
@@ -177,39 +203,28 @@ class LayeredHertz:
     ) -> Float64Array:
         """Sum the layer's series: force, or energy over l; as it is, or its derivative by u = 1/h.
 
-        The k-th term of the force is a c_k R^(k/2) u^k l^((3 + k)/2), of the energy its integral over l.
+        A term of the force is a c_kj R^(k/2 - j) u^k l^((3 + k)/2 + j), of the energy its integral over l.
         """
+        terms = self._terms / (self._powers + 1.0) if energy else self._terms
+        if by_inverse:
+            terms = (terms * np.arange(len(terms))[:, None])[1:]
         root = np.sqrt(self.tip_radius_m * layer_m)
-        chi = root * inverse
-        total = np.zeros(np.broadcast(layer_m, inverse).shape)
-        for k in range(len(self._series) - 1, 0 if by_inverse else -1, -1):
-            coefficient = self._series[k] * (k if by_inverse else 1.0) / ((2.5 + 0.5 * k) if energy else 1.0)
-            total = total * chi + coefficient
-        plane = 4.0 * self.phantom.modulus_pa / (3.0 * (1.0 - self.phantom.poisson**2))
-        total *= plane * root * layer_m
+        total = _sum(terms, root * inverse, layer_m / self.tip_radius_m)
+        total *= self._plane * root * layer_m
         if by_inverse:
             total *= root
         return total * layer_m if energy else total
-
-    def _layer_force(self, layer_m: Float64Array, inverse: Float64Array) -> Float64Array:
-        return self._layer_sum(layer_m, inverse)
 
     def _layer_indentation(
         self, indentation_m: Float64Array, inverse: Float64Array, yielding: Float64Array
     ) -> Float64Array:
         """Solve l + c N_layer(l) = delta. It is convex and rises with l: Newton descends from l = delta."""
         layer_m = indentation_m + np.zeros_like(inverse)
-        plane = 4.0 * self.phantom.modulus_pa / (3.0 * (1.0 - self.phantom.poisson**2))
-        stiffness, highest = yielding * plane, 1.5 + 0.5 * (len(self._series) - 1)
+        stiffness, by_layer = yielding * self._plane, self._terms * self._powers
         for _ in range(_ITERATIONS):
             root = np.sqrt(self.tip_radius_m * layer_m)
-            chi = root * inverse
-            value, slope = np.full_like(chi, self._series[-1]), np.full_like(chi, highest * self._series[-1])
-            for k in range(len(self._series) - 2, -1, -1):
-                value *= chi
-                value += self._series[k]
-                slope *= chi
-                slope += self._series[k] * (1.5 + 0.5 * k)
+            chi, share = root * inverse, layer_m / self.tip_radius_m
+            value, slope = _sum(self._terms, chi, share), _sum(by_layer, chi, share)
             root *= stiffness
             value *= root
             value += 1.0
@@ -222,3 +237,19 @@ class LayeredHertz:
         raise MechanicsError(
             "the layer under the ball has no equilibrium: its series does not reach this thin a layer; use l4"
         )
+
+
+def _sum(terms: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
+    """Return the sum of terms[k, j] x^k y^j, of the shape of x."""
+    total = None
+    for column in terms.T[::-1]:
+        part = column[-1] * x
+        for term in column[-2:0:-1]:
+            part += term
+            part *= x
+        part += column[0]
+        if total is not None:
+            total *= y
+            part += total
+        total = part
+    return np.asarray(total)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
@@ -36,24 +37,29 @@ class PlaneContact:
 
     Finite elements are condensed once to the compliance C of the surface's nodes; each force then is one
     active set, U = max over p >= 0 of p.g - p.C p / 2 with the overlap g = delta - (x - s)^2 / (2 R), whose
-    derivatives are N = sum p and U_s = p.(x - s) / R. There are up to 0.3 ms of them per position.
+    derivatives are N = sum p and U_s = p.(x - s) / R. There are up to 0.3 ms of them per position. The
+    section is a parabola, whatever the ball's form: runs say so.
 
     Attributes:
         phantom: What is touched.
         tip_radius_m: Radius of the cylinder.
         thickness_m: Extent across the section; the ball's diameter by default, assumed.
         facet_m: Length of the surface's facets, each of two node spacings.
+        tip: Form of the ball, which a parabola stands for.
 
     Raises:
-        OutOfRange: The phantom or the tip is outside the range that the rung is stated for.
+        OutOfRange: The phantom or the tip is outside the range that the rung is stated for, or there is no
+            such form.
     """
 
     phantom: Phantom
     tip_radius_m: float
     thickness_m: float | None = None
     facet_m: float = 0.001
+    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
+        require_form(self.tip)
         require_range(self.phantom, self.tip_radius_m)
         require("thickness_m", self._thickness_m, 1e-6, 1.0, "give the section's extent in metres")
         require("facet_m", self.facet_m, 0.0002, 0.002, "use facets of 0.2 to 2 mm")

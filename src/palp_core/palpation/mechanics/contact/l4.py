@@ -1,7 +1,7 @@
 """Rung L4: three dimensions, small strain. Layer in closed form, bead by finite elements."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -17,10 +17,11 @@ from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.tip import TipForm, contact_radius_m, require_form
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations in the table, uniform in their square roots
-_UNIT_M = 0.005  # sqrt(R delta), about the contact's radius, at which the cells have their nominal size
+_UNIT_M = 0.005  # radius of the contact on a half-space at which the cells have their nominal size
 _LARGEST = 1.5  # cells over their nominal size
 
 
@@ -37,7 +38,7 @@ _LARGEST = 1.5  # cells over their nominal size
 )
 @dataclass(frozen=True)
 class HarmonicContact:
-    """Frictionless contact of a paraboloid with a bonded layer and a rigid bead that is free to move with it.
+    """Frictionless contact of a rigid ball with a bonded layer and a rigid bead that is free to move with it.
 
     The surface's compliance is that of a half-space (Love) and its correction for the bonded floor (Hankel
     transform), less the bead's stiffening, a sum of squares from Fourier-harmonic finite elements. The
@@ -49,20 +50,25 @@ class HarmonicContact:
 
     Attributes:
         phantom: What is touched.
-        tip_radius_m: Radius of the ball, taken as a paraboloid.
-        cell_m: Side of the cells where sqrt(R delta) is 5 mm, in proportion to it below and up to 7.5 mm.
+        tip_radius_m: Radius of the ball.
+        cell_m: Side of the cells where the contact on a half-space has a radius of 5 mm, in proportion to it
+            below and up to 7.5 mm.
         progress: Told how far the set-up is.
+        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
+        OutOfRange: The phantom or the ball is outside the range that the rung is stated for, or there is no
+            such form.
     """
 
     phantom: Phantom
     tip_radius_m: float
     cell_m: float = 0.001
     progress: Progress | None = None
+    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
+        require_form(self.tip)
         require_range(self.phantom, self.tip_radius_m)
         require("cell_m", self.cell_m, 0.0002, 0.002, "use cells of 0.2 to 2 mm")
 
@@ -79,7 +85,7 @@ class HarmonicContact:
 
     @property
     def indentation_max_m(self) -> float:
-        """The ball's radius, beyond which no paraboloid stands for it."""
+        """The ball's radius: it is in up to its equator."""
         return self.tip_radius_m
 
     @property
@@ -130,21 +136,22 @@ class HarmonicContact:
 
     @cached_property
     def _table(self) -> EnergyTable:
-        inputs = self.geometry | {"cell_m": self.cell_m}
+        inputs = {**self.geometry, "cell_m": self.cell_m, "tip": self.tip}
         kept = cached("l4-table", inputs, self._tabulate)
         return EnergyTable(float(kept["offset_max_m"]), float(kept["root_max"]), kept["pieces"])
 
     def patch(self, indentation_m: float) -> Patch:
         """Return the ball on its cells at an indentation, for Young's modulus 1."""
         bead = self.phantom.bead
-        root_m = math.sqrt(self.tip_radius_m * indentation_m)
+        contact_m = contact_radius_m(self.tip, self.tip_radius_m, indentation_m)
         return Patch(
             BondedLayer(self.phantom.poisson, self.phantom.height_m),
             self._bead,
             self.tip_radius_m,
             indentation_m,
-            self.cell_m * min(_LARGEST, root_m / _UNIT_M),
+            self.cell_m * min(_LARGEST, contact_m / _UNIT_M),
             math.inf if bead is None else bead.depth_m,
+            tip=self.tip,
         )
 
     @cached_property

@@ -1,7 +1,7 @@
 """Rung L5: finite strain, for what small strain leaves out; off the bead's axis with L4's shape."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_rang
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations up to the ball's radius, uniform in their square roots
@@ -37,7 +38,7 @@ _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4
 )
 @dataclass(frozen=True)
 class FiniteStrainContact:
-    """Frictionless contact of a sphere with a neo-Hookean layer, over the centre of a rigid bead or bare gel.
+    """Frictionless contact of a ball with a neo-Hookean layer, over the centre of a rigid bead or bare gel.
 
     Axisymmetric finite elements follow the equilibrium from no contact up to the ball's radius, or to where
     an element folds or the gel gives way: :attr:`indentation_max_m` says how far that was. That is the
@@ -56,17 +57,21 @@ class FiniteStrainContact:
         tip_radius_m: Radius of the ball.
         facet_m: Length of the surface's facets where the ball may touch; 1/16 of its radius by default.
         progress: Told how far the set-up is.
+        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
+        OutOfRange: The phantom or the ball is outside the range that the rung is stated for, or there is no
+            such form.
     """
 
     phantom: Phantom
     tip_radius_m: float
     facet_m: float | None = None
     progress: Progress | None = None
+    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
+        require_form(self.tip)
         require_range(self.phantom, self.tip_radius_m)
         require(
             "facet_m", self._facet_m, self.tip_radius_m / 64.0, self.tip_radius_m / 4.0, "use R/64 to R/4"
@@ -157,14 +162,14 @@ class FiniteStrainContact:
 
     @cached_property
     def _small(self) -> HarmonicContact:
-        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress)
+        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress, tip=self.tip)
 
     @cached_property
     def _small_bare(self) -> HarmonicContact:
-        return HarmonicContact(replace(self.phantom, bead=None), self.tip_radius_m, progress=self.progress)
+        return replace(self._small, phantom=replace(self.phantom, bead=None))
 
     def _tabulated(self, small: HarmonicContact) -> EnergyTable:
-        inputs = small.geometry | {"facet_m": self._facet_m}
+        inputs = {**small.geometry, "facet_m": self._facet_m, "tip": self.tip}
         kept = cached("l5-table", inputs, lambda: self._tabulate(small))
         return EnergyTable(0.0, float(kept["root_max"]), kept["pieces"])
 
@@ -177,7 +182,7 @@ class FiniteStrainContact:
         def small_n(root: Float64Array) -> Float64Array:
             return small.force(np.zeros(()), root**2)[0] / small.phantom.modulus_pa
 
-        solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m)
+        solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m, self.tip)
         roots, shares = [0.0], [1.0]
         for j in range(_FIRST, _ROOTS + 1):
             root = math.sqrt(self.tip_radius_m) * j / _ROOTS

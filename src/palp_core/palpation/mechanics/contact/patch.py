@@ -17,10 +17,12 @@ from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.halfspace import love_mean
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
+from palp_core.palpation.mechanics.tip import TipForm, gap_m, overlap_radius_m
 from palp_core.units import Float64Array
 
-_MARGIN = 1.45  # patch radius over sqrt(R delta): the overlap of the undeformed bodies ends at sqrt(2)
+_MARGIN = 1.025  # patch radius over that of the overlap of the undeformed bodies
 _GROWTHS = 12  # times that the patch may grow by a quarter
+_GAP_NODES = 4  # Gauss points along a cell: two are exact for a paraboloid
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class Pressed:
 
 @dataclass(eq=False)
 class Patch:
-    """Half of a round patch of cells under a paraboloid, at one indentation.
+    """Half of a round patch of cells under a ball, at one indentation; a sphere's ends at its equator.
 
     Attributes:
         layer: The bare gel.
@@ -49,6 +51,7 @@ class Patch:
         indentation_m: Its indentation, positive.
         cell_m: Side of the cells.
         thinnest_m: Gel over the bead: cells larger than a quarter of it average the stiffening.
+        tip: Form of the ball.
     """
 
     layer: BondedLayer
@@ -57,6 +60,7 @@ class Patch:
     indentation_m: float
     cell_m: float
     thinnest_m: float = math.inf
+    tip: TipForm = "sphere"
     _margin: float = field(default=_MARGIN, init=False)
 
     def __post_init__(self) -> None:
@@ -64,17 +68,17 @@ class Patch:
 
     def _build(self) -> None:
         h = self.cell_m
-        radius_m = self._margin * math.sqrt(self.tip_radius_m * self.indentation_m) + h
+        radius_m = self._margin * overlap_radius_m(self.tip, self.tip_radius_m, self.indentation_m) + h
+        whole = self.tip == "sphere" and radius_m >= self.tip_radius_m
+        radius_m = self.tip_radius_m if whole else radius_m
         count = math.ceil(radius_m / h)
         along = (np.arange(-count, count) + 0.5) * h
         across = (np.arange(count) + 0.5) * h
         x, y = (grid.ravel() for grid in np.meshgrid(along, across, indexing="ij"))
         inside = np.hypot(x, y) < radius_m
         self._x, self._y = x[inside], y[inside]
-        self._rim = np.hypot(self._x, self._y) > radius_m - 1.5 * h
-        self._overlap = self.indentation_m - (self._x**2 + self._y**2 + h**2 / 6.0) / (
-            2.0 * self.tip_radius_m
-        )
+        self._rim = (np.hypot(self._x, self._y) > radius_m - 1.5 * h) & (not whole)
+        self._overlap = self.indentation_m - self._mean_gap()
 
         # Compliances by integer distance of cells, so that each is computed once.
         steps: Float64Array = h * np.arange(2 * count + 1, dtype=np.float64)
@@ -83,6 +87,18 @@ class Patch:
         by_step = love_mean(steps[:, None], steps, h, self.layer.poisson) + self._correction(apart)
         di = np.abs(i[:, None] - i)
         self._bare: Float64Array = by_step[di, np.abs(j[:, None] - j)] + by_step[di, j[:, None] + j + 1]
+
+    def _mean_gap(self) -> Float64Array:
+        """Return the mean over each cell of the ball's height above its lowest point."""
+        dx, dy, share = self._places_within(_GAP_NODES)
+        gap = gap_m(self.tip, self.tip_radius_m, np.hypot(self._x + dx, self._y + dy))
+        return np.asarray(share @ gap)
+
+    def _places_within(self, count: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Return Gauss points of a cell from its centre, as columns, and their shares."""
+        nodes, weight = np.polynomial.legendre.leggauss(count)
+        dx, dy = (0.5 * self.cell_m * grid.ravel()[:, None] for grid in np.meshgrid(nodes, nodes))
+        return dx, dy, np.outer(weight, weight).ravel() / 4.0
 
     def _correction(self, apart: Float64Array) -> Float64Array:
         """Return the layer's correction, by spline: it varies over the slab's height."""
@@ -102,10 +118,8 @@ class Patch:
     def _squares(self, offset_m: float) -> Float64Array:
         assert self.bead is not None
         ratio = self.cell_m / self.thinnest_m
-        nodes, weight = np.polynomial.legendre.leggauss(1 if ratio <= 0.25 else 1 + math.ceil(ratio))
-        dx, dy = (0.5 * self.cell_m * grid.ravel()[:, None] for grid in np.meshgrid(nodes, nodes))
+        dx, dy, share = self._places_within(1 if ratio <= 0.25 else 1 + math.ceil(ratio))
         values = self.bead.at((self._x + offset_m + dx).ravel(), (self._y + dy).ravel())
-        share = np.outer(weight, weight).ravel() / 4.0
         return np.asarray(np.tensordot(share, values.reshape(share.size, self._x.size, -1), axes=1))
 
     def press(self, offset_m: float, start: NDArray[np.bool_] | None = None) -> Pressed:

@@ -17,6 +17,7 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
 _SNAP_PARTS = 32
+_STEEP = 5e-5  # of the peak: a flank that a spline misses by more gets twice as many positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class SweepTable:
     with a straight ramp over the jump, at most 1/32 of the grid's step long.
 
     Attributes:
-        solved: The sweep on the grid, the grid refined at jumps.
+        solved: The sweep on the grid, the grid refined at jumps and on steep flanks.
     """
 
     solved: Sweep
@@ -115,9 +116,29 @@ def solve(
         ]
         finer = np.unique(np.concatenate([solved.stage_m, *between]))
         solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
+    elif (halves := _steep_halves(solved)).size:
+        finer = np.unique(np.concatenate([solved.stage_m, halves]))
+        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
     if coarse:
         solved = replace(solved, guards=(*solved.guards, coarse))
     return SweepTable(solved, _curve(solved))
+
+
+def _steep_halves(solved: Sweep) -> Float64Array:
+    """Return the middles of the steps near which a spline misses the torque, judged by every second step.
+
+    An almost snapping tip makes the torque rise within a step or two. A cubic spline's error falls with the
+    fourth power of the step.
+    """
+    falling = solved.stage_m[0] > solved.stage_m[-1]
+    stage_m, torque = (x[::-1] if falling else x for x in (solved.stage_m, solved.torque_n_m))
+    last = (len(stage_m) - 1) // 2 * 2
+    rough = scipy.interpolate.CubicSpline(stage_m[: last + 1 : 2], torque[: last + 1 : 2])
+    missed = np.abs(rough(stage_m[1:last:2]) - torque[1:last:2]) / 16.0
+    at = 1 + 2 * np.flatnonzero(missed > _STEEP * np.abs(torque).max())
+    steps = np.unique(at[:, None] + np.arange(-3, 3))
+    steps = steps[(steps >= 0) & (steps < len(stage_m) - 1)]
+    return np.asarray(0.5 * (stage_m[steps] + stage_m[steps + 1]))
 
 
 def _curve(solved: Sweep) -> scipy.interpolate.PPoly:

@@ -10,6 +10,7 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, yielding
+from palp_core.palpation.mechanics.tip import TipForm
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,20 @@ def choose_motion(scene: Scene) -> MethodChoice:
         return choose("motion", output, scene.tolerance.relative, quantities, asked="quasi_static")
 
 
-def rung_model(rung: str, phantom: Phantom, tip_radius_m: float) -> ContactModel:
+def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = "sphere") -> ContactModel:
     """Return a rung by name, ready to use, at its usual resolution.
+
+    Args:
+        rung: Its name.
+        phantom: What is touched.
+        tip_radius_m: Radius of the ball.
+        tip: Form of the ball, the probe's.
 
     Raises:
         MethodError: There is no such rung.
         MechanicsError: It cannot be set up for this phantom and ball.
     """
-    model: ContactModel = find("contact", rung).target(phantom, tip_radius_m)
+    model: ContactModel = find("contact", rung).target(phantom, tip_radius_m, tip=tip)
     return model
 
 
@@ -105,6 +112,7 @@ def contact_model(
     output: str = "peak",
     tolerance: float = 0.02,
     indentation_m: float | None = None,
+    tip: TipForm = "sphere",
 ) -> tuple[ContactModel, MethodChoice]:
     """Return the cheapest contact rung that is good enough for any ring and probe, ready to use, and why.
 
@@ -114,14 +122,15 @@ def contact_model(
         output: What must be right: ``peak`` (largest torque) or ``contrast`` (peak minus local base).
         tolerance: Largest acceptable relative error of it.
         indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
+        tip: Form of the ball, the probe's.
 
     Raises:
         MethodError: No declared rung is good enough in this scene; the message says what each vouches for.
     """
     quantities: dict[str, float | tuple[float, ...]] = dict(phantom.scene(tip_radius_m))
     if indentation_m is not None:
-        probe = Probe(tip_radius_m=tip_radius_m)
+        probe = Probe(tip_radius_m=tip_radius_m, tip=tip)
         quantities["indentation_m"] = indentation_m
         quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
     choice = choose("contact", output, tolerance, quantities)
-    return rung_model(choice.method.name, phantom, tip_radius_m), choice
+    return rung_model(choice.method.name, phantom, tip_radius_m, tip), choice

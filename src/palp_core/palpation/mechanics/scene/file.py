@@ -3,7 +3,7 @@
 ::
 
     phantom: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: {radius_m: 0.0075, depth_m: 0.004}}
-    probe: {tip_radius_m: 0.006, friction: 0.3, tip_mass_kg: 0.008}
+    probe: {tip_radius_m: 0.006, tip: sphere, friction: 0.3, tip_mass_kg: 0.008}
     path: {indentation_m: 0.004, speed_m_s: 0.02, from_m: -0.03, to_m: 0.05}
     ring_m: [0.004, 0.016]
     tolerance: {output: contrast, relative: 0.05}
@@ -164,13 +164,18 @@ def _tolerance(node: SceneNode) -> Tolerance:
 
 
 def _struct(node: SceneNode, what: str, kind: type[T]) -> T:
-    """Return a dataclass of numbers."""
+    """Return a dataclass of numbers, and of words where a default is one."""
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     fields = node.items(what, known)
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.name not in fields and field.default is dataclasses.MISSING:
             raise node.error(f"{what} needs {field.name}")
-    return _made(node, fields, kind, {name: value.number(name) for name, value in fields.items()})
+    words = {f.name for f in dataclasses.fields(kind) if isinstance(f.default, str)}  # type: ignore[arg-type]
+    given = {
+        name: (value.text or "a collection") if name in words else value.number(name)
+        for name, value in fields.items()
+    }
+    return _made(node, fields, kind, given)
 
 
 def _made(node: SceneNode, fields: dict[str, SceneNode], kind: type[T], given: dict[str, Any]) -> T:

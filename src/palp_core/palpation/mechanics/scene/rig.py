@@ -36,7 +36,8 @@ class Rig:
 
     def model(self, code: str) -> ContactModel:
         """Return a phantom's contact model, ready to use."""
-        return rung_model(self.choices[code].method.name, self.phantoms[code], self.probe.tip_radius_m)
+        name, probe = self.choices[code].method.name, self.probe
+        return rung_model(name, self.phantoms[code], probe.tip_radius_m, probe.tip)
 
     def met(self, code: str, solved: Sweep) -> tuple[str, ...]:
         """Return what a sweep over a phantom met that its record must say."""

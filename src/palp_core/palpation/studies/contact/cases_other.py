@@ -94,10 +94,13 @@ def _winkler(quick: bool) -> FailureCase:
     for poisson in ratios:
         phantom = Phantom(poisson=float(poisson))
         layer = BondedLayer(phantom.poisson, phantom.height_m)
-        true.append(Patch(layer, None, 0.006, 0.001, 0.0005).press(0.0).normal_n * phantom.modulus_pa)
-        surviving.append(LayeredHertz(phantom, 0.006).force(at, depth)[0][0])
+        true.append(
+            Patch(layer, None, 0.006, 0.001, 0.0005, tip="paraboloid").press(0.0).normal_n
+            * phantom.modulus_pa
+        )
+        surviving.append(LayeredHertz(phantom, 0.006, tip="paraboloid").force(at, depth)[0][0])
         try:
-            failing.append(ElasticFoundation(phantom, 0.006).force(at, depth)[0][0])
+            failing.append(ElasticFoundation(phantom, 0.006, tip="paraboloid").force(at, depth)[0][0])
         except MechanicsError:
             failing.append(np.inf)
     base = np.array(true)

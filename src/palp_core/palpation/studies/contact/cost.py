@@ -44,9 +44,10 @@ class RungVariant:
         """Rung and resolution."""
         return f"{self.rung.upper()} {self.resolution}".strip()
 
-    def model(self, phantom: Phantom, tip_radius_m: float) -> ContactModel:
+    def model(self, phantom: Phantom, probe: Probe) -> ContactModel:
         """Return the contact model, set up by its first force."""
-        made: ContactModel = find("contact", self.rung).target(phantom, tip_radius_m, **dict(self.arguments))
+        target, arguments = find("contact", self.rung).target, dict(self.arguments)
+        made: ContactModel = target(phantom, probe.tip_radius_m, tip=probe.tip, **arguments)
         return made
 
 
@@ -162,7 +163,7 @@ def measure(
     stage = np.linspace(-0.03, 0.05, SWEEP_POSITIONS)
     with cold_cache():
         start_ns = monotonic_ns()
-        model = variant.model(phantom, probe.tip_radius_m)
+        model = variant.model(phantom, probe)
         depths_m = _INDENTATIONS_M[model.indentation_max_m >= _INDENTATIONS_M]  # what it reaches
         normal_n, _ = model.force(_OFFSETS_M[:, None], depths_m)
         setup_s = (monotonic_ns() - start_ns) / 1e9

@@ -146,7 +146,7 @@ def clean_cases(rings_m: tuple[float, ...]) -> list[CleanSweep]:
             phantom = Phantom(bead=Bead(depth_m=depth_m))
             scene = {**phantom.scene(probe.tip_radius_m), "indentation_m": INDENTATION_M}
             rung = choose("contact", "peak", 0.02, scene).method.name
-            model = rung_model(rung, phantom, probe.tip_radius_m)
+            model = rung_model(rung, phantom, probe.tip_radius_m, probe.tip)
             table = solve(model, probe, ring_m, INDENTATION_M, FROM_M - MARGIN_M, TO_M + MARGIN_M)
             torques.append(table.torque_n_m(stage))
         cone = edge_cone()

@@ -14,6 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from palp_core.errors import PalpError
 from palp_core.methods import Quantities, choose, find
+from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
@@ -160,7 +161,7 @@ def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
     for depth_m in gel.depths_m:
         rung = _rung(gel, depth_m)
         rungs.append(rung)
-        model = rung_model(rung, _phantom(gel, depth_m), gel.tip_radius_m)
+        model = _model(rung, gel, depth_m)
         for ring_m in gel.rings_m:
             table = np.array(
                 [
@@ -182,7 +183,7 @@ def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
 
 def sweep_torque(gel: Gel, depth_m: float, ring_m: float, height_m: float = 0.0) -> Float64Array:
     """Return the true torque of one sweep at 1 kHz, N m."""
-    model = rung_model(_rung(gel, depth_m), _phantom(gel, depth_m), gel.tip_radius_m)
+    model = _model(_rung(gel, depth_m), gel, depth_m)
     return _torque(model, _probe(gel), ring_m, gel.indentation_m + height_m)
 
 
@@ -206,6 +207,11 @@ def _torque(model: object, probe: Probe, ring_m: float, indentation_m: float) ->
 
 def _probe(gel: Gel) -> Probe:
     return Probe(friction=gel.friction, tip_radius_m=gel.tip_radius_m)
+
+
+def _model(rung: str, gel: Gel, depth_m: float) -> ContactModel:
+    probe = _probe(gel)
+    return rung_model(rung, _phantom(gel, depth_m), probe.tip_radius_m, probe.tip)
 
 
 def _phantom(gel: Gel, depth_m: float) -> Phantom:
