@@ -7,6 +7,7 @@ import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
+from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
@@ -63,10 +64,14 @@ class Emg(Node):
 
     @staticmethod
     def examine(params: EmgParams) -> dict[str, str]:
-        return device_mistakes("emg", params.device, params.driver_options())
+        too_long = block_mistakes(params.block_samples, params.rate_hz)
+        return too_long | device_mistakes("emg", params.device, params.driver_options())
 
     def on_configure(self) -> None:
         self.device = open_device("emg", self.params.device, **self.params.driver_options())
+        real = not isinstance(self.device, SimEmg)
+        if late := late_blocks("emg", 1.0 / self.params.block_hz, wall_clock=real):
+            self.log.warning("%s", late)
 
     @property
     def memory(self) -> Any:

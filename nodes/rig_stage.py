@@ -10,6 +10,7 @@ from msgs.stage import SweepGoal
 from nodes.stage import Stage, StageParams, StageState
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.blocks import block_mistakes
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits, check_lift
 from palp_core.palpation.devices.protocols import StageFeedback
@@ -100,6 +101,7 @@ def mistakes(params: RigStageParams) -> dict[str, str]:
             check()
         except DeviceError as error:
             found[name] = str(error)
+    found |= block_mistakes(params.block_samples, params.rate_hz)
     return found or device_mistakes("stage", params.device, driver_options(params))
 
 

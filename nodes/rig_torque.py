@@ -8,6 +8,7 @@ from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import TorqueSamples as Samples
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
@@ -70,11 +71,18 @@ class RigTorque(Node):
             return {
                 "options": "the range of the sensor is told as range_n_mm, as the safety node needs it, too"
             }
-        return device_mistakes("torque", params.device, params.driver_options())
+        too_long = block_mistakes(params.block_samples, params.rate_hz)
+        return too_long | device_mistakes("torque", params.device, params.driver_options())
 
     def on_configure(self) -> None:
         p = self.params
         self.device = open_device("torque", p.device, **p.driver_options())
+        for late in (
+            late_blocks("torque", p.block_samples / p.rate_hz, wall_clock=True),
+            late_blocks("load", 1.0 / p.load_hz, wall_clock=True),
+        ):
+            if late:
+                self.log.warning("%s", late)
         self.first: list[Samples] = []
         self.times_ns: list[int] = []
         self.torque_n_m: list[float] = []

@@ -7,6 +7,7 @@ import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
@@ -57,12 +58,18 @@ class Stage(Node):
 
     @staticmethod
     def examine(params: Any) -> dict[str, str]:
-        return device_mistakes("stage", params.device, {"sweep_speed_m_per_s": params.sweep_speed_m_s})
+        too_long = block_mistakes(params.block_samples, params.rate_hz)
+        return too_long | device_mistakes(
+            "stage", params.device, {"sweep_speed_m_per_s": params.sweep_speed_m_s}
+        )
 
     def on_configure(self) -> None:
         self.device = open_device(
             "stage", self.params.device, sweep_speed_m_per_s=self.params.sweep_speed_m_s
         )
+        length_s = 1.0 / self.params.block_hz
+        if late := late_blocks("torque", length_s, wall_clock=False):  # torque follows the poses
+            self.log.warning("%s", late)
 
     @property
     def memory(self) -> Any:

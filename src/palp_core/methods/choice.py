@@ -92,7 +92,8 @@ def choose(
     if budget_s is not None and found.cost_s > budget_s:
         raise MethodError(_too_dear(found, output, tolerance, candidates, budget_s))
     chosen = find(task, found.name)
-    why = f"{found.name}: '{output}' within {percent(found.bound or 0.0)} (asked: {percent(tolerance)})"
+    asked_for = amount(tolerance, output)
+    why = f"{found.name}: '{output}' within {amount(found.bound or 0.0, output)} (asked: {asked_for})"
     why += f", evidence {chosen.evidence}"
     refused = [f"{c.name} {c.why}" for c in candidates[: candidates.index(found)]]
     if refused:
@@ -130,11 +131,11 @@ def _candidate(
     elif bound is None:
         mark, why = "refused", f"vouches for no '{output}' here{_because(one, scene)}"
     elif bound > tolerance:
-        mark, why = "refused", f"is within {percent(bound)} only"
+        mark, why = "refused", f"is within {amount(bound, output)} only"
     elif dearer:
-        mark, why = "valid", f"is within {percent(bound)}, but dearer"
+        mark, why = "valid", f"is within {amount(bound, output)}, but dearer"
     else:
-        mark, why = "chosen", f"is the cheapest within {percent(tolerance)}: {percent(bound)}"
+        mark, why = "chosen", f"is the cheapest within {amount(tolerance, output)}: {amount(bound, output)}"
     return Candidate(one.name, bound, cost_s, mark, why)
 
 
@@ -145,7 +146,9 @@ def _because(one: Method, scene: Quantities) -> str:
 
 
 def _named(one: Method, output: str, bound: float | None) -> str:
-    stated = f"'{output}' within {percent(bound)}" if bound is not None else f"no bound on '{output}' here"
+    stated = (
+        f"'{output}' within {amount(bound, output)}" if bound is not None else f"no bound on '{output}' here"
+    )
     reason = f"{one.name}: asked for by name; {stated}, evidence {one.evidence}"
     if bound is None and one.fails:
         reason += f"; it fails at: {one.fails}; finer: {one.survivor or 'none'}"
@@ -161,7 +164,7 @@ def _none(
     )
     refused = "; ".join(f"{c.name} {c.why}" for c in candidates) or "none is declared"
     return (
-        f"no {task} method gives '{output}' within {percent(tolerance)} at {where}: {refused}; "
+        f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where}: {refused}; "
         "relax the tolerance or add a finer method"
     )
 
@@ -171,11 +174,16 @@ def _too_dear(
 ) -> str:
     affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
     best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
-    offer = f"{best.name} gives {percent(best.bound or 0.0)}" if best else "no method vouches for it"
+    offer = f"{best.name} gives {amount(best.bound or 0.0, output)}" if best else "no method vouches for it"
     return (
-        f"'{output}' within {percent(tolerance)} takes {found.name}, about {found.cost_s:g} s with nothing "
-        f"cached; budget_s is {budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
+        f"'{output}' within {amount(tolerance, output)} takes {found.name}, about {found.cost_s:g} s with "
+        f"nothing cached; budget_s is {budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
     )
+
+
+def amount(error: float, output: str) -> str:
+    """Return an error of an output in words: a time if the output is one (``age_s``), else in per cent."""
+    return f"{error:.3g} s" if output.endswith("_s") else percent(error)
 
 
 def percent(share: float) -> str:

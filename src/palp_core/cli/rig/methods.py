@@ -36,7 +36,7 @@ def methods(
     """
     from palp_core.methods import task as task_of
     from palp_core.methods import tasks
-    from palp_core.methods.choice import percent
+    from palp_core.methods.choice import amount
     from palp_core.methods.machine import UNIT_S, slowness
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
@@ -49,7 +49,7 @@ def methods(
         print_json([_record(one, *pair) | here for one in found for pair in one.declared()])
         return
     for one in found:
-        asked = f"asked here: {one.output} within {percent(one.tolerance)}"
+        asked = f"asked here: {one.output} within {amount(one.tolerance, one.output)}"
         print_text(f"{one.task.name}: {one.task.question} (cost: {one.task.per}; {asked})")
         if sys.stdout.isatty():
             _print_wrapped(one)
@@ -61,10 +61,10 @@ def methods(
 
 def _rows(choice: TaskChoice) -> Iterator[tuple[list[str], str]]:
     """Yield a row per method, and its mark."""
-    from palp_core.methods.choice import percent
+    from palp_core.methods.choice import amount
 
     for declared, offer in choice.declared():
-        error = "-" if offer.bound is None else percent(offer.bound)
+        error = "-" if offer.bound is None else amount(offer.bound, choice.output)
         mark = offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}"
         fails, survivor = declared.fails or "-", declared.survivor or "-"
         yield [declared.name, _seconds(declared.cost_s), error, mark, fails, survivor], offer.mark

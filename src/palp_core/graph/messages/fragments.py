@@ -14,7 +14,10 @@ import numpy as np
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
 
-CUT_FROM = 512 * 1024  # bytes; below, copying is faster than the handing over of memory between threads
+CUT_FROM = 512 * 1024
+"""Bytes; below, copying is faster than the handing over of memory between threads. Here the valid ranges of
+the methods of task ``codec`` meet, and a socket begins to send without a copy."""
+
 _STAND_IN = np.frombuffer(b"palp: cut here!!", dtype="<f8")
 _STAND_IN_BIN = b"\xc4\x10palp: cut here!!"
 _EMPTY_BIN = b"\xc4\x00"
@@ -31,15 +34,15 @@ class Pieces(NamedTuple):
     tail: bytes
 
 
-def cut(message: Message) -> Pieces | None:
-    """Return a message in pieces, or None if it has no large array.
+def cut(message: Message, least_bytes: int = CUT_FROM) -> Pieces | None:
+    """Return a message in pieces, or None if it has no array of so many bytes.
 
     A read-only array travels as it is. One that its owner may still change is copied first.
     """
     large = None
     for name in _array_fields(type(message)):
         value = getattr(message, name)
-        if type(value) is np.ndarray and value.nbytes >= (CUT_FROM if large is None else large[1].nbytes):
+        if type(value) is np.ndarray and value.nbytes >= (least_bytes if large is None else large[1].nbytes):
             large = name, value
     if large is None:
         return None

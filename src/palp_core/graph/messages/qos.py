@@ -12,6 +12,9 @@ import msgspec
 
 EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "message_repeated", "call_timeout"]
 
+MOST_UNREAD = 100_000
+"""Messages that a node on the wall clock may have received and not taken up; the rest waits before it."""
+
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a publisher offers or a reader requests; 0 means "none stated".

@@ -9,6 +9,7 @@ from typing import Any
 
 import zmq
 
+from palp_core.graph.messages.fragments import CUT_FROM
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.bytes_under_way import BytesUnderWay
@@ -16,7 +17,6 @@ from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
-COPY_BELOW = 512 * 1024
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
@@ -122,7 +122,7 @@ class PublisherSocket:
 
     def _transmit(self, frame: bytes) -> None:
         self.stirred = True
-        if len(frame) < COPY_BELOW or self._held is not None:
+        if len(frame) < CUT_FROM or self._held is not None:
             self._send_frame(frame)
         elif self._under_way.has_room(len(frame)):
             self._under_way.send(self._socket, frame)

@@ -17,7 +17,7 @@ from palp_core.graph.messages.frame import (
     parse,
     quick_header,
 )
-from palp_core.graph.messages.qos import strictest
+from palp_core.graph.messages.qos import MOST_UNREAD, strictest
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
@@ -30,7 +30,6 @@ from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
-MOST_UNREAD = 100_000
 MOST_UNREAD_BYTES = 64 << 20
 _DATA = int(Kind.DATA)
 

@@ -17,11 +17,15 @@ PUBLISHED: Mapping[str, float] = {
     "height_sd_m": 0.0001,
     "noise_n_m": RESOLUTION_N_M,
     "sample_hz": 1000.0,
+    "wall_clock": 1.0,
+    "process_count": 10.0,
+    "array_bytes": 160.0,
 }
 """What methods that are not of the mechanics may know of a session, beside its scene, SI: depths told apart,
 training palpations a cell, palpations a trial at most, spread of the ring's landing (published, uniform), of
 the mounting's height (assumed) and of a torque sample (assumed, a step of the sensor's resolution), and the
-sensor's rate (published)."""
+sensor's rate (published); and that the rig's graph is ten processes on the wall clock, with blocks of 20
+samples."""
 
 _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the scene asks for
 
