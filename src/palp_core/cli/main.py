@@ -50,6 +50,10 @@ app = lazy_app(
             f"{_CLI}.rig.methods:methods",
             "List the methods of every task, cheapest first, and which of them a scene gets.",
         ),
+        "tradeoff": Verb(
+            f"{_CLI}.rig.tradeoff:tradeoff",
+            "Measure error against time of every method in a scene, and draw one page.",
+        ),
         "cache": Verb(f"{_CLI}.rig.cache:app", "Set-ups of contact models, kept on disk."),
         "study": Verb(
             f"{_CLI}.rig.study:app", "Studies: the paper re-run, speed against accuracy, where methods fail."

@@ -59,11 +59,6 @@ STUDIES = {
             "palp_core.palpation.studies.contact.stability:run",
         ),
         Study(
-            "contact-tradeoff",
-            "What does each contact model cost, and how wrong is it?",
-            "palp_core.palpation.studies.contact.tradeoff:run",
-        ),
-        Study(
             "contact-validity",
             "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
             "palp_core.palpation.studies.contact.validity:run",

@@ -11,8 +11,6 @@ from typer.testing import CliRunner
 
 from palp_core.cli.rig import cache, scene, study
 from palp_core.errors import MechanicsError, PalpError
-from palp_core.palpation.mechanics import Bead, Phantom, Probe
-from palp_core.palpation.studies.contact.cost import RungVariant, measure, variants
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
 TEXT = """
@@ -75,10 +73,10 @@ def test_a_mistake_in_the_file_is_the_libraries_own_error(tmp_path: Path) -> Non
 
 
 def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
-    assert "contact-tradeoff" in CliRunner().invoke(study.app, ["list"]).output
+    assert "contact-validity" in CliRunner().invoke(study.app, ["list"]).output
     assert {one["name"] for one in json.loads(CliRunner().invoke(study.app, ["list", "--json"]).output)} >= {
         "contact-stability",
-        "contact-tradeoff",
+        "contact-validity",
     }
     result = CliRunner().invoke(study.app, ["run", "contact-magic", "--out", str(tmp_path)])
     assert isinstance(result.exception, PalpError)
@@ -97,14 +95,3 @@ def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.
 def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
     nan = float("nan")
     assert pareto_front([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]
-
-
-def test_a_rung_is_timed_and_held_against_another() -> None:
-    phantom, probe = Phantom(bead=Bead(depth_m=0.004)), Probe()
-    truth = measure(RungVariant("l2"), phantom, probe, (0.016,))
-    other = measure(RungVariant("l0"), phantom, probe, (0.016,), against=truth)
-    assert other.setup_s > 0.0
-    assert other.sweep_s > 0.0
-    assert 0.0 < other.error("peak", 0.016) < 0.01 < other.error("contrast", 0.016) < 0.2
-    assert np.isnan(truth.error("peak", 0.016))
-    assert [variant.label for variant in variants(quick=True)][-1] == "L4 0.5 mm"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.dynamics import simulate
+from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import StagePath
@@ -13,7 +13,12 @@ from palp_core.units import Float64Array
 
 
 def dynamic_sweeps(
-    model: ContactModel, probe: Probe, ring_m: Sequence[float], path: StagePath, stage_m: Float64Array
+    model: ContactModel,
+    probe: Probe,
+    ring_m: Sequence[float],
+    path: StagePath,
+    stage_m: Float64Array,
+    dynamics: Dynamics | None = None,
 ) -> tuple[Sweep, ...]:
     """Return one sweep per ring position, the joint's inertia and implicit friction included.
 
@@ -26,12 +31,15 @@ def dynamic_sweeps(
         ring_m: Ring positions.
         path: The way of the stage, its speed and indentation.
         stage_m: Where to read, in sweep order, shape (n,).
+        dynamics: Inertia, damping, step; None: the usual ones.
 
     Raises:
         MechanicsError: No equilibrium to start from.
         OutOfRange: The speed asks for more than five million steps.
     """
-    moved = simulate(model, probe, ring_m, path.indentation_m, path.from_m, path.to_m, path.speed_m_s)
+    moved = simulate(
+        model, probe, ring_m, path.indentation_m, path.from_m, path.to_m, path.speed_m_s, dynamics
+    )
     order = slice(None) if path.to_m > path.from_m else slice(None, None, -1)
 
     def read(values: Float64Array) -> Float64Array:

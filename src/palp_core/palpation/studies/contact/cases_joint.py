@@ -27,16 +27,22 @@ def gel(depth_m: float, modulus_pa: float = 20e3) -> LayeredHertz:
 
 def joint_cases(*, quick: bool) -> list[FailureCase]:
     """Return the cases, over few values if quick."""
+    newton, fixed, lagged, several = finder_cases(quick=quick)
     return [
-        _newton(quick),
-        _fixed(quick),
-        _lagged(quick),
+        newton,
+        fixed,
+        lagged,
         _flat(quick),
-        _several(quick),
+        several,
         _leading(quick),
         _dead_load(quick),
         _naive_spring(quick),
     ]
+
+
+def finder_cases(*, quick: bool) -> list[FailureCase]:
+    """Return the cases of root finders alone."""
+    return [_newton(quick), _fixed(quick), _lagged(quick), _several(quick)]
 
 
 def _rings(quick: bool) -> Float64Array:

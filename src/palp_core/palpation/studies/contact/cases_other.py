@@ -17,7 +17,17 @@ _RING_M, _INDENTATION_M = 0.016, 0.004
 
 def other_cases(*, quick: bool) -> list[FailureCase]:
     """Return the cases, over few values if quick."""
-    return [_explicit_friction(quick), _sampling(quick), _winkler(quick)]
+    return [*friction_cases(quick=quick), _sampling(quick), *contact_cases(quick=quick)]
+
+
+def friction_cases(*, quick: bool) -> list[FailureCase]:
+    """Return the cases of laws of friction alone."""
+    return [_explicit_friction(quick)]
+
+
+def contact_cases(*, quick: bool) -> list[FailureCase]:
+    """Return the cases of contact rungs alone, of those that take no seconds."""
+    return [_winkler(quick)]
 
 
 def _explicit_friction(quick: bool) -> FailureCase:

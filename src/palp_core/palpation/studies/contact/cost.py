@@ -1,26 +1,27 @@
-"""Time and error of one contact rung at one resolution."""
+"""What a contact rung at one resolution takes and answers in a scene: task ``contact``, measured."""
 
 import contextlib
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from palp_core.errors import MechanicsError
+from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, methods
-from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Sweep, sweep
-from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
+from palp_core.methods.measured import REFERENCE, Measured, cpu_s
+from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
+from palp_core.palpation.mechanics.scene.output import answer, answer_error
 from palp_core.units import Float64Array
 
 SWEEP_POSITIONS = 3000
+_NORMAL_AT = (0.2, 0.5, 1.0)  # of the nominal indentation, at offsets out to the bead's reach
 _OFFSETS_M = np.linspace(0.0, 0.012, 7)
-_INDENTATIONS_M = np.array([0.001, 0.002, 0.003, 0.004])
-_NOMINAL_M = 0.004
-_LONG_S = 0.5
+_OTHER_LAW = "finite strain, another law than the reference's"
 
 
 @dataclass(frozen=True)
@@ -52,52 +53,138 @@ class RungVariant:
 
 
 @dataclass(frozen=True, eq=False)
-class RungCost:
-    """What one variant takes and gives over one phantom.
+class RungAnswer:
+    """What one variant takes and gives in a scene.
 
     Attributes:
         variant: Rung and resolution.
-        depth_m: Depth of the bead.
-        setup_s: Seconds until the first force, nothing cached.
-        sweep_s: Seconds for a sweep of 3000 positions at the last ring it can sweep, median of repeats; NaN
-            if it can at none.
-        normal_n: Forces over a grid of offsets and of those indentations that the rung reaches.
-        peak_n_m: By ring, of those it can sweep.
-        contrast_n_m: Likewise.
-        errors: Relative errors by output and ring, against the reference; empty for the reference.
+        setup_s: CPU until the first force over every phantom of the scene, nothing cached.
+        sweep_s: CPU of a sweep of 3000 positions at the last ring; NaN where it has no equilibrium.
+        outputs: Answers by output, of those that it gives; ``normal`` are forces in N.
+        words: Why it gives none or not all, in words.
     """
 
     variant: RungVariant
-    depth_m: float
     setup_s: float
     sweep_s: float
-    normal_n: Float64Array
-    peak_n_m: dict[float, float]
-    contrast_n_m: dict[float, float]
-    errors: dict[tuple[str, float | None], float] = field(default_factory=dict)
-
-    def error(self, output: str, ring_m: float | None) -> float:
-        """Return the relative error of an output; NaN where the rung has no such output."""
-        return self.errors.get((output, ring_m), float("nan"))
+    outputs: dict[str, Float64Array]
+    words: str = ""
 
 
-def variants(*, quick: bool) -> list[RungVariant]:
-    """Return the rungs and resolutions to measure; the last is the reference."""
+def variants() -> list[RungVariant]:
+    """Return the rungs and resolutions to measure, the quick ones first; L4's are references in turn."""
     declared = {one.name for one in methods("contact")}
 
-    def sizes(rung: str, name: str, lengths_m: Sequence[float], usual_m: float) -> list[RungVariant]:
-        return [
-            RungVariant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
-            for length_m in lengths_m
-        ]
+    def size(rung: str, name: str, length_m: float, usual_m: float) -> RungVariant:
+        return RungVariant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
 
     found = [
         *(RungVariant(name) for name in ("l0", "l1", "l2")),
-        *sizes("l3", "facet_m", (0.002,) if quick else (0.002, 0.001), 0.001),
-        *sizes("l5", "facet_m", (0.000375,) if quick else (0.00075, 0.000375), 0.000375),
-        *sizes("l4", "cell_m", (0.001, 0.0005) if quick else (0.002, 0.001, 0.0005), 0.001),
+        size("l4", "cell_m", 0.002, 0.001),
+        size("l4", "cell_m", 0.001, 0.001),
+        size("l5", "facet_m", 0.00075, 0.000375),
+        size("l4", "cell_m", 0.0005, 0.001),
+        size("l5", "facet_m", 0.000375, 0.000375),
+        *(size("l3", "facet_m", length_m, 0.001) for length_m in (0.002, 0.001)),
     ]
     return [one for one in found if one.rung in declared]
+
+
+def measure_contact(
+    scene: Scene, offered: Sequence[RungVariant] | None = None, references: Sequence[str] = ("l4",)
+) -> Iterator[Measured]:
+    """Measure the rungs, cheap first, each against the finest reference so far, and all again by a finer one.
+
+    Args:
+        scene: What is swept; its output comes first, then peak, contrast and normal force.
+        offered: Rungs and resolutions, each of a reference finer than the one before; None: :func:`variants`.
+        references: Rungs that others are held against.
+
+    Raises:
+        MechanicsError: No reference has an answer in this scene.
+    """
+    solved: list[RungAnswer] = []
+    truth: RungAnswer | None = None
+    for variant in variants() if offered is None else offered:
+        here = solve_variant(variant, scene)
+        solved.append(here)
+        finer = variant.rung in references and not here.words
+        truth = here if finer else truth
+        if truth is not None:
+            for one in solved if finer else [here]:
+                yield from _points(one, truth, scene)
+    if truth is None:
+        words = "; ".join(f"{one.variant.label}: {one.words}" for one in solved if one.words)
+        raise MechanicsError(f"no contact rung to hold others against in this scene: {words}")
+
+
+def solve_variant(variant: RungVariant, scene: Scene) -> RungAnswer:
+    """Set a variant up with nothing cached, sweep it, and ask it for all that a scene may be asked for."""
+    with cold_cache():
+        begun_s = time.thread_time()
+        try:
+            models = [variant.model(phantom, scene.probe) for phantom in scene.phantoms]
+            for model in models:
+                model.force(np.zeros(1), np.full(1, 1e-4))
+        except (MechanicsError, MethodError) as error:
+            return RungAnswer(variant, time.thread_time() - begun_s, np.nan, {}, str(error))
+        setup_s = time.thread_time() - begun_s
+        depths_m = scene.path.indentation_m * np.array(_NORMAL_AT)
+        depths_m = depths_m[depths_m <= models[0].indentation_max_m]  # what it reaches
+        outputs = {"normal": models[0].force(_OFFSETS_M[:, None], depths_m)[0]} if depths_m.size else {}
+        stage_m = np.linspace(scene.path.from_m, scene.path.to_m, SWEEP_POSITIONS)
+        ring_m, pressed_m = scene.ring_m[-1], scene.path.indentation_m
+        try:
+            for output in _outputs(scene):
+                outputs[output] = answer(models, asked_for(scene, output))
+            sweep_s = cpu_s(lambda: sweep(models[0], scene.probe, ring_m, pressed_m, stage_m), rounds=2)
+        except MechanicsError as error:
+            return RungAnswer(variant, setup_s, np.nan, outputs, str(error))
+    return RungAnswer(variant, setup_s, sweep_s, outputs)
+
+
+def _outputs(scene: Scene) -> list[str]:
+    """Return what a scene is asked for, its own output first."""
+    plain = ("peak", "contrast") if scene.phantom.bead is not None else ("peak",)
+    return list(dict.fromkeys((scene.tolerance.output, *plain)))
+
+
+def _points(one: RungAnswer, truth: RungAnswer, scene: Scene) -> Iterator[Measured]:
+    variant = one.variant
+    cost_s = one.setup_s + (0.0 if np.isnan(one.sweep_s) else one.sweep_s)
+    for output in (*_outputs(scene), "normal"):
+        if output not in truth.outputs:
+            continue
+        given = one.outputs.get(output)
+        yield Measured(
+            "contact",
+            variant.rung,
+            variant.resolution,
+            cost_s,
+            _error(given, truth.outputs[output], output, scene),
+            output,
+            truth.variant.label,
+            usual=variant.usual,
+            condition=REFERENCE if one is truth else _OTHER_LAW if variant.rung == "l5" else "",
+            fails="" if given is not None else one.words,
+        )
+
+
+def _error(given: Float64Array | None, true: Float64Array, output: str, scene: Scene) -> float:
+    """Return the largest relative error; NaN where there is no answer."""
+    if given is None:
+        return float("nan")
+    if output == "normal":
+        return float(np.max(np.abs(given / true[:, : given.shape[1]] - 1.0)))
+    return answer_error(given, true, asked_for(scene, output))
+
+
+def asked_for(scene: Scene, output: str) -> Scene:
+    """Return the scene with another output asked for; ``normal`` leaves it as it is, but for one phantom."""
+    if output == scene.tolerance.output:
+        return scene
+    plain = "peak" if output == "normal" else output
+    return replace(scene, tolerance=replace(scene.tolerance, output=plain, depths_m=()))
 
 
 @contextlib.contextmanager
@@ -115,19 +202,6 @@ def cold_cache() -> Iterator[None]:
                 os.environ["PALP_CACHE"] = before
 
 
-def median_s(action: Callable[[], object], repeats: int = 7) -> float:
-    """Return the median time of an action, in s, after one unmeasured run; once only if that takes long."""
-    times = []
-    for i in range(repeats + 1):
-        start_ns = monotonic_ns()
-        action()
-        taken_s = (monotonic_ns() - start_ns) / 1e9
-        if i == 0 and taken_s > _LONG_S:
-            return taken_s
-        times.append(taken_s)
-    return float(np.median(times[1:]))
-
-
 def side_by_side(actions: Mapping[str, Callable[[], object]], repeats: int = 7) -> dict[str, list[float]]:
     """Return the times of each action, in s, taken in turns so that a busy machine slows all alike."""
     times: dict[str, list[float]] = {name: [] for name in actions}
@@ -139,55 +213,3 @@ def side_by_side(actions: Mapping[str, Callable[[], object]], repeats: int = 7) 
             action()
             times[name].append((monotonic_ns() - start_ns) / 1e9)
     return times
-
-
-def measure(
-    variant: RungVariant,
-    phantom: Phantom,
-    probe: Probe,
-    rings_m: Sequence[float],
-    against: RungCost | None = None,
-) -> RungCost:
-    """Time a variant and compare what it gives.
-
-    Args:
-        variant: Rung and resolution.
-        phantom: What is touched.
-        probe: With what.
-        rings_m: Ring positions.
-        against: The reference.
-
-    Raises:
-        MechanicsError: The rung cannot be set up for this phantom and ball.
-    """
-    stage = np.linspace(-0.03, 0.05, SWEEP_POSITIONS)
-    with cold_cache():
-        start_ns = monotonic_ns()
-        model = variant.model(phantom, probe)
-        depths_m = _INDENTATIONS_M[model.indentation_max_m >= _INDENTATIONS_M]  # what it reaches
-        normal_n, _ = model.force(_OFFSETS_M[:, None], depths_m)
-        setup_s = (monotonic_ns() - start_ns) / 1e9
-    depth_m = phantom.bead.depth_m if phantom.bead is not None else 0.0
-    errors: dict[tuple[str, float | None], float] = {}
-    if against is not None:
-        errors["normal", None] = _off(normal_n, against.normal_n[:, : len(depths_m)])
-    solved: dict[float, Sweep] = {}
-    sweep_s = float("nan")
-    for ring_m in rings_m:
-        with contextlib.suppress(MechanicsError):  # the tip is deeper than the rung reaches
-            solved[ring_m] = sweep(model, probe, ring_m, _NOMINAL_M, stage)
-    if solved:
-        last_m = max(solved)
-        sweep_s = median_s(lambda: sweep(model, probe, last_m, _NOMINAL_M, stage))
-    peaks = {ring_m: peak_n_m(one) for ring_m, one in solved.items()}
-    contrasts = {ring_m: contrast_n_m(one) for ring_m, one in solved.items()}
-    if against is not None:
-        for ring_m in solved:
-            errors["peak", ring_m] = abs(peaks[ring_m] / against.peak_n_m[ring_m] - 1.0)
-            errors["contrast", ring_m] = abs(contrasts[ring_m] / against.contrast_n_m[ring_m] - 1.0)
-    return RungCost(variant, depth_m, setup_s, sweep_s, normal_n, peaks, contrasts, errors)
-
-
-def _off(given: Float64Array, true: Float64Array) -> float:
-    """Return the largest relative difference."""
-    return float(np.max(np.abs(given / true - 1.0)))

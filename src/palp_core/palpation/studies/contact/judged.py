@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from palp_core.palpation.mechanics.contact.cache import code
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
-from palp_core.palpation.studies.contact.cost import cold_cache, side_by_side
+from palp_core.palpation.studies.contact.cost import asked_for, cold_cache, side_by_side
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene
 from palp_core.units import Float64Array
 
@@ -206,14 +206,6 @@ class Judged:
             return cls(scene=scene, **{name: kept[name] for name in names})
         except (ValueError, KeyError, TypeError):
             return None
-
-
-def asked_for(scene: Scene, output: str) -> Scene:
-    """Return the scene with another output asked for; ``normal`` leaves it as it is, but for one phantom."""
-    if output == scene.tolerance.output:
-        return scene
-    plain = "peak" if output == "normal" else output
-    return replace(scene, tolerance=replace(scene.tolerance, output=plain, depths_m=()))
 
 
 def judge(index: int, *, timed: bool = True) -> Judged:

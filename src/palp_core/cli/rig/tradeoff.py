@@ -1,0 +1,76 @@
+"""``palp tradeoff``: error against time of every method, for the user's scene on the user's machine."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.options import INTERRUPTED
+from palp_core.cli.output import make_folder, note, print_text
+
+_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
+_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def duration_s(text: str) -> float:
+    """Return a duration as one types it, in s.
+
+    >>> duration_s("60s"), duration_s("2min")
+    (60.0, 120.0)
+
+    Raises:
+        typer.BadParameter: It is none.
+    """
+    found = _DURATION.fullmatch(text.strip())
+    if found is None or float(found[1]) == 0.0:
+        raise typer.BadParameter(f"'{text}' is no duration; write 60s, 2min or 1h")
+    return float(found[1]) * _UNITS[found[2]]
+
+
+def tradeoff(
+    scene: Annotated[
+        Path | None, typer.Argument(help="Scene file; default: the published rig.", show_default=False)
+    ] = None,
+    *,
+    task: Annotated[
+        list[str] | None, typer.Option(help="Only this task, as in contact; may be given again.")
+    ] = None,
+    budget: Annotated[str, typer.Option(help="How long it may take: 60s, 2min, 1h.")] = "60s",
+    out: Annotated[Path, typer.Option(help="Folder for page, charts, tables and tradeoff.json.")] = Path(
+        "tradeoff"
+    ),
+) -> None:
+    """Measure error against time of every method in a scene, and draw one page.
+
+    All tasks in turns, the cheap methods first. When time is up, or on Ctrl-C, the page has what there is.
+    """
+    from palp_core.methods import task as task_of
+    from palp_core.methods.measured import measure_of, measured_tasks
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.scene import Scene
+    from palp_core.palpation.session.method_choices import choose_for
+    from palp_core.palpation.studies.toolkit.progress import told
+    from palp_core.palpation.studies.tradeoff.page import write_tradeoff
+    from palp_core.palpation.studies.tradeoff.survey import take
+
+    budget_s = duration_s(budget)
+    given = read_scene(scene) if scene else Scene()
+    names = list(dict.fromkeys(task)) if task else measured_tasks()
+    for name in names:
+        measure_of(name)
+    choices = [choose_for(task_of(name), given) for name in names]
+    make_folder(out)
+    with told() as tell:
+        survey = take(given, choices, budget_s=budget_s, tell=tell)
+    page = write_tradeoff(survey, out)
+    if survey.left_out:
+        why = {"budget": "time was up", "interrupted": "interrupted"}.get(survey.ended, "not complete")
+        note(f"{why}, and the page has what there was; left out: {survey.left_out}")
+    print_text(str(page))
+    if survey.ended == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+    if survey.broken:
+        raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""Error against time, method by method, on the scene and the machine of whoever asks."""

@@ -1,0 +1,166 @@
+"""The chart of a task: error against time, a panel per output."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from palp_core.methods.choice import percent
+from palp_core.methods.measured import REFERENCE, Measured
+from palp_core.palpation.reporting.charts import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PINK,
+    SKY,
+    VERMILION,
+    Chart,
+    tidy,
+)
+from palp_core.palpation.session.method_choices import TaskChoice
+from palp_core.palpation.studies.tradeoff.judge import Judgement, judged, outputs, usual_point
+from palp_core.palpation.studies.tradeoff.labels import Labels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "task", "method", "setting", "condition", "cost_s", "output", "error", "against", "usual", "on_front",
+    "chosen", "fails", "survivor",
+)  # fmt: skip
+KEY = (
+    "Line: what nothing else beats in both. Large ring: chosen for this scene. Dotted: the error asked for. "
+    "Hatched: not to be trusted here, with an arrow to what survives. Hollow: under another condition."
+)
+_STYLES = tuple(zip((BLUE, AMBER, GREEN, PINK, SKY, INK, GREY), "osD^vPX", strict=True))
+_PANELS, _LABELLED = 4, 16
+Place = Callable[[Judgement], tuple[float, float]]
+
+
+def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
+    """Return the chart of a task.
+
+    Args:
+        choice: The task in the scene.
+        points: What was measured, at least one.
+    """
+    shown = outputs(choice, points)[:_PANELS]
+    columns, lines = min(len(shown), 2), (len(shown) + 1) // 2
+    rows = [one for output in outputs(choice, points) for one in judged(choice, points, output)]
+    styles = {one.name: _STYLES[i % len(_STYLES)] for i, one in enumerate(choice.candidates)}
+
+    def draw(to: Figure) -> None:
+        grid = to.subplots(lines, columns, squeeze=False).flat
+        for axes in grid[len(shown) :]:
+            axes.set_axis_off()
+        for axes, output in zip(grid, shown, strict=False):
+            title = output if len(shown) > 1 else ""
+            tidy(axes, title, f"CPU, s: {choice.task.per}", f"error of the {output}")
+            asked = choice.tolerance if output == choice.output else None
+            draw_panel(axes, [one for one in rows if one.point.output == output], styles, asked)
+
+    return Chart(
+        f"tradeoff_{choice.task.name}",
+        f"{choice.task.name}: {choice.task.question}",
+        KEY,
+        (7.0 if columns == 1 else 10.0, 4.2 * lines),
+        COLUMNS,
+        [_record(one) for one in rows],
+        draw,
+    )
+
+
+def _record(one: Judgement) -> tuple[object, ...]:
+    point = one.point
+    return (
+        point.task, point.method, point.setting, point.condition, point.cost_s, point.output, point.error,
+        point.against, int(point.usual), int(one.on_front), int(one.chosen), one.fails, one.survivor,
+    )  # fmt: skip
+
+
+def draw_panel(
+    axes: Axes, found: Sequence[Judgement], styles: Mapping[str, tuple[str, str]], asked: float | None
+) -> None:
+    """Draw points of one output onto axes, both logarithmic.
+
+    Args:
+        axes: Where.
+        found: The points.
+        styles: Colour and marker by method.
+        asked: The error asked for; None: not drawn.
+    """
+    errors = [one.point.error for one in found if 0.0 < one.point.error < math.inf]
+    errors += [asked] if asked else []
+    low, high = (min(errors) / 3.0, max(errors) * 6.0) if errors else (1e-3, 1.0)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    costs = [one.point.cost_s for one in found]
+    axes.set_xlim(min(costs) / 3.0, max(costs) * 5.0)
+    labels = Labels(axes)
+
+    def place(one: Judgement) -> tuple[float, float]:
+        error = one.point.error
+        return one.point.cost_s, min(max(error, low * 1.3), high / 1.5) if error == error else high / 1.5
+
+    if asked:
+        axes.axhline(asked, color=INK, lw=0.9, ls=":")
+        axes.annotate(
+            f"asked: {percent(asked)}", (1.0, asked), xycoords=("axes fraction", "data"), fontsize=7,
+            ha="right", va="bottom", xytext=(0, 1), textcoords="offset points",
+        )  # fmt: skip
+    front = sorted(place(one) for one in found if one.on_front)
+    axes.plot(
+        [x for x, _ in front], [y for _, y in front], color=GREY, lw=1.4, zorder=1, drawstyle="steps-post"
+    )
+    for one in found:
+        if one.fails:
+            _hatch(axes, *place(one), high)
+    for one in found:
+        colour, marker = styles.get(one.point.method, (INK, "o"))
+        size = 42 if one.point.usual else 20
+        face = "none" if one.point.condition else colour
+        axes.scatter(*place(one), facecolors=face, edgecolors=colour, marker=marker, s=size, zorder=4)
+        labels.keep_free(*place(one))
+        if one.chosen:
+            axes.scatter(*place(one), s=190, facecolors="none", edgecolors=INK, linewidths=1.4, zorder=5)
+    _arrows(axes, found, place)
+    for one in sorted(found, key=lambda one: (not one.chosen, not one.point.usual)):
+        of_interest = one.point.usual or one.point.condition == REFERENCE
+        if of_interest or (len(found) <= _LABELLED and not one.point.fails):
+            labels.write(_label(one), *place(one), bold=one.chosen, small=not one.point.usual)
+
+
+def _label(one: Judgement) -> str:
+    point = one.point
+    parts = [point.method, point.setting if not point.usual or point.condition == REFERENCE else ""]
+    parts.append(
+        {REFERENCE: "(reference)", "": ""}.get(point.condition, f"({point.condition.split(',')[0]})")
+    )
+    return " ".join(part for part in parts if part)
+
+
+def _hatch(axes: Axes, x: float, y: float, top: float) -> None:
+    axes.fill_between(
+        [x / 1.3, x * 1.3], [y / 1.6] * 2, [top] * 2, facecolor="none", edgecolor=VERMILION, hatch="////",
+        linewidth=0.0, alpha=0.55, zorder=0,
+    )  # fmt: skip
+
+
+def _arrows(axes: Axes, found: Sequence[Judgement], place: Place) -> None:
+    for name in dict.fromkeys(one.point.method for one in found if one.fails and one.survivor):
+        failing = usual_point([one for one in found if one.fails], name)
+        survivor = usual_point(found, failing.survivor, failing.point.condition) if failing else None
+        if failing and survivor and survivor.point.method != name:
+            axes.annotate(
+                "", place(survivor), place(failing),
+                arrowprops={
+                    "arrowstyle": "-|>", "color": VERMILION, "lw": 0.9, "shrinkA": 6, "shrinkB": 9,
+                    "connectionstyle": "arc3,rad=0.15", "alpha": 0.8,
+                },
+                zorder=3,
+            )  # fmt: skip

@@ -1,0 +1,95 @@
+"""What the measures of contact, equilibrium, friction and motion find, against what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from palp_core.errors import MechanicsError
+from palp_core.methods import names
+from palp_core.methods.measured import REFERENCE, Measured
+from palp_core.palpation.mechanics import Scene, StagePath, Tolerance
+from palp_core.palpation.studies.contact.cost import RungVariant, measure_contact, variants
+from palp_core.palpation.studies.tradeoff import joint
+
+ONE_RING = Scene(ring_m=(0.016,))
+
+
+def last(points: list[Measured]) -> dict[tuple[str, str, str], Measured]:
+    """The last measurement of each."""
+    return {(one.method, one.setting, one.output): one for one in points}
+
+
+def test_rungs_are_held_against_the_reference_that_has_been_solved() -> None:
+    points = list(measure_contact(ONE_RING, [RungVariant("l0"), RungVariant("l2")], references=("l2",)))
+    found = last(points)
+    assert found["l2", "", "peak"].condition == REFERENCE
+    assert found["l2", "", "peak"].error == 0.0
+    assert 0.0 < found["l0", "", "peak"].error < 0.01 < found["l0", "", "contrast"].error < 0.4
+    assert all(one.cost_s > 0.0 and one.against == "L2" for one in points)
+    assert [one.output for one in points[:3]] == ["peak", "contrast", "normal"]
+
+
+def test_a_rung_that_cannot_be_set_up_says_so_and_no_reference_is_an_error() -> None:
+    coarse = RungVariant("l4", "5 mm", (("cell_m", 0.005),))
+    found = last(list(measure_contact(ONE_RING, [coarse, RungVariant("l2")], references=("l2",))))
+    assert "cell" in found["l4", "5 mm", "peak"].fails
+    assert found["l4", "5 mm", "peak"].error != found["l4", "5 mm", "peak"].error
+    with pytest.raises(MechanicsError, match="no contact rung to hold others against"):
+        list(measure_contact(ONE_RING, [coarse]))
+
+
+def test_every_rung_is_measured_the_quick_ones_first_and_the_usual_one_of_each() -> None:
+    offered = variants()
+    assert {one.rung for one in offered} == set(names("contact"))
+    assert [one.rung for one in offered][:3] == ["l0", "l1", "l2"]
+    assert {one.rung for one in offered if one.usual} == set(names("contact"))
+    finest = [one.resolution for one in offered if one.rung == "l4"][-1]
+    assert finest == "0.5 mm"
+
+
+def test_failing_root_finders_say_where_and_the_survivor_is_right_to_rounding() -> None:
+    found = {one.method: one for one in joint.measure_equilibrium(ONE_RING)}
+    assert set(found) == set(names("equilibrium"))
+    for failing in ("plain_newton", "fixed_point", "lagged_force"):
+        assert found[failing].error > 0.1
+        assert "r_a = 16 mm" in found[failing].fails
+    for sound in ("bracketed_newton", "brentq"):
+        assert found[sound].error < 1e-9
+        assert not found[sound].fails
+    assert found["brentq"].cost_s > found["bracketed_newton"].cost_s
+
+
+def test_root_finders_are_held_against_the_same_roots_backwards() -> None:
+    back = replace(ONE_RING, path=StagePath(from_m=0.05, to_m=-0.03))
+    found = {one.method: one for one in joint.measure_equilibrium(back)}
+    assert found["bracketed_newton"].error < 1e-9
+
+
+def test_explicit_friction_chatters_and_the_implicit_law_gains_with_the_step() -> None:
+    found = {(one.method, one.setting): one for one in joint.measure_friction(ONE_RING)}
+    assert all("chatters" in one.fails for (name, _), one in found.items() if name == "coulomb_explicit")
+    implicit = [found["coulomb_implicit", f"step {step} us"] for step in (1000, 200, 40)]
+    assert [one.fails for one in implicit] == ["", "", ""]
+    assert implicit[0].error > implicit[1].error > implicit[2].error
+    assert implicit[1].error < 0.02
+
+
+def test_inertia_is_what_a_fast_sweep_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joint, "_FAST_M_S", ())
+    path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.2)
+    fast = replace(ONE_RING, path=path, tolerance=Tolerance(relative=0.01))
+    found = {(one.method, one.setting): one for one in joint.measure_motion(fast)}
+    still = found["quasi_static", ""]
+    assert still.error > 0.01
+    assert "inertia moves the peak" in still.fails
+    assert found["dynamic", "step 200 us"].error < found["dynamic", "step 2000 us"].error < still.error
+
+
+@pytest.mark.nightly
+def test_all_rungs_of_the_published_scene_are_held_against_the_finest_cells() -> None:
+    found = last(list(measure_contact(Scene())))
+    assert {one.against for one in found.values()} == {"L4 0.5 mm"}
+    assert found["l2", "", "peak"].error < 0.01
+    assert found["l4", "1 mm", "peak"].error < 0.005

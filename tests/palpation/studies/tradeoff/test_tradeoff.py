@@ -1,0 +1,182 @@
+"""``palp tradeoff`` as a user calls it: a page of every method, whatever ends it."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.cli.rig.tradeoff import duration_s
+from palp_core.errors import MethodError
+from palp_core.methods import measured, register
+from palp_core.methods.measured import measured_tasks
+from palp_core.methods.register import GROUP, tasks
+
+HERE = Path(__file__).parent
+PATIENCE_S = 240.0
+POINTS = (
+    EntryPoint("toy", "toy_task:measure", measured.GROUP),
+    EntryPoint("toy", "toy_task", GROUP),
+)
+AS_A_USER = f"""
+import sys
+from importlib.metadata import EntryPoint
+sys.path.insert(0, {str(HERE)!r})
+from palp_core.methods import measured, register
+points = [EntryPoint(*one) for one in {[(one.name, one.value, one.group) for one in POINTS]!r}]
+measured.entry_points = register.entry_points = lambda group: [one for one in points if one.group == group]
+from palp_core.cli.main import main
+main()
+"""
+
+
+@pytest.fixture
+def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A register of toys alone; what declares others is imported before, once and for all."""
+    tasks()
+    monkeypatch.syspath_prepend(HERE)
+
+    def found(group: str) -> list[EntryPoint]:
+        return [one for one in POINTS if one.group == group]
+
+    monkeypatch.setattr(register, "_REGISTER", {})
+    monkeypatch.setattr(register, "_TASKS", {})
+    for module in (measured, register):
+        monkeypatch.setattr(module, "entry_points", found)
+    register._points.cache_clear()
+    monkeypatch.delitem(sys.modules, "toy_task", raising=False)
+    importlib.import_module("toy_task")
+    yield
+    register._points.cache_clear()
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    with file.open(encoding="utf-8") as opened:
+        return list(csv.DictReader(opened))
+
+
+@pytest.mark.usefixtures("toys")
+def test_the_page_has_front_choice_failure_and_survivor(
+    tmp_path: Path, strict_json: Callable[[Path], Any]
+) -> None:
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "5min"])
+    assert done.exit_code == 0, done.output
+    assert done.stdout == f"{tmp_path / 'index.html'}\n"
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "index.html",
+        "tradeoff.json",
+        "tradeoff_toy.png",
+        "tradeoff_toy.svg",
+        "tradeoff_toy.csv",
+    }
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for words in ("quick is the cheapest within 10.0%", "gave no answer", "toy_task.py", "the truth"):
+        assert words in page
+    kept = strict_json(tmp_path / "tradeoff.json")
+    (toy,) = kept["tasks"]
+    assert (kept["ended"], toy["chosen"], toy["missing"]) == ("complete", "quick", "")
+    assert kept["machine"]["unit_s"] > 0.0
+    assert set(kept["versions"]) == {"palp", "python", "numpy", "scipy"}
+    assert {len(one["digest"]) for one in toy["methods"]} == {16}
+    by_setting = {(one["method"], one["setting"]): one for one in toy["points"]}
+    assert by_setting["quick", ""]["error"] == 0.04  # the later one, against a finer reference
+    assert [key for key, one in by_setting.items() if one["on_front"]] == [("quick", ""), ("slow", "")]
+    assert [key for key, one in by_setting.items() if one["chosen"]] == [("quick", "")]
+    assert by_setting["wrong", ""]["error"] is None
+    assert (by_setting["wrong", ""]["why_not"], by_setting["wrong", ""]["survivor"]) == (
+        "gave no answer",
+        "quick",
+    )
+    table = {(row["method"], row["setting"]): row for row in rows(tmp_path / "tradeoff_toy.csv")}
+    assert table["quick", "coarse"]["cost_s"] == "0.3"
+    assert table.keys() == by_setting.keys()
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_measure_that_fails_leaves_the_page_what_there_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TOY_TASK", "breaks")
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "toy: its measure failed: ZeroDivisionError: by nothing" in done.stderr
+    assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"wrong", "quick"}
+
+
+@pytest.mark.usefixtures("toys")
+def test_what_never_ends_is_left_at_the_end_of_the_budget(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TOY_TASK", "waits")
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "0.5s"])
+    assert done.exit_code == 0, done.output
+    assert done.stderr == (
+        "time was up, and the page has what there was; left out: toy: not measured to its end\n"
+    )
+    assert "Time was up." in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_ctrl_c_writes_the_page_and_ends_with_130(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", AS_A_USER, "tradeoff", "--out", str(tmp_path), "--budget", "1h"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TOY_TASK": "waits"},
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "measured\n"
+        process.send_signal(signal.SIGINT)
+        said, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, errors
+    assert said.splitlines() == [str(tmp_path / "index.html")]
+    assert errors.splitlines()[-1] == (
+        "interrupted, and the page has what there was; left out: toy: not measured to its end"
+    )
+    assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"wrong", "quick"}
+    assert "It was interrupted." in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--task", "magic"], "nothing measures the methods of task 'magic'; measured are "),
+        (["no_such.yaml"], "cannot read the scene"),
+    ],
+)
+def test_what_is_not_there_is_named_before_anything_is_written(
+    words: list[str], message: str, tmp_path: Path
+) -> None:
+    done = CliRunner().invoke(app, ["tradeoff", *words, "--out", str(tmp_path / "out")])
+    assert message in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["60", "0s", "a while", "-3s", "3 days"])
+def test_a_budget_that_is_no_duration_is_a_usage_error(text: str, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path / "out"), f"--budget={text}"])
+    assert done.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_durations_have_units() -> None:
+    assert (duration_s("90s"), duration_s("1.5 min"), duration_s("2h")) == (90.0, 90.0, 7200.0)
+
+
+def test_whatever_is_measured_is_a_task_with_methods() -> None:
+    known = {one.name for one in tasks()}
+    assert set(measured_tasks()) <= known
+    with pytest.raises(MethodError, match="nothing measures"):
+        measured.measure_of("no such task")
