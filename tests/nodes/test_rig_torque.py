@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -165,3 +166,19 @@ def test_every_sample_across_a_fault_and_to_the_end_is_passed_on_once_at_its_tim
     assert {1.0, 60.0, 500.0} <= set(starts_ms)
     assert {35.0, 94.0, 506.0} <= {round(end_ms, 6) for end_ms in ends_ms}
     assert not sensor.is_open
+
+
+@pytest.mark.parametrize(
+    ("params", "said"),
+    [
+        ({}, ""),
+        ({"block_samples": 50}, "the torque comes in blocks of 0.05 s: a sample is up to 0.0593 s old"),
+        ({"load_hz": 200.0}, "the load comes in blocks of 0.005 s: a sample is up to 0.0096 s old"),
+    ],
+)
+def test_blocks_and_loads_that_come_late_are_said_at_the_start(
+    sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture, params: dict[str, Any], said: str
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        Bench(RigTorque, params)
+    assert [said in record.getMessage() for record in caplog.records] == ([True] if said else [])
