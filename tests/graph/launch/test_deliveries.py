@@ -76,7 +76,7 @@ def test_all_are_measured_and_keep_their_bounds() -> None:
     found = list(measure_deliveries(None))
     assert {one.method for one in found} == set(names("delivery"))
     for one in found:
-        slow = "2 times" in one.condition
+        slow = "2 times as slow" in one.condition
         scene = {"wall_clock": float(one.method in ("reliable", "best_effort")), "process_count": 1.0}
         scene |= {"reader_load": 2.0 if slow else 0.1, "reader_s": SLOW_S, "depth": 10.0}
         bound = find("delivery", one.method).bound(one.output, scene)

@@ -59,10 +59,10 @@ def test_all_are_measured_within_five_seconds_of_cpu_and_their_stated_cost() -> 
     begun_ns = time.process_time_ns()
     found = list(measure_codecs(None))
     assert time.process_time_ns() - begun_ns < 5e9
-    assert {(one.method, one.condition) for one in found} == {
-        (name, condition)
+    assert {(one.method, one.setting) for one in found} == {
+        (name, setting)
         for name in names("codec")
-        for condition in ("array of 400 B", "array of 64 KiB", "array of 1 MiB")
+        for setting in ("array of 400 B", "array of 64 KiB", "array of 1 MiB")
     }
     for size, one in zip(np.repeat(SIZES, len(names("codec"))), found, strict=True):
         _check(one, float(size))
@@ -78,5 +78,7 @@ def _check(one: Measured, size: float) -> None:
 def test_what_is_measured_first_comes_first(along: Loopback, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palp_core.graph.transport.codec_measures.cpu_s", lambda *_, **__: 1.0)
     first = next(measure_codecs(None))
-    assert (first.method, first.condition, first.fails) == ("msgpack", "array of 400 B", "")
+    assert (first.method, first.setting, first.condition, first.fails) == (
+        "msgpack", "array of 400 B", "", "",
+    )  # fmt: skip
     assert cpu_s(lambda: None, least_s=1e-6, rounds=1, clock=time.process_time_ns) > 0.0

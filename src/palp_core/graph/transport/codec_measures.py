@@ -156,7 +156,10 @@ def ways(along: Loopback) -> dict[str, Callable[[SampleBlock], tuple[Any, int]]]
 
 
 def measure_codecs(_scene: Any) -> Iterator[Measured]:
-    """Give CPU time per message and size; the error is what travels beside the numbers, a share of them."""
+    """Give CPU time per message and size; the error is what travels beside the numbers, a share of them.
+
+    The scene's size is a block's; the larger ones are conditions of their own.
+    """
     with loopback() as along:
         for size in SIZES:
             message = block_of(size)
@@ -167,12 +170,12 @@ def measure_codecs(_scene: Any) -> Iterator[Measured]:
                 yield Measured(
                     task="codec",
                     method=name,
-                    setting="",
+                    setting=f"array of {_bytes(size)}",
                     cost_s=cpu_s(lambda b=bring, m=message: b(m), clock=time.process_time_ns),  # type: ignore[misc]
                     error=bytes_count / size - 1.0,
                     output="overhead",
                     against="the array's own bytes",
-                    condition=f"array of {_bytes(size)}",
+                    condition="" if size == SIZES[0] else f"array of {_bytes(size)}",
                     fails=strayed if same else "what arrives is not what was sent",
                 )
 

@@ -45,7 +45,10 @@ def _wait_s(block_samples: int, sweep_s: float, rate_hz: float, phase: int) -> f
 
 
 def measure_blocks(scene: Scene) -> Iterator[Measured]:
-    """Give CPU time a sample of codec and sockets, and the longest wait for a sweep's last block."""
+    """Give CPU time a sample of codec and sockets, and the longest wait for a sweep's last block.
+
+    What a block is under way on the wall clock comes on top of the wait; with it, some are late.
+    """
     sweep_s = scene.path.duration_s
     with loopback() as along:
         bring = ways(along)["one_frame"]
@@ -60,10 +63,9 @@ def measure_blocks(scene: Scene) -> Iterator[Measured]:
                 error=longest_wait_s(count, sweep_s) + 1.0 / RATE_HZ,
                 output=WANTED["torque"].output,
                 against="the sample's own time",
-                condition="simulated clock",
                 fails=_fails(length),
             )
 
 
 def _fails(length: Length) -> str:
-    return late_blocks("torque", length.length_s, wall_clock=False)
+    return late_blocks("torque", length.length_s, wall_clock=True)
