@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import INTERRUPTED
+from palp_core.cli.options import INTERRUPTED, until_ctrl_c
 from palp_core.cli.output import make_folder, note, print_text
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
@@ -42,6 +42,12 @@ def tradeoff(
     out: Annotated[Path, typer.Option(help="Folder for page, charts, tables and tradeoff.json.")] = Path(
         "tradeoff"
     ),
+    signature: Annotated[
+        bool, typer.Option("--signature", help="The README's first picture instead: minutes, no budget.")
+    ] = False,
+    draw: Annotated[
+        bool, typer.Option("--draw", help="With --signature: draw what was measured again, no more.")
+    ] = False,
 ) -> None:
     """Measure error against time of every method in a scene, and draw one page.
 
@@ -56,6 +62,9 @@ def tradeoff(
     from palp_core.palpation.studies.tradeoff.page import write_tradeoff
     from palp_core.palpation.studies.tradeoff.survey import take
 
+    if signature or draw:
+        print_text(str(_signature(out, measured=not draw)))
+        return
     budget_s = duration_s(budget)
     given = read_scene(scene) if scene else Scene()
     names = list(dict.fromkeys(task)) if task else measured_tasks()
@@ -74,3 +83,15 @@ def tradeoff(
         raise typer.Exit(INTERRUPTED)
     if survey.broken:
         raise typer.Exit(1)
+
+
+def _signature(out: Path, *, measured: bool) -> Path:
+    """Measure and draw the README's first picture, or only draw it; return it."""
+    from palp_core.palpation.studies.toolkit.progress import told
+    from palp_core.palpation.studies.tradeoff.signature import draw_signature, measure_signature
+
+    if not measured:
+        return draw_signature(out)
+    make_folder(out)
+    with until_ctrl_c(), told() as tell:
+        return measure_signature(out, tell)

@@ -70,9 +70,9 @@ STUDIES = {
             "palp_core.palpation.studies.decision.stability:run",
         ),
         Study(
-            "decision-tradeoff",
-            "How right are decisions after how many probes and seconds, by policy, stop rule and filter?",
-            "palp_core.palpation.studies.decision.tradeoff:run",
+            "decision-limits",
+            "How near do policies, stop rules and filters come to what no policy can pass?",
+            "palp_core.palpation.studies.decision.combinations:run",
             parallel=True,
         ),
         Study(

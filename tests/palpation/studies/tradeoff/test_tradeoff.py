@@ -21,7 +21,10 @@ from palp_core.cli.rig.tradeoff import duration_s
 from palp_core.errors import MethodError
 from palp_core.methods import measured, register
 from palp_core.methods.measured import measured_tasks
-from palp_core.methods.register import GROUP, tasks
+from palp_core.methods.register import GROUP, task, tasks
+from palp_core.palpation.mechanics import Scene
+from palp_core.palpation.session.method_choices import choose_for
+from palp_core.palpation.studies.tradeoff.judge import panels
 
 HERE = Path(__file__).parent
 PATIENCE_S = 240.0
@@ -102,6 +105,29 @@ def test_the_page_has_front_choice_failure_and_survivor(
     table = {(row["method"], row["setting"]): row for row in rows(tmp_path / "tradeoff_toy.csv")}
     assert table["quick", "coarse"]["cost_s"] == "0.3"
     assert table.keys() == by_setting.keys()
+
+
+@pytest.mark.usefixtures("toys")
+def test_what_is_always_measured_under_a_condition_is_compared_under_each() -> None:
+    toy = importlib.import_module("toy_task")
+    choice = choose_for(task("toy"), Scene())
+    light, heavy = ({"condition": words} for words in ("light", "heavy"))
+    points = [
+        toy.point("quick", 0.2, 0.04, **light),
+        toy.point("slow", 2.0, 0.5, **light),
+        toy.point("quick", 0.3, 0.9, **heavy),
+        toy.point("slow", 2.0, 0.1, **heavy),
+    ]
+    found = panels(choice, points)
+    assert [one.title for one in found] == ["answer, light", "answer, heavy"]
+    assert [[one.point.method for one in panel.found if one.on_front] for panel in found] == [
+        ["quick"],
+        ["quick", "slow"],
+    ]
+    assert all([one.chosen for one in panel.found] == [True, False] for panel in found)
+    (together,) = panels(choice, [*points, toy.point("slow", 1.0, 0.2)])
+    assert [one.at_home for one in together.found] == [False] * 4 + [True]
+    assert [one.on_front for one in together.found] == [False] * 4 + [True]
 
 
 @pytest.mark.usefixtures("toys")

@@ -1,4 +1,4 @@
-"""Charts of the study ``decision-tradeoff``."""
+"""Charts of the study ``decision-limits``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """End to end: do decisions agree with those of contact rung L4, and what does a trial cost in CPU?"""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
-from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find
+from palp_core.methods.measured import cpu_s
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import STIFF_M, begin_session, run_policy
@@ -22,7 +23,7 @@ QUICK = ("l1", "l2", "l4")
 FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
 FEATURES = ("peak", "contrast")
 _COARSE = ("l3",)  # seconds a sweep: solved at the ends of errors and heights only
-_LONG = "takes minutes to set up; run without --quick"
+_LONG = "takes minutes, and was left out"
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,14 @@ class RungJob:
     Attributes:
         rung: Its name.
         features: What is read off a sweep.
+        filters: What is known to stay in a trial.
         sessions: How many.
         seed: Of the sessions.
     """
 
     rung: str
     features: tuple[str, ...]
+    filters: tuple[str, ...]
     sessions: int
     seed: int
 
@@ -64,28 +67,32 @@ class RungWorld:
 def rung_rows(
     *, quick: bool = False, seed: int = 1, workers: int = 1, dask: str = ""
 ) -> list[dict[str, Any]]:
-    """Return agreement and CPU of every contact rung, feature and filter.
+    """Return agreement and CPU of every contact rung, feature and filter; the arguments are a study's."""
+    features = FEATURES[:1] if quick else FEATURES
+    served = QUICK if quick else RUNGS
+    jobs = [RungJob(rung, features, FILTERS, 2 if quick else 6, seed) for rung in served]
+    return rows_of(jobs, workers=workers, dask=dask)
+
+
+def rows_of(jobs: Sequence[RungJob], *, workers: int = 1, dask: str = "") -> list[dict[str, Any]]:
+    """Return agreement and CPU of contact rungs, by feature and filter.
 
     Training and trials are simulated with the rung, with the same luck as with the reference; decisions agree
     where both name the same depth. Cost is that of the sweeps a trial takes, plus its filter's, on one core.
 
     Args:
-        quick: Few sessions, the peak only, and without the rungs that take minutes.
-        seed: Of the sessions; times are measured.
+        jobs: The rungs that are served, the reference among them; others have a line that says why not.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
     """
     chosen = set(tabulate(Gel()).rungs)
-    features = FEATURES[:1] if quick else FEATURES
-    served = QUICK if quick else RUNGS
-    jobs = [RungJob(rung, features, 2 if quick else 6, seed) for rung in served]
     worlds = run_jobs(rung_world, jobs, label="rungs", workers=workers, dask=dask)
-    found = dict(zip(served, worlds, strict=True))
+    found = {job.rung: world for job, world in zip(jobs, worlds, strict=True)}
     return [
         _row(rung, feature, filter_name, found, rung in chosen)
         for rung in RUNGS
-        for feature in features
-        for filter_name in FILTERS
+        for feature in jobs[0].features
+        for filter_name in jobs[0].filters
     ]
 
 
@@ -121,14 +128,12 @@ def _decide(job: RungJob, feature: str) -> RungWorld:
     try:
         sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
         felt = tabulate(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
-        begun = monotonic_ns()
-        sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1])
-        sweep_s = 1e-9 * (monotonic_ns() - begun)
+        sweep_s = cpu_s(lambda: sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1]))
     except PalpError as error:
         return RungWorld({}, {}, {}, float("nan"), str(error))
     estimates, probes, filter_s = {}, {}, {}
-    for filter_name in FILTERS:
-        begun = monotonic_ns()
+    for filter_name in job.filters:
+        begun = time.thread_time_ns()
         ended = [
             run_policy(
                 "uniform_stiff",
@@ -139,7 +144,7 @@ def _decide(job: RungJob, feature: str) -> RungWorld:
             for one in seeds(21, job.seed, job.sessions)
         ]
         count = sum(one.depth.size for one in ended)
-        filter_s[filter_name] = 1e-9 * (monotonic_ns() - begun) / count
+        filter_s[filter_name] = 1e-9 * (time.thread_time_ns() - begun) / count
         estimates[filter_name] = np.concatenate([one.estimate for one in ended])
         probes[filter_name] = float(np.concatenate([one.probes for one in ended]).mean())
     return RungWorld(estimates, probes, filter_s, sweep_s, _doubt(job.rung, feature, gel))

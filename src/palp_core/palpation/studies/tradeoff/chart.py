@@ -21,7 +21,7 @@ from palp_core.palpation.reporting.charts import (
     tidy,
 )
 from palp_core.palpation.session.method_choices import TaskChoice
-from palp_core.palpation.studies.tradeoff.judge import Judgement, judged, outputs, usual_point
+from palp_core.palpation.studies.tradeoff.judge import Judgement, panels, usual_point
 from palp_core.palpation.studies.tradeoff.labels import Labels
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ COLUMNS = (
 )  # fmt: skip
 KEY = (
     "Line: what nothing else beats in both. Large ring: chosen for this scene. Dotted: the error asked for. "
-    "Hatched: not to be trusted here, with an arrow to what survives. Hollow: under another condition."
+    "Hatched: not to be trusted here, with an arrow to what survives. Hollow: under another condition. "
+    "An error of 0 is drawn at the foot, no answer at the top."
 )
 _STYLES = tuple(zip((BLUE, AMBER, GREEN, PINK, SKY, INK, GREY), "osD^vPX", strict=True))
 _PANELS, _LABELLED = 4, 16
@@ -48,20 +49,19 @@ def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
         choice: The task in the scene.
         points: What was measured, at least one.
     """
-    shown = outputs(choice, points)[:_PANELS]
+    every = panels(choice, points)
+    shown = every[:_PANELS]
     columns, lines = min(len(shown), 2), (len(shown) + 1) // 2
-    rows = [one for output in outputs(choice, points) for one in judged(choice, points, output)]
     styles = {one.name: _STYLES[i % len(_STYLES)] for i, one in enumerate(choice.candidates)}
 
     def draw(to: Figure) -> None:
         grid = to.subplots(lines, columns, squeeze=False).flat
         for axes in grid[len(shown) :]:
             axes.set_axis_off()
-        for axes, output in zip(grid, shown, strict=False):
-            title = output if len(shown) > 1 else ""
-            tidy(axes, title, f"CPU, s: {choice.task.per}", f"error of the {output}")
-            asked = choice.tolerance if output == choice.output else None
-            draw_panel(axes, [one for one in rows if one.point.output == output], styles, asked)
+        for axes, panel in zip(grid, shown, strict=False):
+            title = panel.title if len(every) > 1 else ""
+            tidy(axes, title, f"CPU, s: {choice.task.per}", f"error of the {panel.output}")
+            draw_panel(axes, panel.found, styles, choice.tolerance if panel.output == choice.output else None)
 
     return Chart(
         f"tradeoff_{choice.task.name}",
@@ -69,7 +69,7 @@ def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
         KEY,
         (7.0 if columns == 1 else 10.0, 4.2 * lines),
         COLUMNS,
-        [_record(one) for one in rows],
+        [_record(one) for panel in every for one in panel.found],
         draw,
     )
 
@@ -123,7 +123,7 @@ def draw_panel(
     for one in found:
         colour, marker = styles.get(one.point.method, (INK, "o"))
         size = 42 if one.point.usual else 20
-        face = "none" if one.point.condition else colour
+        face = colour if one.at_home else "none"
         axes.scatter(*place(one), facecolors=face, edgecolors=colour, marker=marker, s=size, zorder=4)
         labels.keep_free(*place(one))
         if one.chosen:

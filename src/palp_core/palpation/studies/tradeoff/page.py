@@ -6,7 +6,7 @@ import dataclasses
 import importlib.metadata
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from palp_core.methods.machine import UNIT_S, unit_s
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.tradeoff.chart import KEY, task_chart
-from palp_core.palpation.studies.tradeoff.judge import Judgement, judged
+from palp_core.palpation.studies.tradeoff.judge import Judgement, panels
 from palp_core.palpation.studies.tradeoff.source import method_digest
 from palp_core.palpation.studies.tradeoff.survey import Survey, TaskSurvey
 from palp_core.whole_file import write_json
@@ -95,9 +95,8 @@ def _section(one: TaskSurvey, out: Path) -> TaskSection:
 def _rows(one: TaskSurvey) -> list[tuple[Sequence[str], str]]:
     """Return a row per point of the output that is asked for, by method; one for what was not measured."""
     measured: dict[str, list[Judgement]] = {}
-    outputs = {point.output for point in one.points}
-    output = one.choice.output if one.choice.output in outputs else next(iter(sorted(outputs)), "")
-    for found in judged(one.choice, one.points, output):
+    every = panels(one.choice, one.points)
+    for found in (mark for panel in every if panel.output == every[0].output for mark in panel.found):
         measured.setdefault(found.point.method, []).append(found)
     rows: list[tuple[Sequence[str], str]] = []
     for method, offer in one.choice.declared():
@@ -163,8 +162,7 @@ def made_with() -> dict[str, Any]:
 
 def _task_record(one: TaskSurvey) -> dict[str, Any]:
     choice = one.choice
-    names = dict.fromkeys(point.output for point in one.points)
-    found = [mark for output in names for mark in judged(choice, one.points, output)]
+    found = [mark for panel in panels(choice, one.points) for mark in panel.found]
     return {
         "task": choice.task.name,
         "per": choice.task.per,
@@ -187,18 +185,20 @@ def _task_record(one: TaskSurvey) -> dict[str, Any]:
             }
             for method, offer in choice.declared()
         ],
-        "points": [_point_record(mark) for mark in found],
+        "points": [point_record(mark) for mark in found],
         "cases": [
             dict(zip(("failing", "symptom", "fails_at", "survivor"), c.row, strict=True)) for c in one.cases
         ],
     }
 
 
-def _point_record(one: Judgement) -> Mapping[str, Any]:
+def point_record(one: Judgement) -> dict[str, Any]:
+    """Return a point and what it is, as plain values."""
     point = dataclasses.asdict(one.point)
     error = one.point.error
     return point | {
         "error": error if math.isfinite(error) else None,
+        "at_home": one.at_home,
         "on_front": one.on_front,
         "chosen": one.chosen,
         "why_not": one.fails,

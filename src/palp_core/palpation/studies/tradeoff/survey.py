@@ -16,6 +16,7 @@ from palp_core.palpation.session.method_choices import TaskChoice
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.tradeoff.cases import cases_of
 
+_DRAWING_S = 0.5  # that a task's chart and table take of the budget; no more than a quarter of it in all
 _AGAIN_S = 2.0  # an alarm that came where exceptions are swallowed comes again
 
 
@@ -100,7 +101,7 @@ def take(
     Args:
         scene: What is swept.
         choices: The tasks.
-        budget_s: Seconds that it may take.
+        budget_s: Seconds that it may take, with those that drawing will take.
         tell: Told what is being measured.
     """
     tasks = [TaskSurvey(one) for one in choices]
@@ -108,7 +109,7 @@ def take(
     running = {number: _all_of(one, scene) for number, one in enumerate(tasks)}
     begun_ns = monotonic_ns()
     try:
-        with _alarm(budget_s):
+        with _alarm(_measuring_s(budget_s, len(tasks))):
             while running:
                 number = min(running, key=lambda n: tasks[n].took_s)
                 tell(_progress(tasks, running, number, (monotonic_ns() - begun_ns) / 1e9, budget_s))
@@ -120,6 +121,10 @@ def take(
     for number in running:
         tasks[number].missing = "not measured to its end" if tasks[number].points else "nothing measured"
     return survey
+
+
+def _measuring_s(budget_s: float | None, count: int) -> float | None:
+    return None if budget_s is None else budget_s - min(_DRAWING_S * count, budget_s / 4.0)
 
 
 def _all_of(one: TaskSurvey, scene: Scene) -> Iterator[Measured | FailureCase]:

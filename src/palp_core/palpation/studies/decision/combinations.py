@@ -1,6 +1,12 @@
-"""The study ``decision-tradeoff``: accuracy of decisions against probes and against seconds on the rig."""
+"""The study ``decision-limits``: every policy, stop rule and filter together, beside what none can pass.
 
-from collections.abc import Sequence
+``palp tradeoff`` charts each task by itself, in a minute; here are combinations over sessions, and limits,
+which are no methods: none of them can be chosen.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,21 +46,67 @@ UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
 """Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
 
 
-def tradeoff_session(job: SessionJob) -> dict[tuple[str, str, str], Outcomes]:
+@dataclass(frozen=True)
+class Combinations:
+    """What is combined with what.
+
+    Attributes:
+        policies: Names of policies.
+        stops: Stop rules by name.
+        filters: Names of filters.
+    """
+
+    policies: tuple[str, ...]
+    stops: Mapping[str, StopRule]
+    filters: tuple[str, ...]
+
+
+def tradeoff_session(job: SessionJob, of: Combinations) -> dict[tuple[str, str, str], Outcomes]:
     """Return outcomes by policy, stop rule and filter; with all fixed positions, their average too."""
     session = job.begin()
     found = {
-        (policy, stop, filter_name): run_policy(policy, session, STOPS[stop], filter_name=filter_name)
-        for policy in POLICIES
-        for stop in STOPS
-        for filter_name in FILTERS
+        (policy, stop, filter_name): run_policy(policy, session, rule, filter_name=filter_name)
+        for policy in of.policies
+        for stop, rule in of.stops.items()
+        for filter_name in of.filters
     }
-    if set(FIXED) <= set(POLICIES):
-        for stop in STOPS:
-            for filter_name in FILTERS:
+    if set(FIXED) <= set(of.policies):
+        for stop in of.stops:
+            for filter_name in of.filters:
                 fixed = {policy: [found[policy, stop, filter_name]] for policy in FIXED}
                 (found["fixed_average", stop, filter_name],) = joined(fixed)
     return found
+
+
+def decision_rows(
+    feature: str,
+    of: Combinations,
+    session_count: int,
+    *,
+    workers: int = 1,
+    dask: str = "",
+    seed: int = 1,
+) -> list[dict[str, Any]]:
+    """Return a line per combination: accuracy, probes, seconds, calibration, over sessions that all share.
+
+    Args:
+        feature: What is read off a sweep.
+        of: What is combined.
+        session_count: Sessions, each with its own training and trials.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+        seed: Of the sessions.
+    """
+    felt = tabulate(Gel(feature=feature))
+    jobs = [SessionJob(felt, UNKNOWN, one) for one in seeds(20, seed, session_count)]
+    session = partial(tradeoff_session, of=of)
+    found = run_jobs(session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
+    rows = []
+    for key in found[0]:
+        line = summarise([one[key] for one in found], felt.gel.depths_m)
+        names = dict(zip(("policy", "stop", "filter"), key, strict=True))
+        rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
+    return rows
 
 
 def mark_front(rows: Sequence[dict[str, Any]], cost: str) -> None:
@@ -83,22 +135,17 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     """
     count = 2 if quick else 20
     rows: list[dict[str, Any]] = []
+    of = Combinations(POLICIES, STOPS, FILTERS)
     for feature in FEATURES:
-        felt = tabulate(Gel(feature=feature))
-        jobs = [SessionJob(felt, UNKNOWN, s) for s in seeds(20, seed, count)]
-        found = run_jobs(tradeoff_session, jobs, label=f"sessions, {feature}", workers=workers, dask=dask)
-        for key in found[0]:
-            line = summarise([one[key] for one in found], felt.gel.depths_m)
-            names = dict(zip(("policy", "stop", "filter"), key, strict=True))
-            rows.append({"feature": feature, **names, **{k: line[k] for k in _KEPT}})
+        rows += decision_rows(feature, of, count, workers=workers, dask=dask, seed=seed)
     for cost in ("probes", "seconds"):
         mark_front(rows, cost)
     bounds = limits(tabulate(Gel()), UNKNOWN, 500 if quick else 4000)
     rungs = rung_rows(quick=quick, seed=seed, workers=workers, dask=dask)
     out.mkdir(parents=True, exist_ok=True)
     report = {"rows": rows, "limits": bounds.to_json_dict(), "rungs": rungs}
-    write_json(out / "decision_tradeoff.json", report)
-    write_records(out / "decision_tradeoff.csv", rows)
+    write_json(out / "decision_limits.json", report)
+    write_records(out / "decision_limits.csv", rows)
     charts = [
         tradeoff_chart(rows, "probes", bounds),
         tradeoff_chart(rows, "seconds", bounds),
@@ -107,7 +154,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     ]
     return write_page(
         out / "index.html",
-        "studies/decision_tradeoff.html",
+        "studies/decision_limits.html",
         rows=rows,
         session_count=count,
         pictures=[picture(chart, out, svg=False) for chart in charts],

@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold
 from palp_core.palpation.perception.strategy.optimal_shared import shared_optimum
 from palp_core.palpation.studies.catalogue import study
-from palp_core.palpation.studies.decision import tradeoff as decision_tradeoff
-from palp_core.palpation.studies.decision.limits import least_seconds, limits, what_stays
-from palp_core.palpation.studies.decision.tradeoff import (
+from palp_core.palpation.studies.decision import combinations
+from palp_core.palpation.studies.decision.combinations import (
     FILTERS,
+    Combinations,
     mark_front,
     tradeoff_session,
 )
+from palp_core.palpation.studies.decision.limits import least_seconds, limits, what_stays
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
@@ -44,11 +45,10 @@ def test_a_guess_without_a_probe_is_not_on_the_front() -> None:
     assert [row["front_seconds"] for row in rows] == [False, True, False]
 
 
-def test_the_average_of_the_fixed_positions_is_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decision_tradeoff, "POLICIES", FIXED)
-    monkeypatch.setattr(decision_tradeoff, "FILTERS", ("naive",))
-    found = tradeoff_session(SessionJob(tabulate(Gel()), Conditions(trials=4), (20, 1, 0)))
-    for stop in decision_tradeoff.STOPS:
+def test_the_average_of_the_fixed_positions_is_there_too() -> None:
+    of = Combinations(FIXED, combinations.STOPS, ("naive",))
+    found = tradeoff_session(SessionJob(tabulate(Gel()), Conditions(trials=4), (20, 1, 0)), of)
+    for stop in combinations.STOPS:
         each = [found[policy, stop, "naive"].correct.mean() for policy in FIXED]
         assert found["fixed_average", stop, "naive"].correct.mean() == pytest.approx(np.mean(each))
 
@@ -94,15 +94,15 @@ def test_seconds_grow_with_probes_and_hold_a_sweep_each() -> None:
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(decision_tradeoff, "UNKNOWN", Conditions(remount=True, trials=4))
-        patch.setattr(decision_tradeoff, "POLICIES", ("fixed_16", "uniform", "information_gain_latent"))
-        patch.setattr(decision_tradeoff, "STOPS", {"paper_verbatim": PaperVerbatim()})
-        study("decision-tradeoff").run(folder, quick=True)
+        patch.setattr(combinations, "UNKNOWN", Conditions(remount=True, trials=4))
+        patch.setattr(combinations, "POLICIES", ("fixed_16", "uniform", "information_gain_latent"))
+        patch.setattr(combinations, "STOPS", {"paper_verbatim": PaperVerbatim()})
+        study("decision-limits").run(folder, quick=True)
     return folder
 
 
 def test_every_combination_is_a_row_with_its_calibration(out: Path) -> None:
-    report = json.loads((out / "decision_tradeoff.json").read_text(encoding="utf-8"))
+    report = json.loads((out / "decision_limits.json").read_text(encoding="utf-8"))
     keys = {(r["policy"], r["stop"], r["feature"], r["filter"]) for r in report["rows"]}
     assert len(keys) == len(report["rows"]) == 3 * 1 * 2 * len(FILTERS)
     for row in report["rows"]:
@@ -111,7 +111,7 @@ def test_every_combination_is_a_row_with_its_calibration(out: Path) -> None:
 
 
 def test_the_reference_rung_agrees_with_itself_and_one_rung_is_chosen(out: Path) -> None:
-    rungs = json.loads((out / "decision_tradeoff.json").read_text(encoding="utf-8"))["rungs"]
+    rungs = json.loads((out / "decision_limits.json").read_text(encoding="utf-8"))["rungs"]
     assert all(r["agreement"] == 1.0 for r in rungs if r["rung"] == "l4" and not r["unstable"])
     assert {r["rung"] for r in rungs if r["chosen"]}
     assert {r["rung"] for r in rungs} == {"l0", "l1", "l2", "l3", "l4", "l5"}

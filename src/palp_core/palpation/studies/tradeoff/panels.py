@@ -1,0 +1,211 @@
+"""The three panels of the README's first picture, drawn from kept data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from palp_core.methods.measured import Measured
+from palp_core.palpation.reporting.charts import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PINK,
+    SKY,
+    VERMILION,
+    Chart,
+    tidy,
+)
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
+from palp_core.palpation.studies.tradeoff.chart import draw_panel
+from palp_core.palpation.studies.tradeoff.judge import Judgement
+from palp_core.palpation.studies.tradeoff.labels import Labels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Row = Mapping[str, Any]
+TOO_SURE = 0.10
+"""A decision whose stated confidence is by so much above its accuracy is not to be trusted."""
+
+_RUNGS = {"l0": (SKY, "D"), "l1": (AMBER, "s"), "l2": (BLUE, "o"), "l3": (GREY, "^"), "l4": (GREEN, "v")}
+_RUNGS |= {"l5": (PINK, "P")}
+_FAMILIES = {
+    "fixed": ("one position", GREY, "s"),
+    "markov": ("as people do", VERMILION, "^"),
+    "uniform": ("any position", GREEN, "v"),
+    "reposition": ("best position, re-homed", SKY, "D"),
+    "information": ("information gain", BLUE, "o"),
+}
+_STUDY = {"posterior_threshold": "posterior_0.95", "fixed_number": "fixed_3"}
+"""The register's stop rules as the decisions of the picture have them."""
+
+
+def signature_chart(kept: Row) -> Chart:
+    """Return the picture.
+
+    Args:
+        kept: The data, as ``signature.json`` has them.
+    """
+
+    def draw(to: Figure) -> None:
+        first, second, third = to.subplots(1, 3)
+        draw_contact(first, kept["contact"], kept["asked"])
+        draw_decisions(second, kept["decisions"], kept["chosen"])
+        draw_rungs(third, kept["rungs"])
+
+    return Chart(
+        "signature",
+        "Time against error",
+        "",
+        (12.0, 4.1),
+        ("panel", "what", "time_s", "value", "chosen", "unstable"),
+        [*_contact_rows(kept["contact"]), *_decision_rows(kept), *_rung_rows(kept["rungs"])],
+        draw,
+    )
+
+
+def draw_contact(axes: Axes, points: Sequence[Row], asked: float) -> None:
+    """Draw error of the peak against CPU, a point per rung and resolution."""
+    names = Measured.__dataclass_fields__
+    found = [
+        Judgement(
+            Measured(**{name: one[name] for name in names if name != "error"}, error=_number(one["error"])),
+            one["at_home"],
+            one["on_front"],
+            one["chosen"],
+            one["why_not"],
+            one["survivor"],
+        )
+        for one in points
+    ]
+    draw_panel(axes, found, _RUNGS, asked)
+    tidy(axes, "How wrong is the touch?", "CPU with nothing cached, s", "error of the peak torque")
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def draw_decisions(axes: Axes, rows: Sequence[Row], chosen: Row) -> None:
+    """Draw accuracy against seconds on the rig; hollow: the paper's filter, hatched: too sure of itself."""
+    rows = sorted(rows, key=lambda row: -abs(row["seconds"]))
+    front = _front(rows, "seconds", "accuracy")
+    axes.plot(
+        [x for x, _ in front], [y for _, y in front], color=GREY, lw=1.4, drawstyle="steps-post", zorder=1
+    )
+    for row in rows:
+        _, colour, marker = _family(row["policy"])
+        face = "none" if row["filter"] == "naive" else colour
+        spot = (row["seconds"], row["accuracy"])
+        if too_sure(row):
+            _hatch_spot(axes, *spot)
+        axes.scatter(*spot, marker=marker, s=26, facecolors=face, edgecolors=colour, linewidths=1.0, zorder=3)
+        if is_chosen(row, chosen):
+            axes.scatter(*spot, s=190, facecolors="none", edgecolors=INK, linewidths=1.4, zorder=4)
+    for name, colour, marker in _FAMILIES.values():
+        axes.plot([], [], marker, color=colour, markersize=5, label=name)
+    _chance(axes)
+    axes.legend(fontsize=7, loc="lower center", ncols=2, columnspacing=1.0, borderaxespad=0.2)
+    axes.set_xscale("log")
+    axes.set_ylim(0.1, 1.03)  # what is below chance is free for words
+    tidy(axes, "How right is the decision?", "seconds on the rig a trial", "right decisions of three depths")
+
+
+def draw_rungs(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw agreement of decisions with the finest rung against CPU a trial; hatched: not vouched for."""
+    able = [row for row in rows if row["agreement"] is not None]
+    axes.set_xscale("log")
+    costs = [row["cpu_s_per_trial"] for row in able] or [1.0]
+    axes.set_xlim(min(costs) / 3.0, max(costs) * 4.0)
+    axes.set_ylim(0.28, 1.06)
+    _chance(axes)
+    labels = Labels(axes)
+    for row in able:
+        colour, marker = _RUNGS[row["rung"]]
+        spot = (row["cpu_s_per_trial"], row["agreement"])
+        if row["unstable"]:
+            x, y = spot
+            axes.fill_between(
+                [x / 1.15, x * 1.15], [0.0] * 2, [y] * 2, facecolor="none", edgecolor=VERMILION, hatch="////",
+                linewidth=0.0, alpha=0.55, zorder=0,
+            )  # fmt: skip
+        axes.scatter(*spot, marker=marker, s=42, color=colour, zorder=3)
+        labels.keep_free(*spot)
+        if row["chosen"]:
+            axes.scatter(*spot, s=190, facecolors="none", edgecolors=INK, linewidths=1.4, zorder=4)
+    for row in able:
+        labels.write(row["rung"], row["cpu_s_per_trial"], row["agreement"], bold=row["chosen"])
+    tidy(axes, "Which touch does a decision need?", "CPU a trial, s", "same decision as with l4")
+
+
+def _chance(axes: Axes) -> None:
+    axes.axhline(1 / 3, color=INK, lw=0.9, ls=":")
+    axes.annotate(
+        "chance", (1.0, 1 / 3), xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="bottom"
+    )
+
+
+def too_sure(row: Row) -> bool:
+    """Whether decisions are stated to be surer than they are right, by :data:`TOO_SURE` and more."""
+    return float(row["overconfidence"]) >= TOO_SURE
+
+
+def is_chosen(row: Row, chosen: Row) -> bool:
+    """Whether a line is what the register chooses: its policy, stop rule and filter."""
+    stop = chosen.get("stop", "")
+    policy = chosen.get("policy", "")
+    return (
+        bool(policy)
+        and _registered(row["policy"]) == policy
+        and row["stop"] in (stop, _STUDY.get(stop))
+        and row["filter"] == chosen.get("filter")
+    )
+
+
+def _registered(policy: str) -> str:
+    """Return the register's name of a policy of the studies."""
+    return policy.partition("_")[0] if policy.startswith(("fixed", "reposition")) else policy
+
+
+def _family(policy: str) -> tuple[str, str, str]:
+    return next(one for start, one in _FAMILIES.items() if policy.startswith(start))
+
+
+def _hatch_spot(axes: Axes, x: float, y: float) -> None:
+    axes.fill_between(
+        [x / 1.09, x * 1.09], [y - 0.025] * 2, [y + 0.025] * 2, facecolor="none", edgecolor=VERMILION,
+        hatch="//////", linewidth=0.0, alpha=0.6, zorder=0,
+    )  # fmt: skip
+
+
+def _front(rows: Sequence[Row], cost: str, value: str) -> list[tuple[float, float]]:
+    best = pareto_front([row[cost] for row in rows], [-row[value] for row in rows])
+    return [(rows[i][cost], rows[i][value]) for i in best]
+
+
+def _contact_rows(points: Sequence[Row]) -> list[tuple[Any, ...]]:
+    return [
+        ("contact", f"{p['method']} {p['setting']}".strip(), p["cost_s"], p["error"], int(p["chosen"]),
+         int(bool(p["why_not"])))
+        for p in points
+    ]  # fmt: skip
+
+
+def _decision_rows(kept: Row) -> list[tuple[Any, ...]]:
+    return [
+        ("decision", f"{r['policy']} {r['stop']} {r['filter']}", r["seconds"], r["accuracy"],
+         int(is_chosen(r, kept["chosen"])), int(too_sure(r)))
+        for r in kept["decisions"]
+    ]  # fmt: skip
+
+
+def _rung_rows(rows: Sequence[Row]) -> list[tuple[Any, ...]]:
+    return [
+        ("rung", f"{r['rung']} {r['filter']}", r["cpu_s_per_trial"], r["agreement"], int(r["chosen"]),
+         int(r["unstable"]))
+        for r in rows
+    ]  # fmt: skip
