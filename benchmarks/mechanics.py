@@ -236,8 +236,9 @@ def picker(folder: Path, repeats: int = 9) -> list[Figure]:
     for one in kept(folder, any_code=True).values():
         if len(one.cost_s) < 2 or one.rung not in one.cost_s:
             continue
+        probe = one.scene.probe
         for phantom in one.scene.phantoms:
-            rung_model("l4", phantom, one.scene.probe.tip_radius_m).force(np.zeros(1), np.full(1, 1e-4))
+            rung_model("l4", phantom, probe.tip_radius_m, probe.tip).force(np.zeros(1), np.full(1, 1e-4))
         taken = medians_s({r: functools.partial(run_scene, one.scene, r) for r in one.cost_s}, repeats)
         ratios.append(taken[one.rung] / min(taken.values()))
     if not ratios:
