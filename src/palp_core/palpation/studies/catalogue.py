@@ -102,8 +102,8 @@ STUDIES = {
         ),
         Study(
             "features",
-            "How wrong is a sweep's feature, how late is it known, and what does it cost?",
-            "palp_core.palpation.studies.decision.feature_tradeoff:run",
+            "How late is a sweep's feature known, and how wrong is it, as a stream and offline?",
+            "palp_core.palpation.studies.decision.feature_lag:run",
         ),
     )
 }

@@ -1,4 +1,7 @@
-"""The study ``features``: how wrong a sweep's feature is, how late it is known, and what it costs."""
+"""The study ``features``: how late a sweep's feature is known, and how wrong it is, as a stream and offline.
+
+Error against CPU is what ``palp tradeoff --task smoother`` charts; lag is what is left.
+"""
 
 from __future__ import annotations
 
@@ -91,37 +94,34 @@ def _record(row: FeatureError) -> dict[str, Any]:
         "rms_n_m": row.rms_n_m,
         "bias_n_m": row.bias_n_m,
         "relative": row.relative,
-        "cost_s": row.cost_s,
     }
 
 
 def _chart(rows: Sequence[FeatureError]) -> Chart:
     def draw(to: Figure) -> None:
-        grid = to.subplots(len(FEATURES), 2, squeeze=False, sharey="row")
-        for line, feature in enumerate(FEATURES):
-            for column, what in enumerate(("lag", "cost")):
-                title = f"{feature}, against {what}"
-                unit = "lag, s (0 drawn at 1 ms)" if what == "lag" else "CPU for a sweep, s"
-                tidy(grid[line][column], title, unit, "error over gap between depths" if not column else "")
-                for factor in NOISE_FACTORS:
-                    here = [r for r in rows if r.feature == feature and r.noise_factor == factor]
-                    _panel(grid[line][column], here, what, filled=factor == NOISE_FACTORS[0])
-        handles, labels = grid[0][0].get_legend_handles_labels()
+        grid = to.subplots(1, len(FEATURES), squeeze=False, sharey=True)[0]
+        for column, feature in enumerate(FEATURES):
+            words = "error over gap between depths" if not column else ""
+            tidy(grid[column], feature, "lag, s (0 drawn at 1 ms)", words)
+            for factor in NOISE_FACTORS:
+                here = [r for r in rows if r.feature == feature and r.noise_factor == factor]
+                _panel(grid[column], here, filled=factor == NOISE_FACTORS[0])
+        handles, labels = grid[0].get_legend_handles_labels()
         to.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
 
     return Chart(
         "features",
-        "Error of the feature against lag and cost",
+        "Error of the feature against lag",
         "Filled: noise of one step of the resolution; open: five steps. Lines: what nothing beats in both.",
-        (8.4, 7.2),
-        ("family", "setting", "lag_s", "noise_steps", "feature", "rms_n_m", "bias_n_m", "relative", "cost_s"),
+        (8.4, 4.2),
+        ("family", "setting", "lag_s", "noise_steps", "feature", "rms_n_m", "bias_n_m", "relative"),
         [tuple(_record(row).values()) for row in rows],
         draw,
     )
 
 
-def _panel(axes: Axes, rows: Sequence[FeatureError], what: str, *, filled: bool) -> None:
-    x = [max(r.way.lag_s, _LEAST_LAG_S) if what == "lag" else r.cost_s for r in rows]
+def _panel(axes: Axes, rows: Sequence[FeatureError], *, filled: bool) -> None:
+    x = [max(r.way.lag_s, _LEAST_LAG_S) for r in rows]
     y = [r.relative for r in rows]
     best = pareto_front(x, y)
     axes.plot(
