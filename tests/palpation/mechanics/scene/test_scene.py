@@ -279,3 +279,11 @@ def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> N
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
     with pytest.raises(MechanicsError, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'"):
         rig(phantoms=str(phantoms))
+
+
+def test_a_scene_too_fast_for_either_joint_says_that_inertia_is_left_out() -> None:
+    path = StagePath(speed_m_s=3.0)  # beyond what the dynamic joint is stated for
+    run = run_scene(Scene(path=path, ring_m=(0.004,)))
+    assert run.choice.motion.name == "quasi_static"
+    assert any(words.startswith("inertia: quasi_static vouches for no 'peak'") for words in run.guards)
+    assert not any("inertia" in words for words in run_scene(Scene(ring_m=(0.004,))).guards)

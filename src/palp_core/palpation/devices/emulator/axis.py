@@ -40,6 +40,7 @@ class Axis:
         homing_until_ns: End of the homing under way.
         fault: Latched faults.
         estop: Whether the emergency stop is pressed.
+        profile: The move under way or, at rest, the last one.
     """
 
     settings: AxisSettings
@@ -49,31 +50,31 @@ class Axis:
     fault: int = 0
     estop: bool = False
     stuck: bool = False
-    _profile: MotionProfile = field(default_factory=lambda: MotionProfile(0.0, 0.0, 1.0, 1.0, 0))
+    profile: MotionProfile = field(default_factory=lambda: MotionProfile(0.0, 0.0, 1.0, 1.0, 0))
 
     def __post_init__(self) -> None:
         self._rest(self.settings.home_m, 0)
 
     def position_m(self, now_ns: int) -> float:
         """Return the position at a time."""
-        if now_ns >= self._profile.end_ns:
-            return self._profile.end_m
-        return float(self._profile.position(np.array([now_ns]))[0])
+        if now_ns >= self.profile.end_ns:
+            return self.profile.end_m
+        return float(self.profile.position(np.array([now_ns]))[0])
 
     def velocity_m_per_s(self, now_ns: int) -> float:
         """Return the velocity at a time."""
-        if now_ns >= self._profile.end_ns:
+        if now_ns >= self.profile.end_ns:
             return 0.0
-        return float(self._profile.velocity(np.array([now_ns]))[0])
+        return float(self.profile.velocity(np.array([now_ns]))[0])
 
     def moving(self, now_ns: int) -> bool:
         """Tell whether a move or homing is under way."""
-        return now_ns < self._profile.end_ns or self.homing(now_ns)
+        return now_ns < self.profile.end_ns or self.homing(now_ns)
 
     @property
     def rest_ns(self) -> int:
         """When the last move ends or ended."""
-        return self._profile.end_ns
+        return self.profile.end_ns
 
     def homing(self, now_ns: int) -> bool:
         """Tell whether homing is under way; its end makes the axis homed."""
@@ -109,7 +110,7 @@ class Axis:
             self.trip(Fault.POSITION_ERROR, now_ns)
             return
         start_m = self.position_m(now_ns)
-        self._profile = MotionProfile(
+        self.profile = MotionProfile(
             start_m, target_m, max(speed_m_per_s, 1e-6), self.settings.ramp_m_per_s2, now_ns
         )
 
@@ -135,16 +136,16 @@ class Axis:
             word |= AxisStatus.IN_POSITION
         if self.homed and not self.homing(now_ns):
             word |= AxisStatus.HOMED
-        if now_ns < self._profile.end_ns:
+        if now_ns < self.profile.end_ns:
             word |= AxisStatus.MOVING | self._phase(now_ns)
-            if velocity > 0.0 or (velocity == 0.0 and self._profile.end_m > self._profile.start_m):
+            if velocity > 0.0 or (velocity == 0.0 and self.profile.end_m > self.profile.start_m):
                 word |= AxisStatus.DIRECTION
         if self.estop:
             word |= AxisStatus.ESTOP_INPUT
         return word - (1 << 32) if word >= 1 << 31 else int(word)
 
     def _phase(self, now_ns: int) -> int:
-        later_ns = min(now_ns + 1_000_000, self._profile.end_ns - 1)
+        later_ns = min(now_ns + 1_000_000, self.profile.end_ns - 1)
         change = abs(self.velocity_m_per_s(later_ns)) - abs(self.velocity_m_per_s(now_ns))
         if change > 1e-9:
             return AxisStatus.ACCELERATING
@@ -156,9 +157,9 @@ class Axis:
             self._rest(here_m, now_ns)
             return
         way_m = velocity * abs(velocity) / (2.0 * rate_m_per_s2)
-        self._profile = MotionProfile(
+        self.profile = MotionProfile(
             here_m, here_m + way_m, abs(velocity), rate_m_per_s2, now_ns, abs(velocity)
         )
 
     def _rest(self, position_m: float, now_ns: int) -> None:
-        self._profile = MotionProfile(position_m, position_m, 1.0, 1.0, now_ns)
+        self.profile = MotionProfile(position_m, position_m, 1.0, 1.0, now_ns)

@@ -8,7 +8,7 @@ the contact is that of the place it goes to: on a rig that palpates, the probe i
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from palp_core.palpation.devices.emulator.axis import Axis, AxisSettings
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 from palp_core.palpation.mechanics import ContactModel, solve
+from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.nano17 import FORCE_RESOLUTION_N, RESOLUTION_N_M
 from palp_core.units import Float64Array
@@ -84,6 +85,7 @@ class World:
         load_n_m: Torque that somebody puts on the sensor beside the phantom, about its axis x.
         felt_ns: When the sensor took the first sample with it; 0: none yet.
         felt_y_m: Where the stage was then.
+        swept_m_s: Speed that the latest move in touch with the phantom was ordered with; 0: none yet.
         guards: What was met, once per mounting and ring that touched; whoever tells it takes it away.
     """
 
@@ -98,7 +100,10 @@ class World:
         self.saturated_gauges: tuple[int, ...] = ()
         self.apply_load(0.0)
         self.sensor_status = 0
+        self.swept_m_s = 0.0
         self._met: GuardMet | None = None
+        self._met_m_s = 0.0
+        self._met_words: tuple[str, ...] = ()
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
         self.emg = SimEmg(matrix=_EQUAL)
@@ -171,15 +176,27 @@ class World:
         share = 1.0 - self.axes["z"].position_m(now_ns) / self._indentation_m
         if share > 0.0:
             contact, guard = self._contact.result()
-            if guard is not None and guard is not self._met:
-                self._met = guard
-                self.guards.append(guard)
+            move = self.axes["y"].profile
+            if now_ns < move.end_ns:
+                self.swept_m_s = move.speed_m_per_s
+            if guard is not self._met or self.swept_m_s != self._met_m_s:
+                self._meet(guard)
             place = (self.axes["y"].position_m(now_ns) - self.settings.from_m) / _STEP_M
             place = min(max(place, 0.0), len(contact) - 1.001)
             below, part = int(place), place % 1.0
             wrench[1:4] = contact[below] * (1.0 - part) + contact[below + 1] * part
             wrench *= min(share, 1.0) ** 1.5
         return wrench
+
+    def _meet(self, met: GuardMet) -> None:
+        """Note what a contact meets at the present speed of the stage, where that has not been said of it."""
+        words = met.words
+        if self.swept_m_s:
+            words += speed_guard(self._rig.motion(self.swept_m_s))
+        before = self._met_words if met is self._met else ()
+        self._met, self._met_m_s, self._met_words = met, self.swept_m_s, words
+        if words != before:
+            self.guards.append(replace(met, words=words))
 
     def truth(self, now_ns: int) -> dict[str, float]:
         """Return where everything is and the true torque, by name."""
@@ -207,7 +224,7 @@ class World:
 
     def _solve(self) -> None:
         ring_m = max(_LOWEST_RING_M, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
-        self._contact: Future[tuple[Float64Array, GuardMet | None]] = self._solver.submit(
+        self._contact: Future[tuple[Float64Array, GuardMet]] = self._solver.submit(
             _contact,
             self._rig,
             self._code,
@@ -221,7 +238,7 @@ class World:
 
 def _contact(
     rig: Rig, code: str, model: ContactModel, ring_m: float, indentation_m: float, from_m: float, to_m: float
-) -> tuple[Float64Array, GuardMet | None]:
+) -> tuple[Float64Array, GuardMet]:
     """Return lateral and normal force and torque at every step of the stretch, shape (n, 3), and guards.
 
     A straight line over 50 um misses a curve of the nodule's width by a few nN m.
@@ -232,4 +249,4 @@ def _contact(
         from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), table.low_m, table.high_m
     )
     loads = np.column_stack([table.lateral_n(stage_m), table.normal_n(stage_m), table.torque_n_m(stage_m)])
-    return loads, GuardMet(code, ring_m, words) if words else None
+    return loads, GuardMet(code, ring_m, words)

@@ -25,6 +25,7 @@ from palp_core.units import Float64Array
 _ANGLES = 65  # a third of a millimetre of the tip's travel apart
 _ANCHOR_M = 0.001  # of the stage between two samplings
 _STEEP = 0.5  # of the stage's step that the lagging tip may lose in a step before every position is sampled
+_BALANCED_N_M = 1e-6  # a moment below it does not tell one angle from another: study contact-stability
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +98,11 @@ def sweep(
     angle_rad, root_count, snap_at, guards = _angles(joint, forward_m)
     normal_n, lateral_n = joint.contact(forward_m, angle_rad)
     offset_m, depth_m = joint.place(forward_m, angle_rad)
+    if joint.restoring_n_m * math.sin(joint.lift_off_rad) < _BALANCED_N_M:
+        guards += (
+            f"hardly held: spring and weight bring {joint.restoring_n_m:.2g} N m at most; any angle "
+            "past lift-off all but balances",
+        )
     lifted = normal_n <= 0.0
     if lifted.any():
         guards += (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import palp_core.palpation.mechanics.contact
 import palp_core.palpation.mechanics.equilibrium.dynamics  # noqa: F401 -- declares, as the line above does
 from palp_core.errors import MethodError
-from palp_core.methods import Candidate, Method, MethodChoice, choose, find
+from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choose, find
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
@@ -81,12 +81,30 @@ def choose_motion(scene: Scene) -> MethodChoice:
     What leaves inertia out may take as much of the tolerance again as the contact; where nothing that is
     declared vouches for that, the quasi-static joint is taken by name, and says that it vouches for nothing.
     """
-    output = "contrast" if scene.tolerance.output == "contrast" else "peak"
-    quantities = scene.quantities() | {"speed_m_s": scene.path.speed_m_s}
+    output, tolerance, speed_m_s = scene.tolerance.output, scene.tolerance.relative, scene.path.speed_m_s
     try:
-        return choose("motion", output, scene.tolerance.relative, quantities)
+        return moved_by("", output, tolerance, speed_m_s, scene.quantities())
     except MethodError:
-        return choose("motion", output, scene.tolerance.relative, quantities, asked="quasi_static")
+        return moved_by("quasi_static", output, tolerance, speed_m_s, scene.quantities())
+
+
+def moved_by(
+    asked: str, output: str, tolerance: float, speed_m_s: float, quantities: Quantities | None = None
+) -> MethodChoice:
+    """Return what the joint's inertia is treated by, as the register has it.
+
+    Args:
+        asked: Name of a method of task ``motion``; empty: the cheapest that is good enough.
+        output: What the contact must get right.
+        tolerance: How right.
+        speed_m_s: Speed of the stage.
+        quantities: What else is known of the scene, SI.
+
+    Raises:
+        MethodError: None is good enough.
+    """
+    known = {**(quantities or {}), "speed_m_s": speed_m_s}
+    return choose("motion", "contrast" if output == "contrast" else "peak", tolerance, known, asked=asked)
 
 
 def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = "sphere") -> ContactModel:

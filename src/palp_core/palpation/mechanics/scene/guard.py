@@ -6,12 +6,16 @@ record.
 
 import numpy as np
 
+from palp_core.methods import MethodChoice
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 
 SMALL_STRAIN_SHARE = 0.5
 """Of the ball's radius and of the gel over the bead; beyond it small strain may be off by a twentieth."""
+
+BARE_GEL_SHARE = 0.45
+"""Of the ball's radius, on gel without a bead; beyond it small strain is off by a twentieth."""
 
 _PARABOLOIDS = ("l1", "l3")
 """Rungs that know no other form of the ball."""
@@ -22,13 +26,49 @@ def sweep_guards(phantom: Phantom, probe: Probe, rung: str, solved: Sweep) -> tu
     words = list(solved.guards)
     if rung in _PARABOLOIDS and probe.tip != "paraboloid":
         words.append(f"{rung} takes the {probe.tip} for a paraboloid; l2, l4 and l5 take it as it is")
-    bead = phantom.bead
-    if bead is not None and rung != "l5":
-        over = np.abs(solved.offset_m) <= bead.radius_m
-        deepest_m = float(solved.indentation_m[over].max()) if over.any() else 0.0
-        if deepest_m > SMALL_STRAIN_SHARE * min(bead.depth_m, probe.tip_radius_m):
-            words.append(
-                f"small strain: {deepest_m * 1e3:.2g} mm pressed into {bead.depth_m * 1e3:.2g} mm of gel "
-                "over the bead; finite strain (l5) may differ by a twentieth and more"
-            )
+    if rung != "l5":
+        words += _small_strain(phantom, probe, solved)
     return tuple(words)
+
+
+def _small_strain(phantom: Phantom, probe: Probe, solved: Sweep) -> list[str]:
+    bead = phantom.bead
+    if bead is None:
+        deepest_m = float(solved.indentation_m.max(initial=0.0))
+        if deepest_m <= BARE_GEL_SHARE * probe.tip_radius_m:
+            return []
+        return [
+            f"small strain: {deepest_m * 1e3:.2g} mm pressed into bare gel by a ball of "
+            f"{probe.tip_radius_m * 1e3:.2g} mm; finite strain (l5) differs by a twentieth and more"
+        ]
+    over = np.abs(solved.offset_m) <= bead.radius_m
+    deepest_m = float(solved.indentation_m[over].max()) if over.any() else 0.0
+    if deepest_m <= SMALL_STRAIN_SHARE * min(bead.depth_m, probe.tip_radius_m):
+        return []
+    return [
+        f"small strain: {deepest_m * 1e3:.2g} mm pressed into {bead.depth_m * 1e3:.2g} mm of gel "
+        "over the bead; finite strain (l5) may differ by a twentieth and more"
+    ]
+
+
+def speed_guard(motion: MethodChoice) -> tuple[str, ...]:
+    """Return what to say where inertia is left out and the stage sweeps faster than that is bounded.
+
+    Args:
+        motion: What is used, as the register weighed it at that speed.
+    """
+    if motion.bound is not None and motion.bound <= motion.tolerance:
+        return ()
+    own = next(one for one in motion.candidates if one.name == motion.name)
+    return (f"inertia: {motion.name} {own.why.removeprefix('is asked for by name; ')}",)
+
+
+def task_of(words: str) -> str:
+    """Return the task whose method a guard's words are about.
+
+    >>> task_of("small strain: 2 mm pressed into 2 mm of gel"), task_of("2 snap(s): the torque jumps")
+    ('contact', 'equilibrium')
+    """
+    if words.startswith("inertia:"):
+        return "motion"
+    return "contact" if words.startswith(("small strain:", *_PARABOLOIDS)) else "equilibrium"

@@ -7,11 +7,14 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.choice import choose_rung, moved_by, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.guard import sweep_guards
+from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, yielding
+
+FINDER = "bracketed_newton"
+"""Method of task ``equilibrium`` that a rig's sweeps are solved by."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +42,20 @@ class Rig:
         name, probe = self.choices[code].method.name, self.probe
         return rung_model(name, self.phantoms[code], probe.tip_radius_m, probe.tip)
 
-    def met(self, code: str, solved: Sweep) -> tuple[str, ...]:
-        """Return what a sweep over a phantom met that its record must say."""
-        return sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
+    def motion(self, speed_m_s: float) -> MethodChoice:
+        """Return what its quasi-static sweeps vouch for at a speed of the stage: they are all it has."""
+        return moved_by("quasi_static", self.output, self.tolerance, speed_m_s)
+
+    def met(self, code: str, solved: Sweep, speed_m_s: float | None = None) -> tuple[str, ...]:
+        """Return what a sweep over a phantom met that its record must say.
+
+        Args:
+            code: The phantom.
+            solved: The sweep.
+            speed_m_s: Of the stage, if that is known.
+        """
+        words = sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
+        return words if speed_m_s is None else (*words, *speed_guard(self.motion(speed_m_s)))
 
 
 def rig(

@@ -10,7 +10,7 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
-from palp_core.palpation.mechanics.scene.guard import sweep_guards
+from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.units import Float64Array
@@ -114,7 +114,7 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
         for words in sweep_guards(scene.phantom, scene.probe, choice.rung, one)
     )
     strayed = outside("contact", choice.rung, scene.quantities())
-    guards = (strayed, *guards) if strayed else guards
+    guards = (*([strayed] if strayed else ()), *speed_guard(choice.motion), *guards)
     return SceneRun(
         choice=choice,
         ring_m=scene.ring_m,
