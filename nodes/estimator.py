@@ -12,8 +12,9 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
+from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import find, names
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -23,6 +24,7 @@ from palp_core.palpation.perception.belief.primitives import Primitives, fit, qu
 from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.stopping import Verdict, decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import (
+    NAIVE,
     DepthCount,
     TrialFilter,
     TrialReading,
@@ -32,6 +34,7 @@ from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.methods.used import tell_methods, used
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     CountPositive,
@@ -98,6 +101,7 @@ class EstimatorState(State):
     probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
+    methods_told: list[MethodUse] = []
 
 
 def checks(params: EstimatorParams) -> dict[str, Callable[[], object]]:
@@ -122,6 +126,20 @@ def mistakes(params: EstimatorParams) -> dict[str, str]:
     return found
 
 
+def uses_of(params: EstimatorParams) -> list[MethodUse]:
+    """Return which methods a sweep goes through, as the register weighs them with what is known here."""
+    noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
+    known = {
+        "probe_count": float(params.max_probes),
+        "ring_sd_m": noise.ring_sd_m.value,
+        "height_sd_m": noise.height_sd_m.value,
+        "sample_hz": params.rate_hz,
+    }
+    scene = read_scene(params.scene) if params.scene else None
+    tasks = ["denoise", "feature", *(["likelihood"] if params.filter == NAIVE else []), "filter", "stop"]
+    return [used(task, getattr(params, task), scene=scene, given=known) for task in tasks]
+
+
 class Estimator(Node):
     """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
 
@@ -135,12 +153,27 @@ class Estimator(Node):
     belief = Pub(Belief)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
+    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
     def on_configure(self) -> None:
         for check in checks(self.params).values():
             check()
         self.learnt: Primitives | None = None
         self.filters: tuple[EstimatorParams, TrialFilter] | None = None
+
+    def on_activate(self) -> None:
+        self._tell_methods(self.params)
+
+    def on_resume(self) -> None:
+        self._tell_methods(self.params)
+
+    def on_parameters(self, params: Params) -> None:
+        """Say with which methods the next sweep is read: it is the first that these are for."""
+        if isinstance(params, EstimatorParams):
+            self._tell_methods(params)
+
+    def _tell_methods(self, params: EstimatorParams) -> None:
+        tell_methods(self, uses_of(params))
 
     @on(trial)
     def note_trial(self, trial: Trial) -> None:

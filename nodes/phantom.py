@@ -4,12 +4,14 @@ from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
-from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
+from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.methods.used import rig_uses, tell_methods
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Kilograms,
@@ -53,7 +55,9 @@ class PhantomState(State):
     remount: int = 0
     height_offset_m: float = 0.0
     ring_m: float = 0.0
+    speed_m_s: float = 0.0
     guard_told: bool = False
+    methods_told: list[MethodUse] = []
 
 
 class Phantom(Node):
@@ -69,6 +73,7 @@ class Phantom(Node):
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
+    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=100))
 
     def on_configure(self) -> None:
         params = self.params
@@ -85,6 +90,12 @@ class Phantom(Node):
         self.table: SweepTable | None = None
         noise = params.noise
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
+
+    def on_activate(self) -> None:
+        self._tell_methods()
+
+    def on_resume(self) -> None:
+        self._tell_methods()
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
@@ -117,8 +128,10 @@ class Phantom(Node):
 
     @on(pose)
     def touch(self, pose: StagePose) -> None:
+        self._note_speed(pose)
         if self.table is None:
             self.table = self._solve()
+            self._tell_guards(self.table)
         self.contact.publish(
             Contact(
                 stamp_ns=self.now_ns(),
@@ -132,11 +145,24 @@ class Phantom(Node):
     def _forget(self) -> None:
         self.table, self.state.guard_told = None, False
 
+    def _note_speed(self, pose: StagePose) -> None:
+        """See how fast the stage sweeps; what the mechanics vouch for depends on it."""
+        way_m = pose.position_m
+        if len(way_m) < 2:
+            return
+        speed_m_s = abs(float(way_m[-1] - way_m[0])) / (len(way_m) - 1) * pose.rate_hz
+        speed_m_s = float(f"{speed_m_s:.3g}")  # positions come in steps of a nanometre
+        if speed_m_s != self.state.speed_m_s:
+            self.state.speed_m_s = speed_m_s
+            self._tell_methods()
+            if self.table is not None:
+                self._tell_guards(self.table, again=True)
+
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
         if not state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
-        table = solve(
+        return solve(
             self.models[state.code],
             self.rig.probe,
             state.ring_m,
@@ -144,8 +170,12 @@ class Phantom(Node):
             params.from_m - MARGIN_M,
             params.to_m + MARGIN_M,
         )
-        words = list(self.rig.met(state.code, table.solved))
-        if words and not state.guard_told:
+
+    def _tell_guards(self, table: SweepTable, *, again: bool = False) -> None:
+        """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""
+        state = self.state
+        words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))
+        if (words or again) and (again or not state.guard_told):
             state.guard_told = True
             self.guard.publish(
                 ContactGuard(
@@ -156,4 +186,6 @@ class Phantom(Node):
                     words=words,
                 )
             )
-        return table
+
+    def _tell_methods(self) -> None:
+        tell_methods(self, rig_uses(self.rig, self.state.speed_m_s or None))

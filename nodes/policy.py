@@ -10,8 +10,9 @@ from msgs.actuator import RingCommand
 from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
-from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
 from palp_core.errors import PerceptionError
+from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5, policies
 from palp_core.palpation.perception.strategy.trained_rings import (
@@ -21,6 +22,7 @@ from palp_core.palpation.perception.strategy.trained_rings import (
     rings_of,
     untrained,
 )
+from palp_core.palpation.session.methods.used import policy_use, tell_methods
 from palp_core.units import Float64Array
 
 RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_json_schema={"x-unit": "mm"})]
@@ -55,6 +57,7 @@ class PolicyNodeState(State):
     landed: list[bool] = []
     readings_n_m: list[float] = []
     heard: int = -1
+    methods_told: list[MethodUse] = []
 
     @classmethod
     def adopt(cls, old: Any) -> Self:
@@ -78,6 +81,7 @@ class PolicyNode(Node):
     primitives = Sub(PrimitivesLearnt, optional=True)
     cocontraction = Sub(CoContraction, optional=True)
     command = Pub(RingCommand)
+    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
     @classmethod
     def examine(cls, params: Any) -> dict[str, str]:
@@ -104,6 +108,14 @@ class PolicyNode(Node):
 
     def on_configure(self) -> None:
         self.policy = self.choose()
+        self.weighed: tuple[type[policies.StiffnessPolicy], Params, MethodUse] | None = None
+
+    def _tell_methods(self) -> None:
+        """Say which policy chooses; that may change with parameters and with what was learnt."""
+        of = (type(self.policy), self.params)
+        if self.weighed is None or self.weighed[:2] != of:
+            self.weighed = (*of, policy_use(self.policy))
+        tell_methods(self, [self.weighed[2]])
 
     def on_parameters(self, params: Params) -> None:
         """Refuse ring positions that training did not cover, whatever was announced.
@@ -133,6 +145,7 @@ class PolicyNode(Node):
         self.state.active = trial.phase == "estimation"
         if self.state.active:
             self.policy = self.choose()  # parameters may have changed since the last trial
+            self._tell_methods()
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
             self._ask(lambda: self.policy.start(self.rng.random))
@@ -144,6 +157,7 @@ class PolicyNode(Node):
             return
         state.readings_n_m.append(belief.reading_n_m)
         self.policy = self.refreshed()
+        self._tell_methods()
         self._ask(lambda: self.policy.step(self._present(), self.known(belief.posterior), self.rng.random))
 
     @on(primitives)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palp_core.graph.bag.reader import Bag, read, to_numpy
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.graph.messages.builtin import DiagnosticStatus, NodeEvent, Progress, Swap
+    from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, NodeEvent, Progress, Swap
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
     from palp_core.graph.node.bench import Bench
@@ -35,6 +35,7 @@ __all__ = [
     "DiagnosticStatus",
     "Graph",
     "Message",
+    "MethodsUsed",
     "Node",
     "NodeEvent",
     "Params",
@@ -63,6 +64,7 @@ _HOME = dict.fromkeys(__all__, "node.ports") | {
     "DiagnosticStatus": "messages.builtin",
     "Graph": "launch.graph",
     "Message": "messages.message",
+    "MethodsUsed": "messages.builtin",
     "Node": "node.node",
     "NodeEvent": "messages.builtin",
     "Params": "node.node",

@@ -75,6 +75,16 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
     assert touched("A", 1) == [("A", 1, 0.016)]
     assert "small strain" in bench.sent(EmulatedPhantom.guard)[0].words[0]
     assert touched("A", 2) == [("A", 1, 0.016), ("A", 2, 0.016)]
+
+    def sweep(world: World, now_ns: int) -> None:
+        world.axes["z"].move(0.0, 0.05, 60_000_000_000)
+        world.axes["y"].move(0.03, 0.2, 70_000_000_000)
+        world.true_wrench(70_050_000_000)
+
+    bench.node.rig.on_world(sweep)
+    bench.advance(0.3)
+    assert any("inertia: quasi_static" in words for words in bench.sent(EmulatedPhantom.guard)[-1].words)
+    assert any(use.task == "motion" for use in bench.sent(EmulatedPhantom.methods)[-1].uses)
     bench.executor.transition(Transition.SHUTDOWN)
 
 

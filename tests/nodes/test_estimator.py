@@ -361,3 +361,21 @@ def test_a_belief_survives_a_replacement_in_the_middle_of_a_sweep(successor, fra
         probe(bench, MEAN_N_M[0.004][0.016], 3)
     assert frames_of(first) + frames_of(second) == frames_of(whole)
     assert second.executor.node.state == whole.executor.node.state
+
+
+def test_it_says_its_methods_at_the_beginning_and_when_one_is_changed() -> None:
+    bench = Bench(Estimator)
+    bench.set_parameters(stop="posterior_threshold", stop_value=0.9)
+    bench.set_parameters(filter="latent")
+    bench.set_parameters(stop_value=0.95)
+    said = [{use.task: use.name for use in one.uses} for one in bench.sent(Estimator.methods)]
+    first = {
+        "denoise": "soft_universal",
+        "feature": "peak",
+        "likelihood": "normal",
+        "filter": "naive",
+        "stop": "paper_guarded",
+    }
+    changed = first | {"stop": "posterior_threshold"}
+    latent = {task: name for task, name in changed.items() if task != "likelihood"} | {"filter": "latent"}
+    assert said == [first, changed, latent]  # and nothing of what is no method

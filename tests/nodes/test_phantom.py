@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
@@ -24,8 +27,9 @@ def ring(ring_m: float) -> RingTruth:
     return RingTruth(stamp_ns=0, trial=0, iteration=1, ring_m=ring_m)
 
 
-def pose(position_m: Float64Array = PATH_M, start_ns: int = 3_000_000) -> StagePose:
-    return StagePose(stamp_ns=0, goal_id=9, start_ns=start_ns, rate_hz=1000.0, position_m=position_m)
+def pose(position_m: Float64Array = PATH_M, start_ns: int = 3_000_000, rate_hz: float = 100.0) -> StagePose:
+    """At 20 mm/s, but for another rate."""
+    return StagePose(stamp_ns=0, goal_id=9, start_ns=start_ns, rate_hz=rate_hz, position_m=position_m)
 
 
 def torque_n_m(bench: Bench[Phantom], code: str = "A", ring_m: float = 0.016) -> Float64Array:
@@ -43,7 +47,7 @@ def flat() -> Bench[Phantom]:
 def test_a_pose_is_answered_at_its_own_times(flat: Bench[Phantom]) -> None:
     torque_n_m(flat)
     contact = flat.sent(Phantom.contact)[0]
-    assert (contact.goal_id, contact.start_ns, contact.rate_hz) == (9, 3_000_000, 1000.0)
+    assert (contact.goal_id, contact.start_ns, contact.rate_hz) == (9, 3_000_000, 100.0)
     assert len(contact.torque_n_m) == len(PATH_M)
 
 
@@ -77,6 +81,39 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring(flat: Bench[Phantom
     (guard,) = flat.sent(Phantom.guard)
     assert (guard.code, guard.remount, guard.ring_m) == ("A", 0, 0.016)
     assert "small strain" in guard.words[0]
+
+
+def test_a_stage_too_fast_to_leave_inertia_out_is_told_and_so_is_one_that_is_slow_again(
+    flat: Bench[Phantom],
+) -> None:
+    torque_n_m(flat, "C")
+    assert flat.sent(Phantom.guard) == []
+    flat.feed(Phantom.pose, pose(rate_hz=300.0))  # 60 mm/s
+    (fast,) = flat.sent(Phantom.guard)
+    assert fast.words == [
+        "inertia: quasi_static vouches for no 'peak' here; dynamic would be the next finer one"
+    ]
+    flat.feed(Phantom.ring, ring(0.012))
+    flat.feed(Phantom.pose, pose(rate_hz=300.0), pose(rate_hz=300.0), pose())
+    again, slow = flat.sent(Phantom.guard)[1:]
+    assert (again.ring_m, again.words, slow.words) == (0.012, fast.words, [])
+    speeds = [
+        json.loads(use.scene)["speed_m_s"]
+        for said in flat.sent(Phantom.methods)
+        for use in said.uses
+        if use.task == "motion"
+    ]
+    assert speeds == [0.02, 0.06, 0.02]
+
+
+def test_it_says_which_rung_stands_for_each_phantom_and_on_what(flat: Bench[Phantom]) -> None:
+    (said,) = flat.sent(Phantom.methods)
+    rungs = {use.of: use for use in said.uses if use.task == "contact"}
+    assert set(rungs) == {"A", "B", "C"}
+    for code, use in rungs.items():
+        choice = flat.node.rig.choices[code]
+        assert (use.name, use.bound, use.asked) == (choice.name, choice.bound, False)
+        assert json.loads(use.scene)["phantom"] == asdict(flat.node.rig.phantoms[code])
 
 
 def test_each_remount_draws_the_height_anew() -> None:

@@ -92,6 +92,7 @@ everything = st.builds(
 def test_a_decoded_message_equals_the_one_that_was_encoded(message: Everything) -> None:
     decoded = decode(Everything, encode(message))
     assert decoded == message
+    assert not decoded != message  # noqa: SIM202 - the other operator
     assert hash(decoded) == hash(message)
     assert encode(decoded) == encode(message)
 

@@ -23,6 +23,7 @@ from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
+from palp_core.graph.launch.methods_told import MethodsTold
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
@@ -136,7 +137,7 @@ class Graph:
         self.path = Path(path)
         self._listen, self._record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
-        self.diagnostics = Diagnostics()
+        self.diagnostics, self.methods = Diagnostics(), MethodsTold()
         self.gateway: GatewayHandle | None = None
         self._started, self._name = started, name
         self._compose = compose
@@ -151,6 +152,7 @@ class Graph:
         self._instant_count = 0
         self._begun = False
         self._begin_ns = 0
+        self._cpu_s: dict[str, float] = {}
         self.summary: RunSummary | None = None
 
     def __enter__(self) -> Self:
@@ -173,6 +175,7 @@ class Graph:
                 _tell(self.checked, "prepare", self._summary())
                 self.recorders = Recorders(self.checked, self._record)
                 self.diagnostics.follow(self.checked)
+                self.methods.follow(self.checked)
                 self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
@@ -185,8 +188,10 @@ class Graph:
             if (gateway := self.gateway) is not None:
                 self.launcher_node.joined = lambda: gateway.health.values()
             self.launcher_node.record_event = lambda frame: self.recorders.observe(self._now_ns(), frame)
+            self.launcher_node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
             self.launcher_node.answer("launch", lambda _: launch_provenance(self.checked))
+            self.launcher_node.answer("summary", lambda _: {"summary": msgspec.to_builtins(self._summary())})
             if self._compose:
                 from palp_core.graph.lockstep.composition import composed
 
@@ -233,6 +238,8 @@ class Graph:
             run=self.directory.path.name,
             composed=self._compose,
             incidents=self.diagnostics.incidents,
+            methods=self.methods.told,
+            cpu_s=self._cpu_s,
             **outcome,
         )
 
@@ -351,6 +358,7 @@ class Graph:
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
         self.diagnostics.observe(now_ns, frame)
+        self.methods.observe(frame)
         self.swaps.observe(now_ns, frame)
         self.recorders.observe(now_ns, frame)
 
@@ -373,6 +381,7 @@ class Graph:
         """Go on with another node in the place of one."""
         self.checked = checked
         self.diagnostics.follow(checked)
+        self.methods.follow(checked)
         self.recorders.follow(checked)
         self._announce()
         if self._conductor is not None:

@@ -8,6 +8,7 @@ import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.launch.diagnostics import Incident
+from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import load_module
 
 
@@ -26,6 +27,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: 0 if the run came to its end, with its report; negative where it did not say how it ended.
         ended: Why it did not come to its end, in words; "" where it did.
         incidents: What nodes said was wrong, in time's order.
+        cpu_s: CPU time of each node's process; of those that were asked, on the wall clock.
+        methods: Which methods nodes said they use, and from when on, in time's order.
         report: What the launch file's report function says in words; "" if there is none.
     """
 
@@ -45,6 +48,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float = 0.0
     activation_count: int | None = 0
     incidents: list[Incident] = []
+    methods: list[MethodTold] = []
+    cpu_s: dict[str, float] = {}
     report: str = ""
 
 

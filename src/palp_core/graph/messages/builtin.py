@@ -46,6 +46,48 @@ class DiagnosticStatus(Message):
     advice: str = ""
 
 
+class RefusedMethod(Message):
+    """A cheaper method that would not do, and why in words."""
+
+    name: str
+    why: str
+
+
+class MethodUse(Message):
+    """One exchangeable method that a node uses, as the register of methods weighed it.
+
+    ``of`` tells uses of one task apart, as by a phantom's code. ``asked`` is true where it was named and not
+    chosen. ``bound`` is its stated error of ``output`` and counts only where ``bounded``. ``cost_s`` is
+    declared, for one use as the task counts them (``per``). ``scene`` (JSON) is what it is used on, SI.
+    A method that the register does not know is named by its module and has neither bound nor evidence.
+    """
+
+    task: str
+    name: str
+    of: str = ""
+    asked: bool = False
+    output: str = ""
+    tolerance: float = 0.0
+    bound: float = 0.0
+    bounded: bool = False
+    evidence: str = ""
+    refused: list[RefusedMethod] = []
+    cost_s: Seconds = 0.0
+    per: str = ""
+    scene: str = "{}"
+
+
+class MethodsUsed(Message):
+    """The exchangeable methods that a node uses from now on, all of them: for ``palp why`` and the report.
+
+    Said when the node begins, when it takes another's place, and whenever one of them changes. A port for it
+    is ``transient_local``: whoever asks later gets it, too.
+    """
+
+    stamp_ns: Nanoseconds
+    uses: list[MethodUse]
+
+
 class Order(Message):
     """What a node consumed and in which order: enough to drive it again to the same outputs.
 

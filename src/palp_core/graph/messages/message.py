@@ -31,6 +31,9 @@ class Message(msgspec.Struct, metaclass=MessageMeta):
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and encode(self) == encode(other)
 
+    def __ne__(self, other: object) -> bool:  # a struct has one of its own, by identity
+        return not self == other
+
     def __hash__(self) -> int:
         return hash(encode(self))
 

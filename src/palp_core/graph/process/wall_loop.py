@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from palp_core.graph.clock import WallClock, monotonic_ns
-from palp_core.graph.messages.builtin import DiagnosticStatus, Progress, Swap
+from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, Progress, Swap
 from palp_core.graph.messages.frame import pack_former
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
@@ -72,7 +72,7 @@ class WallLoop:
         self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
-            shown = publisher.message in (Progress, Swap, DiagnosticStatus)
+            shown = publisher.message in (Progress, Swap, DiagnosticStatus, MethodsUsed)
             self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
                 publisher.send = partial(self._send_shown, passing=publisher.message is Progress)

@@ -20,7 +20,7 @@ from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.rounds import NODES_ATTACHMENT
 from palp_core.graph.bag.values import decoder_for
 from palp_core.graph.clock import SimClock, monotonic_ns
-from palp_core.graph.messages.builtin import Order
+from palp_core.graph.messages.builtin import MethodsUsed, Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import decode, decode_any, encode_any
 from palp_core.graph.node.executor import Executor
@@ -249,11 +249,18 @@ class _Replay:
         type_hash = int(message.stream.topic.type_hash, 16)
         return pack(name.encode(), Kind.DATA, epoch, sequence, message.publish_ns, type_hash, message.payload)
 
+    @property
+    def _commentary(self) -> set[str]:
+        """Topics that are not compared: the order itself, and what the register says of methods today."""
+        assert self._executor is not None
+        outputs = self._executor.ends.publishers.items()
+        return {name for name, out in outputs if out.message in (Order, MethodsUsed)}
+
     def _first_difference(self) -> Divergence | None:
         """Compare what the node has just published with the recording."""
         frames, self._frames[:] = self._frames[:], []
         for frame in map(parse, frames):
-            if frame.topic == self._order_topic:
+            if frame.topic in self._commentary:
                 continue
             recorded = self._next_output(frame.topic, (frame.epoch, frame.sequence))
             if recorded is None and not self._whole:
@@ -295,9 +302,9 @@ class _Replay:
     def _first_missing(self, end: tuple[int, int]) -> Divergence | None:
         """Return the first output that was recorded and not replayed, as far as the order reaches."""
         assert self._executor is not None
-        taken_in = {topic(self._spec.name, port) for port in (ORDER_PORT, *self._spec.external)}
+        taken_in = {topic(self._spec.name, port) for port in self._spec.external}
         for name, publisher in self._executor.ends.publishers.items():
-            if name in taken_in:
+            if name in taken_in or name in self._commentary:
                 continue
             left = self._next_output(name, (publisher.epoch, publisher.sequence + 1))
             if left is not None and (left.stream.epoch, left.publish_ns) <= end:

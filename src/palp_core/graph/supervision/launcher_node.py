@@ -42,6 +42,7 @@ class LauncherNode:
     Attributes:
         record: What the operation ``graph`` answers.
         record_event: Takes each event's frame.
+        on_health: Is told how the nodes do, whenever that is published.
         joined: Returns how the nodes do that have joined from other hosts.
     """
 
@@ -52,6 +53,7 @@ class LauncherNode:
         self.record: RunRecord | None = None
         self.now_ns = now_ns
         self.record_event: Callable[[bytes], None] = lambda _: None
+        self.on_health: Callable[[list[NodeHealth]], None] = lambda _: None
         self.joined: Callable[[], Iterable[NodeHealth]] = tuple
         self._closed = False
         self._sockets = NodeSockets(*endpoints(folder, LAUNCHER))
@@ -120,7 +122,9 @@ class LauncherNode:
 
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""
-        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self.joined()]))
+        nodes = [*nodes, *self.joined()]
+        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=nodes))
+        self.on_health(nodes)
         self._sockets.publisher.send_heartbeats()
         self.poll()
 

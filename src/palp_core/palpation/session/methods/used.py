@@ -1,0 +1,153 @@
+"""What a node says of the methods it uses: the register's own words, in a message that a run records."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from palp_core.graph.messages.builtin import MethodsUsed, MethodUse, RefusedMethod
+from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
+from palp_core.palpation.mechanics.scene.rig import FINDER, Rig
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+from palp_core.palpation.session.method_choices import PUBLISHED, choose_for
+
+
+class Teller(Protocol):
+    """A node that says which methods it uses: its state remembers what was said, over a swap too."""
+
+    state: Any
+    methods: Any
+
+    def now_ns(self) -> int:
+        """Time on the graph's clock."""
+
+
+def tell_methods(node: Teller, uses: list[MethodUse]) -> None:
+    """Say which methods a node uses from now on, where it or its predecessor did not say just that last."""
+    if node.state.methods_told != uses:
+        node.state.methods_told = uses
+        node.methods.publish(MethodsUsed(stamp_ns=node.now_ns(), uses=uses))
+
+
+def used(
+    task_name: str,
+    asked: str = "",
+    *,
+    scene: Scene | None = None,
+    given: Mapping[str, float] | None = None,
+) -> MethodUse:
+    """Return what a node says of a method that a session takes for a task.
+
+    Args:
+        task_name: The task.
+        asked: The method, where it was named; empty: the register chooses.
+        scene: Gel, probe, path and rings; default: the published ones.
+        given: What else is known of the session, where it differs from what was published.
+
+    Raises:
+        MethodError: There is no such task or method, or none is good enough.
+    """
+    known = PUBLISHED if given is None else {**PUBLISHED, **given}
+    if asked:
+        find(task_name, asked)  # one of a lab's own is declared by it
+    found = choose_for(task(task_name), scene or Scene(), asked=asked, given=known)
+    name = found.chosen.name if found.chosen else asked
+    return _use(find(task_name, name), found.output, found.tolerance, found.candidates, asked=bool(asked))
+
+
+def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> MethodUse:
+    """Return what a node says of a method that it has as a class or function; further as :func:`used`.
+
+    One that the register does not know is named by its module, and vouches for nothing.
+    """
+    declared = next((one.name for one in methods(task_name) if one.target is kind), "")
+    if declared:
+        return used(task_name, declared, **known)
+    asked_of = task(task_name)
+    return MethodUse(
+        task=task_name,
+        name=f"{kind.__module__}:{kind.__qualname__}",
+        asked=True,
+        output=asked_of.output,
+        tolerance=asked_of.tolerance,
+        per=asked_of.per,
+    )
+
+
+def policy_use(policy: StiffnessPolicy) -> MethodUse:
+    """Return what a node says of the policy that it follows."""
+    if isinstance(policy, InformationGainLatent) and not policy.model.offset_sd.size:
+        return used("policy", "information_gain")  # nothing is known to stay
+    return used_of_class("policy", type(policy))
+
+
+def rig_uses(rig: Rig, speed_m_s: float | None) -> list[MethodUse]:
+    """Return what a simulated phantom says of its mechanics: the rung of each phantom, and how it is solved.
+
+    Args:
+        rig: What is touched, and with what.
+        speed_m_s: Of the stage; None while nobody has swept.
+    """
+    uses = [
+        _chosen(
+            choice,
+            of=code,
+            scene={
+                "phantom": asdict(rig.phantoms[code]),
+                "probe": asdict(rig.probe),
+                "indentation_m": rig.indentation_m,
+            },
+        )
+        for code, choice in rig.choices.items()
+    ]
+    uses.append(used("equilibrium", FINDER))
+    if speed_m_s is not None:
+        uses.append(_chosen(rig.motion(speed_m_s), scene={"speed_m_s": speed_m_s}))
+    return uses
+
+
+def _chosen(choice: MethodChoice, *, of: str = "", scene: Mapping[str, Any]) -> MethodUse:
+    return _use(
+        choice.method,
+        choice.output,
+        choice.tolerance,
+        choice.candidates,
+        asked=choice.asked,
+        of=of,
+        scene=json.dumps(scene),
+    )
+
+
+def _use(
+    method: Method,
+    output: str,
+    tolerance: float,
+    candidates: Sequence[Candidate],
+    *,
+    asked: bool,
+    **more: Any,
+) -> MethodUse:
+    names = [one.name for one in candidates]
+    own = candidates[names.index(method.name)]
+    return MethodUse(
+        task=method.task,
+        name=method.name,
+        asked=asked,
+        output=output,
+        tolerance=tolerance,
+        bound=own.bound or 0.0,
+        bounded=own.bound is not None,
+        evidence=method.evidence,
+        refused=[
+            RefusedMethod(name=one.name, why=one.why)
+            for one in candidates[: names.index(method.name)]
+            if one.mark in ("refused", "reference")
+        ],
+        cost_s=method.cost_s,
+        per=task(method.task).per,
+        **more,
+    )
