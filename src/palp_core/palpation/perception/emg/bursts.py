@@ -67,6 +67,7 @@ declare_task(
     name="prominence_first",
     cost_s=3e-2,  # 60 s at 1500 Hz
     evidence="tests/palpation/perception/emg/test_bursts.py",
+    fails="bursts closer than the distance: the lower one goes",
 )
 @dataclass(frozen=True)
 class BurstFinder:

@@ -1,0 +1,70 @@
+"""A lab's own method joins by one decorator: listed, chosen where it is cheapest, and said."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from nodes.estimator import Estimator
+from nodes.phantom import Phantom
+from palp_core import Bench
+from palp_core.cli.main import app
+from palp_core.methods import find, names, register
+
+LAB = """
+from palp_core.methods import Bound, method
+from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
+from palp_core.palpation.perception.belief.stopping import FixedNumber
+
+
+@method(task="contact", name="felt", cost_s=1e-3, bounds=[Bound("peak", 0.004)], evidence="the lab")
+class Felt(LayeredHertz): ...
+
+
+@method(task="stop", name="patient", cost_s=1e-6, evidence="the lab")
+class Patient(FixedNumber): ...
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A module of a lab's own, forgotten after the test with what it declared."""
+    (tmp_path / "lab_of_ours.py").write_text(LAB, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
+    yield "lab_of_ours"
+    sys.modules.pop("lab_of_ours", None)
+
+
+def listed(task: str) -> dict[str, str]:
+    """Return the mark of each method."""
+    done = CliRunner().invoke(app, ["methods", task, "--json"], catch_exceptions=False)
+    return {one["name"]: one["mark"] for one in json.loads(done.stdout)}
+
+
+def test_it_is_named_by_its_module_in_a_parameter_and_said(lab: str) -> None:
+    bench = Bench(Estimator, {"stop": f"{lab}:patient"})
+    (said,) = bench.sent(Estimator.methods)
+    (stop,) = [use for use in said.uses if use.task == "stop"]
+    assert (stop.name, stop.asked, stop.evidence) == ("patient", True, "the lab")
+    assert "patient" in listed("stop")
+
+
+def test_it_is_found_by_an_entry_point_and_chosen_where_it_is_the_cheapest_that_will_do(
+    lab: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "felt" not in names("contact")
+    points = (*register._points(), EntryPoint("contact", lab, register.GROUP))
+    monkeypatch.setattr(register, "_points", lambda: points)
+    assert listed("contact")["felt"] == "chosen"
+    assert find("contact", "felt").evidence == "the lab"
+    bench = Bench(Phantom, {})
+    (said,) = bench.sent(Phantom.methods)
+    rungs = [use for use in said.uses if use.task == "contact"]
+    assert {(use.name, use.bound, use.asked) for use in rungs} == {("felt", 0.004, False)}
