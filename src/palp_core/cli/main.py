@@ -67,6 +67,10 @@ app = lazy_app(
         "report": Verb(
             f"{_CLI}.rig.report:report", "Make the report of a stored session, whole or cut short."
         ),
+        "why": Verb(
+            f"{_CLI}.rig.why:why",
+            "Tell which methods a run used and why, what was refused, what they met and what they cost.",
+        ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),

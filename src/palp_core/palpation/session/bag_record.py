@@ -6,6 +6,7 @@ in the order in which they were published: between processes a recorder may have
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,8 +17,10 @@ import msgspec
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
 from palp_core.graph.launch.diagnostics import Diagnostics
+from palp_core.graph.launch.methods_told import MethodsTold, MethodTold
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.graph.messages.builtin import DiagnosticStatus
+from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
+from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
@@ -26,10 +29,11 @@ from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
 from palp_core.whole_file import write_json
 
+HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = ("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", GUARD)
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
-_DIAGNOSTIC = "DiagnosticStatus"
+_DIAGNOSTIC, _METHODS = "DiagnosticStatus", "MethodsUsed"
 _BEFORE_ANY_ROW = ("Trial", "SweepGoal", "Mount", "Progress", "RingState", "RingTruth", "PhantomTruth")
 _BEFORE_ESTIMATION = ("Belief", "PrimitivesLearnt")
 
@@ -74,6 +78,14 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
     return summary
 
 
+def read_record(path: Path) -> tuple[RunSummary, list[Row]]:
+    """Return how the run went that a bag holds, and its rows; errors as of :func:`write_record`."""
+    with Bag(path) as bag:
+        found = _Contents(bag)
+    rows = [row for row, _ in found.rows()]
+    return found.summary(rows), rows
+
+
 class _Contents:
     """What of a bag is about its session, in the order in which it was published."""
 
@@ -91,6 +103,7 @@ class _Contents:
             self._damage = str(error)
         self._messages.sort(key=lambda message: message.publish_ns)
         self._topics = bag.topics()
+        self._cpu_s = _cpu_s(bag) if HEALTH in self._topics else {}
 
     def values(self, kind: str) -> list[Any]:
         """Return the messages of a type."""
@@ -152,6 +165,8 @@ class _Contents:
             wall_s=clock_s if self._launch.clock == "wall" else 0.0,
             activation_count=None,
             incidents=self._incidents(),
+            methods=self._methods(),
+            cpu_s=self._cpu_s,
         )
 
     def _why_unfinished(self, rows: Sequence[Row]) -> str:
@@ -198,6 +213,15 @@ class _Contents:
                 at = f"at {status.stamp_ns / 1e9:.1f} s"  # the time of day is not in the bag
                 diagnostics.note(message.topic, owner[message.topic], status, at)
         return diagnostics.incidents
+
+    def _methods(self) -> list[MethodTold]:
+        owner = {name: node for node, topics in self._launch.publishes.items() for name in topics}
+        told = MethodsTold()
+        for message in self._messages:
+            if self._kind_of[message.topic] == _METHODS:
+                said = msgspec.convert(message.value, MethodsUsed, from_attributes=True)
+                told.note(owner[message.topic], said)
+        return told.told
 
     def _heard(self) -> set[str]:
         return {message.topic for message in self._messages}
@@ -285,6 +309,15 @@ class _Retold:
         return row, palpation
 
 
+def _cpu_s(bag: Bag) -> dict[str, float]:
+    """Return the CPU time of each node's process, as the launcher said last before any damage."""
+    found: dict[str, float] = {}
+    with contextlib.suppress(BagDamaged):
+        for message in bag.messages([HEALTH]):
+            found |= {node.node: node.cpu_s for node in message.value.nodes}
+    return found
+
+
 def _launch_of(bag: Bag) -> RunSummary:
     attached = bag.attachments().get(LAUNCH_ATTACHMENT)
     if attached is None:
@@ -312,6 +345,6 @@ def _topics(launch: RunSummary, roles: Roles) -> dict[str, str]:
     for node, topics in launch.publishes.items():
         for name, kind in topics.items():
             said = kind in _SAID and node == experiment
-            if said or kind == _DIAGNOSTIC or (kind in _HEARD and name in heard):
+            if said or kind in (_DIAGNOSTIC, _METHODS) or (kind in _HEARD and name in heard):
                 found[name] = kind
     return found

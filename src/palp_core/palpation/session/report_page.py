@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.reporting.html_page import Picture, percent, write_page
+from palp_core.palpation.session.methods.text import paragraphs
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 from palp_core.palpation.session.result_json import policy_label, unfinished_words
 
@@ -47,6 +48,7 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         unfinished=unfinished_words(result),
         headline=headline(result),
         pictures=pictures,
+        methods=paragraphs(result["methods"]),
         published=FIXED,
         human_strategy=HUMAN_STRATEGY_TEXT,
         confusion={

@@ -5,6 +5,7 @@ Two runs of one launch file and seed give the same file but for :data:`TIME_KEYS
 
 from __future__ import annotations
 
+import json
 import platform
 from collections import Counter
 from collections.abc import Sequence
@@ -18,12 +19,15 @@ import numpy as np
 
 import palp_core
 from palp_core.errors import MechanicsError, PalpError
-from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
+from palp_core.palpation.session.methods.record import methods_of, unsaid
+from palp_core.palpation.session.methods.text import reason
+from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
@@ -85,7 +89,9 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "grid_depths": session.grid_count,
         "rmse_mm": _rmse_mm(trials),
         "stop_rule": _stop_rule(roles.params("estimator")),
-        "mechanics": _mechanics(roles, session) if roles.touch_simulated else None,
+        "mechanics": _mechanics(summary, roles, session) if roles.touch_simulated else None,
+        "methods": methods_of(summary, session.rows),
+        "methods_unsaid": unsaid(summary, session.rows),
         "roles": dict(roles.node),
         "protocol": _protocol(summary.params, roles),
         "clock": summary.clock,
@@ -162,7 +168,7 @@ def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> 
     if summary.exit_code == 0:
         return None
     experiment, phases = roles.params("experiment"), {row.phase for row in session.rows}
-    count = _phantom_count(experiment.get("phantoms", ""))
+    count = _phantom_count(summary, roles)
     training, trials = experiment.get("training", 0), experiment.get("trials", 0)
     ring_count = len(rings_of(experiment.get("rings_mm") or PUBLISHED))
     done, of, what = len(session.rows), training * count * ring_count, "palpations of training"
@@ -173,12 +179,16 @@ def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> 
     return {"done": done, "of": of, "what": what, "why": summary.ended}
 
 
-def _phantom_count(file: str) -> int:
-    """Return how many phantoms have a bead to be found; 0 where their file is gone."""
+def _phantom_count(summary: RunSummary, roles: Roles) -> int:
+    """Return how many phantoms have a bead to be found; 0 where nobody can tell any more."""
+    said = {one.use.of: json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact"}
+    if said:
+        return sum(scene["phantom"]["bead"] is not None for scene in said.values())
     try:
-        return sum(phantom.bead is not None for phantom in load_phantoms(file).values())
+        phantoms = load_phantoms(roles.params("experiment").get("phantoms", "")).values()
     except MechanicsError:
         return 0
+    return sum(phantom.bead is not None for phantom in phantoms)
 
 
 def _share(proportion: statistics.Proportion) -> dict[str, Any]:
@@ -263,33 +273,48 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     return {"name": estimator["stop"], "settings": settings | limit}
 
 
-def _mechanics(roles: Roles, session: RecordedSession) -> dict[str, Any]:
+def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
+    """Return what the phantom said of the rung of each phantom, by code; the latest counts.
+
+    A run that is older than that record is told from the files that it names, as they are now.
+    """
+    said = {one.use.of: one.use for one in summary.methods if one.use.task == "contact"}
+    if said:
+        return said
+    phantom = roles.params("phantom")
+    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
+    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
+    given = {name: phantom[name] for name in names if name in phantom}
+    uses = rig_uses(rig(**given, indentation_m=indentation_m), None)
+    return {use.of: use for use in uses if use.task == "contact"}
+
+
+def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> dict[str, Any]:
     """Return every phantom's rung, its stated bound, its guards, and the scene.
 
     Guards are what the run's sweeps met, as the phantom told; None where the experiment did not hear it.
     """
-    phantom = roles.params("phantom")
-    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
-    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
-    touched = rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
-    choices, file = touched.choices, phantom.get("scene") or phantom.get("phantoms", "")
+    phantom, uses = roles.params("phantom"), _touched(summary, roles)
+    file = phantom.get("scene") or phantom.get("phantoms", "")
+    scenes = {code: json.loads(use.scene) for code, use in uses.items()}
+    first = next(iter(uses))
     return {
-        "rung": ", ".join(sorted({choice.method.name for choice in choices.values()})),
-        "bound": max(choice.bound or 0.0 for choice in choices.values()),
-        "output": touched.output,
-        "tolerance": touched.tolerance,
+        "rung": ", ".join(sorted({use.name for use in uses.values()})),
+        "bound": max(use.bound for use in uses.values()),
+        "output": uses[first].output,
+        "tolerance": uses[first].tolerance,
         "per_phantom": {
             code: {
-                "rung": choice.method.name,
-                "bound": choice.bound,
-                "reason": choice.reason,
+                "rung": use.name,
+                "bound": use.bound if use.bounded else None,
+                "reason": reason(use),
                 "guards": _guards(session, code) if roles.guards_heard else None,
             }
-            for code, choice in choices.items()
+            for code, use in uses.items()
         },
         "scene": {
-            "probe": _based(asdict(touched.probe), phantom.get("scene", "")),
-            **{code: _based(_flat(s), file) for code, s in touched.phantoms.items()},
+            "probe": _based(scenes[first]["probe"], phantom.get("scene", "")),
+            **{code: _based(_flat(scene["phantom"]), file) for code, scene in scenes.items()},
         },
     }
 
@@ -300,10 +325,9 @@ def _guards(session: RecordedSession, code: str) -> list[str]:
     return [f"ring_m = {ring_m:g}: {words}" for ring_m, words in sorted(met)]
 
 
-def _flat(phantom: Phantom) -> dict[str, float]:
+def _flat(phantom: dict[str, Any]) -> dict[str, float]:
     """Return the numbers of a phantom and of its bead."""
-    values = asdict(phantom)
-    return values | (values.pop("bead") or {})
+    return {name: value for name, value in phantom.items() if name != "bead"} | (phantom["bead"] or {})
 
 
 def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]]:

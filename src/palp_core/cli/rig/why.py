@@ -1,0 +1,96 @@
+"""``palp why``: which methods a run used, why, what they met and what they cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import GraphError, PalpError
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+    from palp_core.palpation.session.trials_csv import Row
+
+
+def why(
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN",
+            help="A session's folder, a bag of its run, or a running graph: its name, id or pid. "
+            "Default: the running one.",
+            show_default=False,
+        ),
+    ] = "",
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Tell which methods a run used and why, what was refused, what they met and what they cost.
+
+    All of it is what the run itself has recorded; nothing is computed again.
+    """
+    from palp_core.palpation.session.methods.record import methods_of, unsaid
+    from palp_core.palpation.session.methods.text import paragraphs
+
+    summary, rows = _recorded(run)
+    record = methods_of(summary, rows)
+    for words in unsaid(summary, rows):
+        note(words)
+    if as_json:
+        print_json(record)
+        return
+    for heading, sentences in paragraphs(record):
+        print_text(heading)
+        for sentence in sentences:
+            print_text(f"    {sentence}")
+
+
+def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
+    """Return what a folder, a bag or a running graph has recorded so far.
+
+    Raises:
+        PalpError: It is none of these, or not of a session.
+    """
+    from palp_core.palpation.session.bag_record import is_bag, read_record
+    from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.session_folder import RUN
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    path = Path(run)
+    if not run or not path.exists():
+        return _running(run)
+    if is_bag(path):
+        return read_record(path)
+    if not (path / RUN).is_file():
+        raise PalpError(f"'{path}' is neither a session's folder ({RUN} is missing) nor a bag, so no run")
+    return read_note(path), read_rows(path)
+
+
+def _running(name: str) -> tuple[RunSummary, list[Row]]:
+    import msgspec
+
+    from palp_core.cli.running import find_graph
+    from palp_core.graph.launch.summary import RunSummary
+    from palp_core.graph.node.spec import LAUNCHER
+    from palp_core.palpation.session.run_note import out_of, read_note
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    try:
+        graph = find_graph(name or None)
+    except GraphError as error:
+        if name:
+            raise PalpError(
+                f"'{name}' is no folder of a session, no bag and no running graph: {error}"
+            ) from error
+        raise PalpError(f"{error}; or name a session's folder or a bag: palp why results/latest") from error
+    summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
+    folder = Path(graph.record.launched_from, out_of(summary))
+    try:
+        begun = read_note(folder).run == summary.run
+    except PalpError:
+        begun = False  # no palpation yet: the folder is taken with the first
+    return summary, read_rows(folder) if begun else []

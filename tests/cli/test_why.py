@@ -1,0 +1,195 @@
+"""``palp why``: what a run used and why, from its folder, its bag and while it runs: the same list."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.errors import PalpError
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.builtin import Progress
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
+from palp_core.methods import find
+from palp_core.palpation.session.report import write
+from palp_core.palpation.session.run_note import read_note
+from palp_core.palpation.session.trials_csv import read_rows
+from tests.support.palp import SIM
+from tests.support.rig_session import RigSession
+
+PHANTOMS = "A: {bead: {depth_m: 0.002}}\nB: {bead: {depth_m: 0.004}}\nC: {bead: {depth_m: 0.008}}\n"
+
+
+def said(*arguments: object) -> str:
+    done = CliRunner().invoke(app, ["why", *map(str, arguments)], catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.stdout
+
+
+def told(*arguments: object) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(said(*arguments, "--json"))
+    return found
+
+
+def of_task(record: list[dict[str, Any]], task: str) -> list[dict[str, Any]]:
+    return [one for one in record if one["task"] == task]
+
+
+class Asked:
+    """Does something beside a composed graph's run when a phase begins or ends, as another process would."""
+
+    def __init__(self, **at_phase: Callable[[], None]) -> None:
+        self._at_phase = at_phase
+        self.graph: Graph | None = None
+
+    @property
+    def run(self) -> str:
+        """What the running graph is named by."""
+        assert self.graph is not None
+        return self.graph.directory.path.name
+
+    def __call__(self, _: int, frame: bytes) -> None:
+        parsed = parse(frame)
+        if parsed.topic != "/experiment/progress" or self.graph is None:
+            return
+        action = self._at_phase.pop(decode(Progress, parsed.payload).phase, None)
+        if action is not None:
+            asking = threading.Thread(target=action)
+            asking.start()
+            while asking.is_alive():
+                self.graph.launcher_node.poll()
+            asking.join()
+
+
+def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parameters(tmp_path: Path) -> None:
+    (tmp_path / "three.yaml").write_text(PHANTOMS, encoding="utf-8")
+    live: list[dict[str, Any]] = []
+    asked = Asked(done=lambda: live.extend(told(asked.run)))
+    given = [
+        f"out:={tmp_path / 'out'}",
+        f"phantoms:={tmp_path / 'three.yaml'}",
+        "rings_mm:=0, 16",
+        "policy:=fixed",
+        "trials:=1",
+        "training:=2",
+        "swaps:=3=nodes.policy_information:Information",
+    ]
+    with Graph(SIM, compose=True, record=tmp_path / "bag", observe=asked, overrides=given) as graph:
+        asked.graph = graph
+        graph.run()
+    folder = told(tmp_path / "out")
+    assert folder == told(tmp_path / "bag") == live
+    assert folder == json.loads((tmp_path / "out/result.json").read_text())["methods"]
+
+    rungs = of_task(folder, "contact")
+    assert [(one["of"], one["method"], one["asked"]) for one in rungs] == [
+        (code, "l2", False) for code in "ABC"
+    ]
+    assert all(one["bound"] <= one["tolerance"] and one["evidence"] for one in rungs)
+    assert rungs[0]["scene"]["phantom"]["bead"]["depth_m"] == 0.002
+    first, second = of_task(folder, "policy")
+    assert (first["method"], second["method"]) == ("fixed", "information_gain_latent")
+    assert first["until_s"] == second["from_s"]
+    rows = read_rows(tmp_path / "out")
+    trials = sorted({row.trial for row in rows if row.phase == "estimation"})
+    assert second["from_trial"] == trials[2]
+    assert first["cost"]["uses"] + second["cost"]["uses"] == sum(row.phase == "estimation" for row in rows)
+    (motion,) = of_task(folder, "motion")
+    assert (motion["method"], motion["scene"]) == ("quasi_static", {"speed_m_s": 0.02})
+
+
+def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSession) -> None:
+    record = told(rig_session.out)
+    assert [one["task"] for one in record] == [
+        *("contact", "contact", "contact", "motion", "equilibrium", "denoise", "feature", "likelihood"),
+        *("filter", "stop", "policy", "burst"),
+    ]
+    for one in record:
+        declared = find(one["task"], one["method"])
+        assert (one["evidence"], one["cost"]["declared_s"]) == (declared.evidence, declared.cost_s)
+    text = said(rig_session.out)
+    assert "contact of A: l2 (/phantom)\n    chosen: the cheapest that gives 'peak' within 2.0%" in text
+    assert "stop: paper_guarded (/estimator)\n    asked for by name" in text
+    assert "cheaper but refused: plain_newton is a reference" in text
+    assert "cost as declared, not measured: " in text
+    page = (rig_session.out / "report.html").read_text()
+    assert "Why these methods" in page
+    assert "stop: paper_guarded (/estimator)" in page
+
+
+def test_guards_are_those_of_the_rows_with_trial_iteration_and_ring(rig_session: RigSession) -> None:
+    marked = {
+        (one["phase"], one["trial"], one["iteration"], one["phantom"], one["ring_m"], guard["words"])
+        for entry in told(rig_session.out)
+        for guard in entry["guards"]
+        for one in guard["met_by"]
+    }
+    assert marked == {
+        (row.phase, row.trial, row.iteration, row.phantom, row.ring_m, words)
+        for row in read_rows(rig_session.out)
+        for words in row.guards
+    }
+    assert any(words.startswith("small strain") for *_, words in marked)
+
+
+def test_a_run_that_is_older_than_the_record_says_so_and_what_its_parameters_tell(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    old = tmp_path / "old"
+    shutil.copytree(rig_session.out, old)
+    note = json.loads((old / "run.json").read_text())
+    for name in ("methods", "cpu_s"):
+        note.pop(name)
+    (old / "run.json").write_text(json.dumps(note), encoding="utf-8")
+    done = CliRunner().invoke(app, ["why", str(old)], catch_exceptions=False)
+    assert done.stdout == ""
+    assert "the estimator did not say which methods it uses: nothing is recorded of them" in done.stderr
+    assert "stop = paper_guarded" in done.stderr
+    assert "policy = markov" in done.stderr
+    assert told(old) == []
+
+
+def test_the_mechanics_of_a_report_are_what_the_run_used_though_its_file_is_another_by_now(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    kept = tmp_path / "kept"
+    shutil.copytree(rig_session.out, kept)
+    note = (kept / "run.json").read_text()
+    other = tmp_path / "other.yaml"
+    other.write_text("phantom: {modulus_pa: 5000.0}\n", encoding="utf-8")
+    before = json.loads((kept / "result.json").read_text())["mechanics"]
+    parsed = json.loads(note)
+    parsed["params"]["phantom"]["scene"] = str(other)
+    (kept / "run.json").write_text(json.dumps(parsed), encoding="utf-8")
+    write(kept, read_note(kept))
+    after = json.loads((kept / "result.json").read_text())["mechanics"]
+    assert after["scene"]["A"]["modulus_pa"]["value"] == before["scene"]["A"]["modulus_pa"]["value"] == 20e3
+    assert after["per_phantom"] == before["per_phantom"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (".", "is neither a session's folder (run.json is missing) nor a bag"),
+        ("file", "is neither a session's folder (run.json is missing) nor a bag"),
+        ("no-such-run", "is no folder of a session, no bag and no running graph"),
+        ("", "name a session's folder or a bag: palp why results/latest"),
+    ],
+)
+def test_what_is_no_run_is_said(
+    name: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(PalpError) as refused:
+        CliRunner().invoke(app, ["why", *([name] if name else [])], catch_exceptions=False)
+    assert words in str(refused.value)
