@@ -55,7 +55,9 @@ def test_what_fails_has_a_survivor_or_says_that_none_is_known(one: Method) -> No
         assert one.fails, "it has a range, but does not say what happens beyond it"
     if one.survivor:
         assert one.fails, "it has a survivor, but does not say of what"
-        assert find(one.task, one.survivor) is not one
+        survivor = find(one.task, one.survivor)
+        assert survivor is not one
+        assert not survivor.reference, "its survivor is never chosen"
 
 
 @pytest.mark.parametrize("one", OWN, ids=idents(OWN))

@@ -94,12 +94,11 @@ def _cost(group: Sequence[dict[str, Any]]) -> str:
         uses = sum(one["cost"]["uses"] for one in group)
         each = f"{uses} times {each}: {seconds(uses * cost['declared_s'])}"
     measured = cost["node_cpu_s"]
-    more = (
-        ""
-        if measured is None
-        else f"; measured: {seconds(measured)} of CPU for all that /{group[0]['node']} did"
+    if measured is None:
+        return f"cost as declared: {each}; not measured"
+    return (
+        f"cost as declared: {each}; measured: {seconds(measured)} of CPU for all that /{group[0]['node']} did"
     )
-    return f"cost as declared, not measured: {each}{more}"
 
 
 def seconds(time_s: float) -> str:
