@@ -68,12 +68,13 @@ def test_each_panel_has_its_points_and_marks() -> None:
 
 
 def test_the_register_s_names_are_found_among_the_decisions_of_studies() -> None:
-    line = {"policy": "reposition_best", "stop": "posterior_0.95", "filter": "latent"}
+    line = {"policy": "reposition_best", "stop": "posterior_threshold", "filter": "latent"}
     chosen = {"policy": "reposition", "stop": "posterior_threshold", "filter": "latent"}
     assert is_chosen(line, chosen)
     assert not is_chosen(line | {"filter": "naive"}, chosen)
     assert not is_chosen(line, chosen | {"policy": "fixed"})
     assert not is_chosen(line, {})
+    assert is_chosen(line | {"policy": "fixed_16"}, chosen | {"policy": "fixed"})
 
 
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
             axes.set_axis_off()
         for axes, panel in zip(grid, shown, strict=False):
             title = panel.title if len(every) > 1 else ""
-            tidy(axes, title, f"CPU, s: {choice.task.per}", f"error of the {panel.output}")
+            tidy(axes, title, f"CPU, s: {choice.task.per}", f"error: {panel.output}")
             draw_panel(axes, panel.found, styles, choice.tolerance if panel.output == choice.output else None)
 
     return Chart(
@@ -95,7 +95,8 @@ def draw_panel(
     """
     errors = [one.point.error for one in found if 0.0 < one.point.error < math.inf]
     errors += [asked] if asked else []
-    low, high = (min(errors) / 3.0, max(errors) * 6.0) if errors else (1e-3, 1.0)
+    none = any(one.point.error == 0.0 for one in found)
+    low, high = (min(errors) / (20.0 if none else 3.0), max(errors) * 6.0) if errors else (1e-3, 1.0)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(low, high)
@@ -107,6 +108,11 @@ def draw_panel(
         error = one.point.error
         return one.point.cost_s, min(max(error, low * 1.3), high / 1.5) if error == error else high / 1.5
 
+    if none:
+        axes.annotate(
+            "0", (0.0, low * 1.3), xycoords=("axes fraction", "data"), ha="right", va="center",
+            xytext=(-4, 0), textcoords="offset points", annotation_clip=False,
+        )  # fmt: skip
     if asked:
         axes.axhline(asked, color=INK, lw=0.9, ls=":")
         axes.annotate(

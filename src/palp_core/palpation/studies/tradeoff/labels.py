@@ -12,6 +12,7 @@ _PLACES = (
     (7, -12, "left"), (-7, 7, "right"), (-7, -12, "right"), (0, 18, "center"), (0, -24, "center"),
     (14, 16, "left"), (14, -21, "left"),
 )  # fmt: skip
+_FROM_RING = 1.7  # a label of a point with a ring is so much further away
 _WIDTH, _HEIGHT = 0.56, 1.25  # of a letter, in its size
 
 
@@ -32,20 +33,25 @@ class Labels:
         self._taken.append((at_x - radius, at_y - radius, at_x + radius, at_y + radius))
 
     def write(self, text: str, x: float, y: float, *, bold: bool = False, small: bool = False) -> None:
-        """Write words beside a point."""
+        """Write words beside a point; bold ones beside one with a ring."""
+        from matplotlib.patheffects import withStroke
+
         size = 6.2 if small else 7.5
         at_x, at_y = self._points(x, y)
+        away = _FROM_RING if bold else 1.0
+        places = [(dx * away, dy * away, align) for dx, dy, align in _PLACES]
         boxes = []
-        for dx, dy, align in _PLACES:
+        for dx, dy, align in places:
             wide, tall = _WIDTH * size * len(text), _HEIGHT * size
             left = at_x + dx - {"left": 0.0, "center": 0.5, "right": 1.0}[align] * wide
             boxes.append((left, at_y + dy, left + wide, at_y + dy + tall))
         best = min(range(len(boxes)), key=lambda i: (self._covered(boxes[i]), i))
-        dx, dy, align = _PLACES[best]
+        dx, dy, align = places[best]
         self._taken.append(boxes[best])
         self._axes.annotate(
             text, (x, y), xytext=(dx, dy), textcoords="offset points", fontsize=size, ha=align, va="bottom",
             fontweight="bold" if bold else "normal", zorder=6, annotation_clip=False,
+            path_effects=[withStroke(linewidth=2.0, foreground="white")],
         )  # fmt: skip
 
     def _points(self, x: float, y: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from palp_core.methods.measured import Measured
+from palp_core.palpation.perception.strategy.policies import FixedRing
 from palp_core.palpation.reporting.charts import (
     AMBER,
     BLUE,
@@ -18,6 +19,7 @@ from palp_core.palpation.reporting.charts import (
     Chart,
     tidy,
 )
+from palp_core.palpation.studies.simulation.policies import fixed_name
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
 from palp_core.palpation.studies.tradeoff.chart import draw_panel
 from palp_core.palpation.studies.tradeoff.judge import Judgement
@@ -40,8 +42,8 @@ _FAMILIES = {
     "reposition": ("best position, re-homed", SKY, "D"),
     "information": ("information gain", BLUE, "o"),
 }
-_STUDY = {"posterior_threshold": "posterior_0.95", "fixed_number": "fixed_3"}
-"""The register's stop rules as the decisions of the picture have them."""
+_STUDIED = {"fixed": fixed_name(FixedRing().ring_m), "reposition": "reposition_best"}
+"""The register's policies as the studies call them, where they do not alike."""
 
 
 def signature_chart(kept: Row) -> Chart:
@@ -156,19 +158,9 @@ def too_sure(row: Row) -> bool:
 
 def is_chosen(row: Row, chosen: Row) -> bool:
     """Whether a line is what the register chooses: its policy, stop rule and filter."""
-    stop = chosen.get("stop", "")
-    policy = chosen.get("policy", "")
-    return (
-        bool(policy)
-        and _registered(row["policy"]) == policy
-        and row["stop"] in (stop, _STUDY.get(stop))
-        and row["filter"] == chosen.get("filter")
-    )
-
-
-def _registered(policy: str) -> str:
-    """Return the register's name of a policy of the studies."""
-    return policy.partition("_")[0] if policy.startswith(("fixed", "reposition")) else policy
+    policy = str(chosen.get("policy", ""))
+    wanted = (_STUDIED.get(policy, policy), chosen.get("stop"), chosen.get("filter"))
+    return wanted == (row["policy"], row["stop"], row["filter"])
 
 
 def _family(policy: str) -> tuple[str, str, str]:

@@ -13,12 +13,13 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import PalpError
-from palp_core.methods import methods, task
+from palp_core.methods import methods, names, task
 from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.perception.belief.stopping import FixedNumber, stop_rule
 from palp_core.palpation.reporting.charts import save
 from palp_core.palpation.session.method_choices import choose_for
 from palp_core.palpation.studies.contact.cost import measure_contact
-from palp_core.palpation.studies.decision.combinations import STOPS, Combinations, decision_rows
+from palp_core.palpation.studies.decision.combinations import Combinations, decision_rows
 from palp_core.palpation.studies.decision.rungs import RungJob, rows_of
 from palp_core.palpation.studies.tradeoff.judge import panels
 from palp_core.palpation.studies.tradeoff.page import made_with, point_record
@@ -38,7 +39,7 @@ _OF = Combinations(
         *("fixed_4", "fixed_8", "fixed_12", "fixed_16", "markov", "uniform", "reposition_best"),
         *("information_gain", "information_gain_latent"),
     ),
-    {name: STOPS[name] for name in ("fixed_1", "fixed_3", "paper_guarded", "posterior_0.95")},
+    {name: stop_rule(name) for name in names("stop")} | {"fixed_1": FixedNumber(1)},
     ("naive", "latent"),
 )
 _KEPT = ("policy", "stop", "filter", "accuracy", "ci", "seconds", "overconfidence", "sessions")
