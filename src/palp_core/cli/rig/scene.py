@@ -13,6 +13,7 @@ from palp_core.cli.output import note, print_json, print_table, print_text
 
 if TYPE_CHECKING:
     from palp_core.palpation.mechanics.scene.choice import SceneChoice
+    from palp_core.palpation.mechanics.scene.scene import Scene
 
 app = typer.Typer(help="Scenes: which model, why, and what comes out.", no_args_is_help=True)
 
@@ -48,6 +49,7 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
                 "rung": choice.rung,
                 "bound": choice.bound,
                 "output": scene.tolerance.output,
+                "strain": scene.tolerance.strain,
                 "tolerance": scene.tolerance.relative,
                 "reason": choice.reason,
                 "evidence": choice.method.evidence,
@@ -58,7 +60,7 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
             }
         )
         return
-    print_text(f"rung {choice.rung}: {scene.tolerance.output} {_within(choice.bound)}")
+    print_text(f"rung {choice.rung}: {_asked(scene)} {_within(choice.bound)}")
     print_text(f"why: {choice.reason}")
     print_text(f"evidence: {choice.method.evidence}")
     print_text(f"cost: about {choice.method.cost_s:g} s for set-up and a sweep with nothing cached")
@@ -80,7 +82,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
     if as_json:
         print_json(done.as_json())
         return
-    print_text(f"rung {done.choice.rung}: {scene.tolerance.output} {_within(done.choice.bound)}")
+    print_text(f"rung {done.choice.rung}: {_asked(scene)} {_within(done.choice.bound)}")
     print_text(f"why: {done.choice.reason}")
     print_text(f"motion: {done.choice.motion.reason}")
     print_text("")
@@ -157,3 +159,8 @@ def _percent(share: float | None) -> str:
 
 def _within(share: float | None) -> str:
     return "without a stated bound" if share is None else f"within {_percent(share)}"
+
+
+def _asked(scene: Scene) -> str:
+    asked = scene.tolerance
+    return asked.output if asked.strain == "small" else f"{asked.output} against {asked.strain} strain"

@@ -76,6 +76,7 @@ class Phantom:
                 is the gel over the bead in such radii, ``depth_per_tip``.
         """
         scene = {"modulus_pa": self.modulus_pa, "poisson": self.poisson, "height_m": self.height_m}
+        scene["beads"] = 0.0 if self.bead is None else 1.0
         if self.bead is not None:
             scene |= {"depth_m": self.bead.depth_m, "bead_radius_m": self.bead.radius_m}
         if tip_radius_m is not None:

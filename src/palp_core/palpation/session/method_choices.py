@@ -86,7 +86,7 @@ def choose_for(
     if task.name in _OF_THE_SCENE:
         output, tolerance = scene.tolerance.output, scene.tolerance.relative
     if task.name == "contact":
-        uses = len(scene.phantoms)
+        output, uses = scene.tolerance.bound_on, len(scene.phantoms)
     if task.name == "motion" and output not in ("peak", "contrast"):
         output = "peak"
     quantities = session_quantities(scene, given)

@@ -131,3 +131,10 @@ def test_facets_of_the_default_size_are_within_the_stated_bound_of_finer_ones(de
             assert normal is not None
             coarse_n = float(model.force(ORIGIN, np.array(indentation_m))[0])
             assert coarse_n == pytest.approx(normal * phantom.modulus_pa, rel=0.01)
+
+
+def test_a_ball_whose_radius_is_no_square_of_its_root_is_set_up_too() -> None:
+    """sqrt(0.0058)^2 is the next number above 0.0058, which is as deep as L4 goes."""
+    model = FiniteStrainContact(Phantom(), 0.0058)
+    assert model.indentation_max_m == 0.0058
+    assert model.force(np.array([0.0, 0.01]), np.array(0.0058))[0].min() > 0.0

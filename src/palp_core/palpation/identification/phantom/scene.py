@@ -87,7 +87,11 @@ def scene_text(found: tuple[PhantomFit, Component, RigNoise]) -> str:
         "probe": dict(vars(scene.probe)),
         "path": dict(vars(scene.path)),
         "ring_m": list(scene.ring_m),
-        "tolerance": {"output": scene.tolerance.output, "relative": scene.tolerance.relative},
+        "tolerance": {
+            "output": scene.tolerance.output,
+            "relative": scene.tolerance.relative,
+            "strain": scene.tolerance.strain,
+        },
     }
     heads = [
         f"# {name}: {one.value:.6g}, 95 % {one.low:.6g} to {one.high:.6g}"

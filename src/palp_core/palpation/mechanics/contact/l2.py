@@ -8,6 +8,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import method
+from palp_core.palpation.mechanics import finite_bounds
 from palp_core.palpation.mechanics.contact.l2_bounds import BOUNDS
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -46,9 +47,10 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     task="contact",
     name="l2",
     cost_s=0.01,
-    bounds=BOUNDS,
+    bounds=[*BOUNDS, *finite_bounds.L2],
     evidence="palp study run contact-validity: against L4 on random scenes; "
-    "tests/palpation/mechanics/scene/test_picker.py",
+    "tests/palpation/mechanics/scene/test_picker.py; "
+    "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
     valid={
         "depth_m": (0.0015, 0.015),
         "depth_per_tip": (0.25, 1e4),  # a thinner film over the bead is refused

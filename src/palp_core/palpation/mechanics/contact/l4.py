@@ -8,6 +8,7 @@ import numpy as np
 
 from palp_core.errors import OutOfRange
 from palp_core.methods import method
+from palp_core.palpation.mechanics import finite_bounds
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4_bounds import BOUNDS
@@ -29,9 +30,10 @@ _LARGEST = 1.5  # cells over their nominal size
     task="contact",
     name="l4",
     cost_s=3.0,
-    bounds=BOUNDS,
+    bounds=[*BOUNDS, *finite_bounds.L4],
     evidence="palp study run contact-validity: against cells of 0.5 mm; "
-    "tests/palpation/mechanics/contact/test_l4.py",
+    "tests/palpation/mechanics/contact/test_l4.py; "
+    "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
     valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "indentation_m": (0.0, 0.006)},
     fails="finite strain: an indentation that nears the gel over the bead",
     survivor="l5",

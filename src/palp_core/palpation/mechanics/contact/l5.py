@@ -9,6 +9,7 @@ import scipy
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import Bound, method
+from palp_core.palpation.mechanics import finite_bounds
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
@@ -30,11 +31,10 @@ _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4
     task="contact",
     name="l5",
     cost_s=10.0,
-    bounds=[Bound("normal_on_axis", 0.01)],
-    evidence="tests/palpation/mechanics/contact/test_l5.py",
-    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9)},
-    fails="where the gel's elements fold; off the bead's axis it vouches for nothing, the bead being felt as "
-    "far aside as at small strain",
+    bounds=[Bound("normal_on_axis", 0.01), *finite_bounds.L5],
+    evidence="tests/palpation/mechanics/contact/test_l5.py, test_l5_in_3d.py: against finite elements in 3D",
+    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, finite_bounds.PRESSED_MAX)},
+    fails="where the tip goes so deep that the gel's elements fold",
 )
 @dataclass(frozen=True)
 class FiniteStrainContact:
@@ -47,8 +47,8 @@ class FiniteStrainContact:
 
         U(s, delta) = U_bare + P (U_axis - U_bare),    P(s, delta) = (U4(s) - U4_bare) / (U4(0) - U4_bare)
 
-    which is exact on the axis and far from it; in between it is unchecked, and no bound is stated there. Both
-    forces are this energy's slopes.
+    which is exact on the axis and far from it; in between, over the published phantom, finite elements in
+    three dimensions have the same normal force within 1 %. Both forces are this energy's slopes.
 
     The first use of a phantom takes seconds; what it finds is kept in the cache on disk.
 
@@ -94,7 +94,7 @@ class FiniteStrainContact:
     @property
     def indentation_max_m(self) -> float:
         """Indentation up to which the equilibrium could be followed, at most the ball's radius."""
-        return min(self._table.root_max, self._bare.root_max) ** 2
+        return min(min(self._table.root_max, self._bare.root_max) ** 2, self.tip_radius_m)
 
     def prepare(self) -> None:
         """Do the set-up now, or read it from the cache."""
@@ -130,7 +130,7 @@ class FiniteStrainContact:
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return P(s, delta), dP/d(delta) and dP/ds; below the first indentation of L4, those there."""
         shallowest_m = _SHALLOWEST * self.tip_radius_m
-        at_m, axis = np.maximum(indentation_m, shallowest_m), np.zeros(())
+        at_m, axis = np.clip(indentation_m, shallowest_m, self.tip_radius_m), np.zeros(())
         small, bare = self._small, self._small_bare
         bare_j, (bare_n, _) = bare.energy(axis, at_m), bare.force(axis, at_m)
         extra_j, whole_j = small.energy(offset_m, at_m) - bare_j, small.energy(axis, at_m) - bare_j
@@ -180,7 +180,8 @@ class FiniteStrainContact:
         )
 
         def small_n(root: Float64Array) -> Float64Array:
-            return small.force(np.zeros(()), root**2)[0] / small.phantom.modulus_pa
+            at_m = np.minimum(root**2, self.tip_radius_m)  # the last root's square may be the next number
+            return small.force(np.zeros(()), at_m)[0] / small.phantom.modulus_pa
 
         solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m, self.tip)
         roots, shares = [0.0], [1.0]

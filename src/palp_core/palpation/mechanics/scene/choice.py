@@ -9,7 +9,7 @@ from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choos
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, yielding
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, pressed_share, yielding
 from palp_core.palpation.mechanics.tip import TipForm
 
 
@@ -65,7 +65,7 @@ def choose_rung(scene: Scene, rung: str | None = None) -> SceneChoice:
     asked = scene.tolerance
     contact = choose(
         "contact",
-        asked.output,
+        asked.bound_on,
         asked.relative,
         scene.quantities(),
         asked=rung or "",
@@ -150,5 +150,6 @@ def contact_model(
         probe = Probe(tip_radius_m=tip_radius_m, tip=tip)
         quantities["indentation_m"] = indentation_m
         quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
+        quantities["pressed_share"] = tuple(pressed_share(phantom, probe, indentation_m, r) for r in RINGS_M)
     choice = choose("contact", output, tolerance, quantities)
     return rung_model(choice.method.name, phantom, tip_radius_m, tip), choice

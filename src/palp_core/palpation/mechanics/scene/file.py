@@ -25,7 +25,7 @@ import yaml
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import OUTPUTS, Scene, StagePath, Tolerance
+from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
 from palp_core.whole_file import read_whole
 
 _LARGEST_BYTES = 256 << 10
@@ -150,7 +150,7 @@ def phantom_of(node: SceneNode, what: str) -> Phantom:
 
 
 def _tolerance(node: SceneNode) -> Tolerance:
-    fields = node.items("tolerance", ("output", "relative", "depths_m"))
+    fields = node.items("tolerance", ("output", "relative", "depths_m", "strain"))
     given: dict[str, Any] = {}
     if "output" in fields:
         given["output"] = fields["output"].text
@@ -158,6 +158,10 @@ def _tolerance(node: SceneNode) -> Tolerance:
             raise fields["output"].error(f"tolerance.output must be one of {', '.join(OUTPUTS)}")
     if "relative" in fields:
         given["relative"] = fields["relative"].number("relative")
+    if "strain" in fields:
+        given["strain"] = fields["strain"].text
+        if given["strain"] not in STRAINS:
+            raise fields["strain"].error(f"tolerance.strain must be one of {', '.join(STRAINS)}")
     if "depths_m" in fields:
         given["depths_m"] = fields["depths_m"].numbers("depths_m")
     return _made(node, fields, Tolerance, given)

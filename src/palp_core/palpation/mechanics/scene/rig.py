@@ -11,7 +11,7 @@ from palp_core.palpation.mechanics.scene.choice import choose_rung, moved_by, ru
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, yielding
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, pressed_share, yielding
 
 FINDER = "bracketed_newton"
 """Method of task ``equilibrium`` that a rig's sweeps are solved by."""
@@ -91,7 +91,7 @@ def rig(
         for code, phantom in found.items():
             choices[code] = choose_rung(replace(given, phantom=phantom)).contact
         asked = given.tolerance
-        return Rig(given.probe, given.path.indentation_m, asked.output, asked.relative, found, choices)
+        return Rig(given.probe, given.path.indentation_m, asked.bound_on, asked.relative, found, choices)
     probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)
     for code, phantom in found.items():
         quantities: dict[str, float | tuple[float, ...]] = {
@@ -103,5 +103,8 @@ def rig(
             quantities["indentation_m"] = indentation_m
             quantities["ring_m"] = RINGS_M
             quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
+            quantities["pressed_share"] = tuple(
+                pressed_share(phantom, probe, indentation_m, r) for r in RINGS_M
+            )
         choices[code] = choose("contact", output, tolerance, quantities)
     return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)

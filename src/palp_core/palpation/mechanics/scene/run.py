@@ -138,8 +138,15 @@ def force_table(
     offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
     normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
     output = "normal" if offsets.any() or rung != "l5" else "normal_on_axis"
+    if scene.tolerance.strain == "finite":
+        output = "finite_normal"
+    bead, thinnest_m = scene.phantom.bead, scene.probe.tip_radius_m
+    if bead is not None:
+        thinnest_m = min(thinnest_m, bead.depth_m)
     bounds = [
-        find("contact", rung).bound(output, scene.quantities() | {"indentation_m": depth})
+        find("contact", rung).bound(
+            output, scene.quantities() | {"indentation_m": depth, "pressed_share": depth / thinnest_m}
+        )
         for depth in depths.tolist()
     ]
     stated = [bound for bound in bounds if bound is not None]

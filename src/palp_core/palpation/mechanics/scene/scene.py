@@ -18,10 +18,15 @@ OUTPUTS = ("peak", "contrast", "separation", "decision")
 """Largest torque; that minus its local base; smallest gap between the peaks of named depths; share of depth
 decisions that differ."""
 
+STRAINS = ("small", "finite")
+"""Laws that an output must be right against: linear elasticity, or neo-Hookean gel at any strain."""
+
 PAPER_DEPTHS_M = (0.002, 0.004, 0.008)
 
 RINGS_M = (0.0, 0.016)
 """Ends of the published ring's travel."""
+
+_HALVINGS = 20  # of the angle at which the tip rests: to a millionth of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,23 +83,33 @@ class Tolerance:
         output: One of :data:`OUTPUTS`.
         relative: Largest relative error; of ``decision`` the share of decisions that may differ.
         depths_m: Depths told apart, for ``separation`` and ``decision``; the paper's three if empty.
+        strain: Against which law, one of :data:`STRAINS`.
 
     Raises:
-        OutOfRange: An unknown output, a tolerance that is not positive, or fewer than two different depths.
+        OutOfRange: An unknown output or law, a tolerance that is not positive, or fewer than two different
+            depths.
     """
 
     output: str = "peak"
     relative: float = 0.02
     depths_m: tuple[float, ...] = ()
+    strain: str = "small"
 
     def __post_init__(self) -> None:
         if self.output not in OUTPUTS:
             raise OutOfRange("output", f"'{self.output}' is none of {', '.join(OUTPUTS)}")
+        if self.strain not in STRAINS:
+            raise OutOfRange("strain", f"'{self.strain}' is none of {', '.join(STRAINS)}")
         require("relative", self.relative, 1e-9, 1e3, "give a positive share, as in 0.05")
         for depth_m in self.depths_m:
             require("depths_m", depth_m, 1e-6, 1.0, "give metres of gel over the bead, as in 0.004")
         if self.depths_m and len(set(self.depths_m)) < max(2, len(self.depths_m)):
             raise OutOfRange("depths_m", "give two or more depths, each once")
+
+    @property
+    def bound_on(self) -> str:
+        """What the contact rungs' bounds are asked for: ``contrast``, or ``finite_contrast``."""
+        return self.output if self.strain == "small" else f"{self.strain}_{self.output}"
 
     @property
     def compared_m(self) -> tuple[float, ...]:
@@ -171,6 +186,11 @@ class Scene:
             "yielding": tuple(
                 yielding(self.phantom, self.probe, self.path.indentation_m, ring_m) for ring_m in self.ring_m
             ),
+            "pressed_share": tuple(
+                pressed_share(phantom, self.probe, self.path.indentation_m, ring_m)
+                for phantom in self.phantoms
+                for ring_m in self.ring_m
+            ),
         }
 
 
@@ -192,3 +212,31 @@ def yielding(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: float
     if held_n_m <= 0.0:
         return math.inf
     return force_n / (1.0 - phantom.poisson**2) * probe.lever_m / held_n_m
+
+
+def pressed_share(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: float) -> float:
+    """Return how deep the tip comes, over the ball's radius or the gel over the bead, whichever is less.
+
+    It comes deepest beside the bead, where the joint gives way least. Hertz's law for a sphere on a
+    half-space, softer than any slab, says where the lagging tip rests: a little deeper than it will.
+
+    Args:
+        phantom: The gel, with its bead if it has one.
+        probe: The joint and the ball.
+        indentation_m: Nominal indentation.
+        ring_m: Position of the anchor ring.
+    """
+    lever_m, radius_m = probe.lever_m, probe.tip_radius_m
+    nominal_m = min(max(indentation_m, 0.0), 0.999 * lever_m)
+    held_n_m = probe.spring_n_m(ring_m) + probe.weight_n_m
+    hertz = 4.0 / 3.0 * phantom.modulus_pa * math.sqrt(radius_m) / (1.0 - phantom.poisson**2)
+    low, high = 0.0, math.acos(1.0 - nominal_m / lever_m)
+    for _ in range(_HALVINGS):
+        angle = 0.5 * (low + high)
+        sine, cosine = math.sin(angle), math.cos(angle)
+        pressed_m = max(nominal_m - lever_m * (1.0 - cosine), 0.0)
+        normal_n = hertz * pressed_m**1.5 * max(1.0 - 0.1 * pressed_m / radius_m, 0.0)
+        pushing = probe.friction * normal_n * (lever_m * cosine + radius_m) + lever_m * normal_n * sine
+        low, high = (angle, high) if held_n_m * sine < pushing else (low, angle)
+    deepest_m = nominal_m - lever_m * (1.0 - math.cos(low))
+    return deepest_m / min(radius_m, math.inf if phantom.bead is None else phantom.bead.depth_m)
