@@ -25,6 +25,7 @@ from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole, write_whole
 
 _LARGEST_BYTES = 256 << 10
+_CHANCE = 0.999  # of a cell's variance: what is above it was no chance
 
 
 class Component(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -122,8 +123,9 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
     """Return the model of readings that share the ring's landing and the phantom's height.
 
     How a reading answers to the ring is taken from the primitives' own means over the rings. What training
-    scattered beyond the ring's part is drawn anew at every reading, at least ``sweep_sd_n_m``. The height
-    counts against that of the training's mounting, hence its variance twice.
+    scattered beyond the ring's part is drawn anew at every reading, at least ``sweep_sd_n_m``: one variance
+    for all cells, and in a cell that scattered more than chance makes of it (99.9 %) the excess too. The
+    height counts against that of the training's mounting, hence its variance twice.
 
     Args:
         primitives: What training taught, N m.
@@ -137,9 +139,8 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
     if height_slope.shape != mean.shape:
         raise PerceptionError(f"height_slope has shape {height_slope.shape}, not {mean.shape}")
     ring_slope = ring_slopes(mean, primitives.rings_m)
-    ring_variance = (ring_slope * noise.ring_sd_m.value) ** 2
     least = max(noise.sweep_sd_n_m.value, primitives.floor) ** 2
-    own = np.maximum(primitives.sd**2 - ring_variance, least)
+    own = _own_variance(primitives, (ring_slope * noise.ring_sd_m.value) ** 2, least)
     return OffsetModel(
         mean[..., None],
         own[..., None, None],
@@ -147,3 +148,19 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
         np.array([noise.ring_sd_m.value, np.sqrt(2.0) * noise.height_sd_m.value]),
         (True, False),
     )
+
+
+def _own_variance(primitives: Primitives, ring_variance: Float64Array, least: float) -> Float64Array:
+    """Return the variance that is drawn anew at every reading, shape (m, k).
+
+    What a single cell scattered minus the ring's part is mostly chance where that part is large: taken cell
+    by cell, a class that came out near zero would be trusted for it. So it is one number, the median over the
+    cells weighted by the inverse variance of each one's estimate, 2 / f (ring + own)^2.
+    """
+    freedom = np.maximum(primitives.count - 1.0, 1.0)
+    beyond, weight = primitives.sd**2 - ring_variance, freedom / (ring_variance + least) ** 2
+    order = np.argsort(beyond, axis=None)
+    gathered = np.cumsum(weight.ravel()[order])
+    own = max(float(beyond.ravel()[order][np.searchsorted(gathered, 0.5 * gathered[-1])]), least)
+    by_chance = scipy.stats.chi2.ppf(_CHANCE, freedom) / freedom * (ring_variance + own)
+    return np.asarray(own + np.maximum(primitives.sd**2 - by_chance, 0.0))
