@@ -1,10 +1,7 @@
 """Infer the depth of the nodule from the torque of each sweep."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import Annotated
 
-import msgspec
 import numpy as np
 
 from msgs.actuator import RingState
@@ -15,7 +12,7 @@ from msgs.torque import TorqueBlock
 from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.methods import find, names
+from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
@@ -34,6 +31,17 @@ from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.method_choices import (
+    AUTO,
+    DenoiseName,
+    FeatureName,
+    FilterName,
+    LikelihoodName,
+    StopName,
+    checks_of,
+    given_by,
+    names_of,
+)
 from palp_core.palpation.session.methods.used import tell_methods, used
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
@@ -46,13 +54,15 @@ from palp_core.units import (
     Seconds,
 )
 
-StopName = Annotated[str, msgspec.Meta(extra={"choices": partial(names, "stop")})]
-"""A stop rule by its name in the register of methods."""
+TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
+"""Tasks whose method is a parameter of the same name."""
 
 
 class EstimatorParams(Params):
     """Set in the launch file; the names are those of the methods register.
 
+    ``auto`` for ``denoise``, ``feature``, ``filter``, ``likelihood`` or ``stop`` leaves it to the register,
+    which goes by scene, noise, ``training`` palpations a cell, ``max_probes`` and ``rate_hz``.
     ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
     grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
     what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
@@ -62,10 +72,10 @@ class EstimatorParams(Params):
 
     wavelet: str = "db10"
     level: CountPositive = 5
-    denoise: str = "soft_universal"
-    feature: str = "peak"
-    likelihood: str = "normal"
-    filter: str = "naive"
+    denoise: DenoiseName = "soft_universal"
+    feature: FeatureName = "peak"
+    likelihood: LikelihoodName = "normal"
+    filter: FilterName = "naive"
     depths: DepthCount = 0
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17
@@ -74,6 +84,7 @@ class EstimatorParams(Params):
     stop: StopName = "paper_guarded"
     stop_value: RatioNonNegative = 0.0
     max_probes: CountPositive = 15
+    training: CountPositive = 25
     resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3
     rate_hz: HertzPositive = 1000.0
     largest_gap_s: Seconds = 0.003
@@ -104,40 +115,55 @@ class EstimatorState(State):
     methods_told: list[MethodUse] = []
 
 
+def asked(params: EstimatorParams) -> dict[str, str]:
+    """Return the method that is asked for, or ``auto``, by task."""
+    return {task: getattr(params, task) for task in TASKS}
+
+
 def checks(params: EstimatorParams) -> dict[str, Callable[[], object]]:
     """Return what tells whether methods are known and go together, by the parameter to change."""
     return {
         "wavelet": lambda: edge_cone(params.level, params.wavelet),
-        "denoise": lambda: find("denoise", params.denoise),
-        "feature": lambda: find("feature", params.feature),
-        "likelihood": lambda: require_likelihood(params.filter, params.likelihood),
-        "stop": lambda: stop_rule(params.stop, params.stop_value, max_probes=params.max_probes),
+        **checks_of(asked(params), params),
+    }
+
+
+def together(params: EstimatorParams, used: dict[str, str]) -> dict[str, Callable[[], object]]:
+    """Return what tells whether the methods that are used go together, by the parameter to change."""
+    return {
+        "likelihood": lambda: require_likelihood(used["filter"], used["likelihood"]),
+        "stop": lambda: stop_rule(used["stop"], params.stop_value, max_probes=params.max_probes),
     }
 
 
 def mistakes(params: EstimatorParams) -> dict[str, str]:
     """Return what is wrong with the methods and the files that parameters name, by parameter."""
     found = file_mistakes(params)
-    for name, check in checks(params).items():
+    if found:  # of files by which a method is chosen
+        return found
+    _note(checks(params), found)
+    if not found:
+        _note(together(params, names_of(asked(params), params)[0]), found)
+    return found
+
+
+def _note(those: dict[str, Callable[[], object]], found: dict[str, str]) -> None:
+    for name, check in those.items():
         try:
             check()
         except (MethodError, PerceptionError) as error:
             found[name] = str(error)
-    return found
 
 
 def uses_of(params: EstimatorParams) -> list[MethodUse]:
     """Return which methods a sweep goes through, as the register weighs them with what is known here."""
-    noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
-    known = {
-        "probe_count": float(params.max_probes),
-        "ring_sd_m": noise.ring_sd_m.value,
-        "height_sd_m": noise.height_sd_m.value,
-        "sample_hz": params.rate_hz,
-    }
+    given, names = given_by(params), asked(params)
     scene = read_scene(params.scene) if params.scene else None
-    tasks = ["denoise", "feature", *(["likelihood"] if params.filter == NAIVE else []), "filter", "stop"]
-    return [used(task, getattr(params, task), scene=scene, given=known) for task in tasks]
+    if names_of({"filter": params.filter}, params)[0]["filter"] != NAIVE:
+        del names["likelihood"]  # what knows what stays has its own
+    return [
+        used(task, "" if name == AUTO else name, scene=scene, given=given) for task, name in names.items()
+    ]
 
 
 class Estimator(Node):
@@ -160,6 +186,18 @@ class Estimator(Node):
             check()
         self.learnt: Primitives | None = None
         self.filters: tuple[EstimatorParams, TrialFilter] | None = None
+        self.used: tuple[EstimatorParams, dict[str, str]] | None = None
+        for check in together(self.params, self._methods()).values():
+            check()
+
+    def _methods(self) -> dict[str, str]:
+        """Return the method of each task, chosen once for these parameters."""
+        if self.used is None or self.used[0] != self.params:
+            found, why = names_of(asked(self.params), self.params)
+            for line in why:
+                self.log.info("%s", line)
+            self.used = (self.params, found)
+        return self.used[1]
 
     def on_activate(self) -> None:
         self._tell_methods(self.params)
@@ -253,9 +291,9 @@ class Estimator(Node):
 
     def _palpated(self, torque_n_m: Float64Array) -> None:
         """Take the peak of a sweep; learn from it or update the belief with it."""
-        state, params = self.state, self.params
-        clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=params.denoise)
-        peak = find("feature", params.feature).target(clean, edge=edge_cone(params.level, params.wavelet))
+        state, params, used = self.state, self.params, self._methods()
+        clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=used["denoise"])
+        peak = find("feature", used["feature"]).target(clean, edge=edge_cone(params.level, params.wavelet))
         if state.phase == "training" and state.label_known:
             state.training.append((state.depth_m, state.ring_m, peak.value_n_m))
         elif state.phase == "estimation":
@@ -319,12 +357,13 @@ class Estimator(Node):
         """Return the filter that the parameters describe over what was learnt."""
         memory, params = self._memory(), self.params
         if self.filters is None or self.filters[0] != params:
+            used = self._methods()
             made = filter_of(
                 memory,
-                params.filter,
-                likelihood=params.likelihood,
+                used["filter"],
+                likelihood=used["likelihood"],
                 depth_count=params.depths,
-                feature=params.feature,
+                feature=used["feature"],
                 noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
                 scene=read_scene(params.scene) if params.scene else None,
             )
@@ -348,7 +387,7 @@ class Estimator(Node):
         state.posteriors.append(posterior.tolist())
         state.gains.append(gain.tolist())
         verdict = decide(
-            stop_rule(self.params.stop, self.params.stop_value),
+            stop_rule(self._methods()["stop"], self.params.stop_value),
             [np.array(p) for p in state.posteriors],
             [np.array(g) for g in state.gains],
             max_probes=self.params.max_probes,

@@ -11,6 +11,7 @@ from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability
 
@@ -45,7 +46,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
     if params.plan == "repeatability":
         first = next(iter(depths_m), None) or next(iter(load_phantoms(params.phantoms)))  # bare gel will do
         return RepeatDesign(first, wait_s=params.wait_s)
-    if params.stop and params.trials:
+    if params.stop not in ("", AUTO) and params.trials:
         require_classes(params.stop, len(believed(params)))
     if params.trials and not params.training:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")

@@ -3,6 +3,7 @@
 import numpy as np
 
 from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
+from palp_core.errors import MethodError
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
@@ -11,8 +12,9 @@ from palp_core.palpation.perception.belief.trial_filter import DepthCount, Trial
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.method_choices import FeatureName, FilterName, names_of
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.units import Float64Array, MillimetresNonNegative
+from palp_core.units import CountPositive, Float64Array, MillimetresNonNegative
 
 
 class InformationParams(PolicyParams):
@@ -20,26 +22,41 @@ class InformationParams(PolicyParams):
 
     ``knows`` is what the policy knows to stay, a filter's name: ``naive`` takes all readings for independent,
     ``latent_ring`` knows that a landing stays until the ring moves, ``latent`` that the height stays as well.
-    ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``scene``, ``feature`` and ``depths`` are as of the
-    estimator; with equal ones it has the estimator's own belief. ``per_second`` weighs bits by the time of
-    move and sweep. ``start_mm`` is where it probes as long as nothing was learnt (assumed: the stiffest).
+    ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``scene``, ``feature``, ``depths`` and ``training`` are as of
+    the estimator, ``auto`` too; with equal ones it has the estimator's own belief. ``per_second`` weighs bits
+    by the time of move and sweep. ``start_mm`` is where it probes as long as nothing was learnt (assumed: the
+    stiffest).
     """
 
-    knows: str = "latent"
+    knows: FilterName = "latent"
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17
     height_sd_mm: MillimetresNonNegative = 0.1
     scene: str = ""
-    feature: str = "peak"
+    feature: FeatureName = "peak"
+    training: CountPositive = 25
     depths: DepthCount = 0
     per_second: bool = False
     start_mm: RingMillimetres = 16.0
 
 
+def mistakes(params: InformationParams) -> dict[str, str]:
+    """Return what is wrong with the files and methods that parameters name, by parameter."""
+    found = file_mistakes(params)
+    for name, task in (("feature", "feature"), ("knows", "filter")):
+        if found:
+            break
+        try:
+            names_of({task: getattr(params, name)}, params)
+        except MethodError as error:
+            found[name] = str(error)
+    return found
+
+
 class Information(PolicyNode):
     """Greedy, one probe ahead, with what training left and what stays in the trial."""
 
-    mistakes = staticmethod(file_mistakes)
+    mistakes = staticmethod(mistakes)
     params: InformationParams
 
     def on_configure(self) -> None:
@@ -73,11 +90,12 @@ class Information(PolicyNode):
         if self.made is None or self.made[0] != params or self.made[1] != kept:
             names = (("mean_n_m", "mean"), ("sd_n_m", "sd"), ("floor_n_m", "floor"))
             learnt = Primitives.from_rows({**kept, **{name: kept[wire] for wire, name in names}})
+            used, _ = names_of({"feature": params.feature, "filter": params.knows}, params)
             made = filter_of(
                 learnt,
-                params.knows,
+                used["filter"],
                 depth_count=params.depths,
-                feature=params.feature,
+                feature=used["feature"],
                 noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
                 scene=read_scene(params.scene) if params.scene else None,
             )

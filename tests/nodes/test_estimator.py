@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from msgs.torque import TorqueBlock
 from nodes.estimator import Estimator
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
+from palp_core.methods import register
 from palp_core.palpation.perception.belief.primitives import fit, quantisation_sd
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
@@ -290,6 +293,73 @@ def test_estimation_without_training_is_an_error_that_says_so() -> None:
 def test_an_unknown_method_is_refused_before_anything_moves(param: str) -> None:
     with pytest.raises(NodeError, match="magic"):
         Bench(Estimator, {param: "magic"})
+
+
+AUTO = dict.fromkeys(("denoise", "feature", "filter", "likelihood", "stop"), "auto")
+
+
+def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    bench = Bench(Estimator, AUTO)
+    assert bench.node.used is not None
+    assert bench.node.used[1] == {
+        "denoise": "approximation",
+        "feature": "contrast",
+        "filter": "latent",
+        "likelihood": "normal",
+        "stop": "posterior_threshold",
+    }
+    assert caplog.text.count("cheapest") + caplog.text.count("within") >= 5
+    assert "feature: contrast: 'decision' within 0.5% (asked: 5.0%)" in caplog.text
+    assert "cheaper but refused: peak is within" in caplog.text
+    said = len(caplog.records)
+    bench.feed(Estimator.trial, trial(1, "training", 0.002))
+    bench.feed(Estimator.ring, ring(0.016, 1))
+    palpate(bench, sweep(MEAN_N_M[0.002][0.016], count=4000))
+    above_flanks_n_m = bench.sent(Estimator.palpation)[-1].peak_n_m
+    assert above_flanks_n_m < MEAN_N_M[0.002][0.016]
+    assert len(caplog.records) == said
+
+
+def test_what_nobody_vouches_for_is_not_chosen() -> None:
+    with pytest.raises(NodeError, match=r"no stop method gives 'decision' within 5.0%.*height_sd_m = 0.0005"):
+        Bench(Estimator, {"stop": "auto", "height_sd_mm": 0.5})
+    Bench(Estimator, {"height_sd_mm": 0.5})  # who names a method gets it
+
+
+def test_a_labs_own_methods_are_used_by_their_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lab_methods.py").write_text(LAB, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
+    bench = Bench(Estimator, {"feature": "lab_methods:mean", "stop": "lab_methods:at_once"})
+    train(bench)
+    bench.feed(Estimator.trial, trial(500, "estimation"))
+    torque_n_m = sweep(0.01)
+    answer = probe(bench, 0.01)
+    assert answer.verdict == "decided"
+    assert answer.reading_n_m == pytest.approx(float(denoise(torque_n_m).mean()), rel=1e-6)
+    sys.modules.pop("lab_methods", None)
+
+
+LAB = """
+from dataclasses import dataclass
+import numpy as np
+from palp_core.methods import method
+from palp_core.palpation.perception.belief.stopping import StopRule, StopState
+from palp_core.palpation.perception.signal.features import Peak
+
+@method(task="feature", name="mean", cost_s=1e-6, evidence="the lab")
+def mean(torque_n_m, *, edge, around=None):
+    return Peak(float(torque_n_m.mean()), 0)
+
+@method(task="stop", name="at_once", cost_s=1e-6, evidence="the lab")
+@dataclass(frozen=True)
+class AtOnce(StopRule):
+    level: float = 0.5
+
+    def check(self, step):
+        return StopState(np.nan, np.asarray(True))
+"""
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def _candidate(
     if one.reference:
         mark, why = "reference", f"is a reference: {one.reference}"
     elif bound is None:
-        mark, why = "refused", f"vouches for no '{output}' here{_because(one, scene)}"
+        mark, why = "refused", f"vouches for no '{output}' here{_because(one, output, scene)}"
     elif bound > tolerance:
         mark, why = "refused", f"is within {amount(bound, output)} only"
     elif dearer:
@@ -139,8 +139,8 @@ def _candidate(
     return Candidate(one.name, bound, cost_s, mark, why)
 
 
-def _because(one: Method, scene: Quantities) -> str:
-    strayed = one.strayed(scene)
+def _because(one: Method, output: str, scene: Quantities) -> str:
+    strayed = one.missed(output, scene)
     survivor = f"; {one.survivor} would be the next finer one" if one.survivor else ""
     return (f" ({strayed})" if strayed else "") + survivor
 
@@ -158,15 +158,28 @@ def _named(one: Method, output: str, bound: float | None) -> str:
 def _none(
     task: str, output: str, tolerance: float, scene: Quantities, candidates: Sequence[Candidate]
 ) -> str:
+    told = _told_by(task, output)
     where = ", ".join(
         f"{name} = {' and '.join(f'{v:g}' for v in values_of(value))}"
         for name, value in sorted(scene.items())
+        if name in told
     )
     refused = "; ".join(f"{c.name} {c.why}" for c in candidates) or "none is declared"
     return (
-        f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where}: {refused}; "
+        f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where or 'this'}: "
+        f"{refused}; "
         "relax the tolerance or add a finer method"
     )
+
+
+def _told_by(task: str, output: str) -> set[str]:
+    """Return the quantities by which a task's methods are told apart."""
+    ranges = [
+        range_
+        for one in methods(task)
+        for range_ in (one.valid, *(bound.within for bound in one.bounds if bound.output == output))
+    ]
+    return {name for one in ranges for name in one}
 
 
 def _too_dear(

@@ -96,6 +96,13 @@ class Method:
         """Return which quantities lie outside the valid range, in words; empty if none does."""
         return ", ".join(_strays(self.valid, scene))
 
+    def missed(self, output: str, scene: Quantities) -> str:
+        """Return which quantities keep the scene out of the nearest range of a stated error, in words."""
+        coarsest_first = sorted(self.bounds, key=lambda one: -one.error)
+        strays = [_strays(one.within, scene) for one in coarsest_first if one.output == output]
+        nearest = sorted(strays, key=len)[0] if strays else []
+        return ", ".join(_strays(self.valid, scene) or nearest)
+
     @property
     def module(self) -> str:
         """Module that declares it."""

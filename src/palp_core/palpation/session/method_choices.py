@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
 
-from palp_core.methods import Candidate, Method, Quantities, Task, methods, weigh
+import msgspec
+
+from palp_core.methods import Candidate, Method, MethodChoice, Quantities, Task, choose, methods, names, weigh
+from palp_core.methods import task as task_of
+from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.belief.rig_noise import noise_of
+from palp_core.palpation.perception.belief.trial_filter import NAIVE
 
 PUBLISHED: Mapping[str, float] = {
     "class_count": 3.0,
@@ -17,15 +25,33 @@ PUBLISHED: Mapping[str, float] = {
     "height_sd_m": 0.0001,
     "noise_n_m": RESOLUTION_N_M,
     "sample_hz": 1000.0,
+    "class_ratio": 2.0,
+    "class_gap_sd": 5.3,
+    "stiffest_m": 0.016,
+    "outlier_share": 0.0,
+    "live": 1.0,
+    "window_s": 0.15,
+    "burst_distance_s": 0.4,
+    "relax_share": 0.5,
+    "session_count": 20.0,
+    "session_sd": 1.0,
+    "paired_sd": 1.0,
     "wall_clock": 1.0,
     "process_count": 10.0,
     "array_bytes": 160.0,
 }
-"""What methods that are not of the mechanics may know of a session, beside its scene, SI: depths told apart,
-training palpations a cell, palpations a trial at most, spread of the ring's landing (published, uniform), of
-the mounting's height (assumed) and of a torque sample (assumed, a step of the sensor's resolution), and the
-sensor's rate (published); and that the rig's graph is ten processes on the wall clock, with blocks of 20
-samples."""
+"""What methods that are not of the mechanics may know of a session, beside its scene, SI.
+
+Published: ``class_count`` depths told apart, each ``class_ratio`` times the next; ``training_count``
+palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``stiffest_m``, the largest ring
+position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
+reading's spread; logits of being right spread over sessions by ``session_sd``, those of two policies by
+``paired_sd`` more. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
+sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; a person
+relaxes by ``relax_share`` of a level; the RMS of EMG is over ``window_s``, bursts ``burst_distance_s`` apart;
+sessions are compared ``session_count`` at a time, as in the README's table. ``live`` is 1 where methods work
+while it is measured, 0 on recordings. The graph is ten processes on the wall clock, blocks have 20 samples.
+"""
 
 _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the scene asks for
 
@@ -82,6 +108,37 @@ def choose_for(
     Raises:
         MethodError: There is no method of the name asked for.
     """
+    output, tolerance, uses = _needed(task, scene)
+    quantities = session_quantities(scene, given)
+    candidates = weigh(task.name, output, tolerance, quantities, asked=asked, uses=uses)
+    return TaskChoice(task, output, tolerance, candidates)
+
+
+AUTO = "auto"
+"""In place of a method's name: let the register choose."""
+
+
+def chosen_method(
+    task: str, scene: Scene, *, asked: str = AUTO, given: Mapping[str, float] = PUBLISHED
+) -> MethodChoice:
+    """Return the method that a session gets for a task: the one asked for, or the register's choice.
+
+    Args:
+        task: The task.
+        scene: As for :func:`choose_for`.
+        asked: A method's name, or :data:`AUTO`.
+        given: See :data:`PUBLISHED`.
+
+    Raises:
+        MethodError: There is no method of that name, or none is good enough; the message says why.
+    """
+    output, tolerance, uses = _needed(task_of(task), scene)
+    name = "" if asked == AUTO else asked
+    return choose(task, output, tolerance, session_quantities(scene, given), asked=name, uses=uses)
+
+
+def _needed(task: Task, scene: Scene) -> tuple[str, float, int]:
+    """Return what must be right, how right, and how often a method is used."""
     output, tolerance, uses = task.output, task.tolerance, 1
     if task.name in _OF_THE_SCENE:
         output, tolerance = scene.tolerance.output, scene.tolerance.relative
@@ -89,6 +146,80 @@ def choose_for(
         output, uses = scene.tolerance.bound_on, len(scene.phantoms)
     if task.name == "motion" and output not in ("peak", "contrast"):
         output = "peak"
-    quantities = session_quantities(scene, given)
-    candidates = weigh(task.name, output, tolerance, quantities, asked=asked, uses=uses)
-    return TaskChoice(task, output, tolerance, candidates)
+    return output, tolerance, uses
+
+
+# what a node's parameters name, or leave to the register
+
+
+def _choices(task: str) -> list[str]:
+    return [*names(task), AUTO]
+
+
+def _of(task: str) -> Any:
+    return msgspec.Meta(extra={"choices": partial(_choices, task)})
+
+
+DenoiseName = Annotated[str, _of("denoise")]
+FeatureName = Annotated[str, _of("feature")]
+LikelihoodName = Annotated[str, _of("likelihood")]
+FilterName = Annotated[str, _of("filter")]
+StopName = Annotated[str, _of("stop")]
+"""A stop rule by its name in the register, or ``auto``; a lab's own as ``package.module:name``."""
+
+
+def given_by(params: Any) -> Mapping[str, float]:
+    """Return what a node's parameters say of the session; what they do not say is as published.
+
+    Raises:
+        PerceptionError: The noise file is none.
+    """
+    noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
+    return {
+        **PUBLISHED,
+        "ring_sd_m": noise.ring_sd_m.value,
+        "height_sd_m": noise.height_sd_m.value,
+        "noise_n_m": noise.sample_sd_n_m.value or PUBLISHED["noise_n_m"],
+        "training_count": float(params.training),
+        "class_count": float(getattr(params, "depths", 0) or PUBLISHED["class_count"]),
+        "probe_count": float(getattr(params, "max_probes", PUBLISHED["probe_count"])),
+        "sample_hz": float(getattr(params, "rate_hz", PUBLISHED["sample_hz"])),
+    }
+
+
+def chosen_for(asked: Mapping[str, str], params: Any) -> dict[str, MethodChoice]:
+    """Return the method of each task: the one asked for by name, or for ``auto`` the register's choice.
+
+    Args:
+        asked: A name, or ``auto``, by task; a filter that knows what stays has one likelihood, its own.
+        params: Parameters of the node: ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``training``, ``scene``,
+            and where it has them ``depths``, ``max_probes`` and ``rate_hz``.
+
+    Raises:
+        MethodError: There is no method of a name, or none is good enough.
+        PalpError: The noise or scene file is none.
+    """
+    scene = read_scene(params.scene) if params.scene else Scene()
+    given, found = given_by(params), dict[str, MethodChoice]()
+    for task in sorted(asked):  # the filter before the likelihood
+        name = asked[task]
+        if task == "likelihood" and name == AUTO and "filter" in found and found["filter"].name != NAIVE:
+            name = "normal"
+        found[task] = chosen_method(task, scene, asked=name, given=given)
+    return found
+
+
+def checks_of(asked: Mapping[str, str], params: Any) -> dict[str, Callable[[], object]]:
+    """Return what tells whether each method is there, or can be chosen, by task."""
+    return {task: partial(chosen_for, {task: name}, params) for task, name in asked.items()}
+
+
+def names_of(asked: Mapping[str, str], params: Any) -> tuple[dict[str, str], list[str]]:
+    """Return the name of each task's method, and of those left to the register a line that says why.
+
+    Raises:
+        MethodError: As :func:`chosen_for`.
+    """
+    found = chosen_for(asked, params)
+    why = [f"{task}: {found[task].reason}" for task, name in asked.items() if name == AUTO]
+    return {task: one.name for task, one in found.items()}, why

@@ -25,6 +25,7 @@ from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
+from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.methods.record import methods_of, unsaid
 from palp_core.palpation.session.methods.text import reason
 from palp_core.palpation.session.methods.used import rig_uses
@@ -266,9 +267,10 @@ def _rmse_mm(trials: Sequence[RecordedTrial]) -> float | None:
 def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
     if "stop" not in estimator:
         return None
-    settings: dict[str, Any] = asdict(
-        stop_rule(estimator["stop"], estimator.get("stop_value", 0.0))  # type: ignore[call-overload]
-    )
+    settings: dict[str, Any] = {}
+    if estimator["stop"] != AUTO:
+        rule: Any = stop_rule(estimator["stop"], estimator.get("stop_value", 0.0))
+        settings = asdict(rule)
     limit = {"max_probes": estimator["max_probes"]} if "max_probes" in estimator else {}
     return {"name": estimator["stop"], "settings": settings | limit}
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from palp_core.palpation.studies.catalogue import study
-from palp_core.palpation.studies.decision.feature_cases import RATE_HZ, TO_M, clean_cases, measure, ways
+from palp_core.palpation.studies.decision.feature_cases import clean_cases, measure, ways
+from palp_core.palpation.studies.simulation.reading_table import RATE_HZ, TO_M
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
 

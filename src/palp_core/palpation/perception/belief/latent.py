@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import declare_task, method
+from palp_core.methods import Bound, declare_task, method
+from palp_core.palpation.perception.ranges import LANDS_M, on_rig
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -248,6 +249,11 @@ def keep(model: OffsetModel, kept: ArrayLike) -> OffsetModel:
     )
 
 
+def _stays(error: float, ring_sd_m: float, height_sd_m: float) -> Bound:
+    """Return a bound on the calibration error of trials whose ring and height spread up to so much."""
+    return on_rig("calibration", error, ring_sd_m=ring_sd_m, height_sd_m=height_sd_m, training_count=10.0)
+
+
 declare_task(
     "filter",
     "What do readings of one trial that share an error tell together?",
@@ -260,8 +266,9 @@ declare_task(
 @method(
     task="filter",
     name="latent",
-    cost_s=8e-5,
-    evidence="tests/palpation/perception/belief/test_latent.py",
+    cost_s=5.8e-5,
+    bounds=[_stays(0.035, LANDS_M, 0.1e-3)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="errors that are not small against the readings' curvature: slopes are straight lines",
 )
 def latent(model: OffsetModel) -> OffsetModel:
@@ -272,8 +279,9 @@ def latent(model: OffsetModel) -> OffsetModel:
 @method(
     task="filter",
     name="latent_ring",
-    cost_s=7e-5,
-    evidence="tests/palpation/perception/belief/test_latent.py",
+    cost_s=5.4e-5,
+    bounds=[_stays(0.013, LANDS_M, 0.03e-3), _stays(0.106, LANDS_M, 0.1e-3)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="an error that stays for the whole trial, as the phantom's height",
     survivor="latent",
 )
@@ -285,8 +293,9 @@ def latent_ring(model: OffsetModel) -> OffsetModel:
 @method(
     task="filter",
     name="latent_trial",
-    cost_s=7e-5,
-    evidence="tests/palpation/perception/belief/test_latent.py",
+    cost_s=5.6e-5,
+    bounds=[_stays(0.033, 1e-6, 0.1e-3), _stays(0.1, LANDS_M, 0.1e-3)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="an error that stays until the ring moves, as its landing",
     survivor="latent",
 )
@@ -298,8 +307,14 @@ def latent_trial(model: OffsetModel) -> OffsetModel:
 @method(
     task="filter",
     name="naive",
-    cost_s=4e-5,
-    evidence="tests/palpation/perception/belief/test_latent.py",
+    cost_s=1e-5,
+    bounds=[
+        _stays(0.018, 0.058e-3, 1e-6),
+        _stays(0.064, LANDS_M, 1e-6),
+        _stays(0.082, LANDS_M, 0.03e-3),
+        _stays(0.22, LANDS_M, 0.1e-3),
+    ],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="readings of a trial that share an error: it takes each for a new fact and becomes over-confident",
     survivor="latent",
 )

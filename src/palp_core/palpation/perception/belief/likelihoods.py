@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from palp_core.methods import declare_task, method
+from palp_core.methods import Bound, declare_task, method
+from palp_core.palpation.perception.ranges import ENDLESS
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -32,6 +33,28 @@ class Cells:
     floor: float
 
 
+def _taught(outlier_share: float, *errors: float) -> list[Bound]:
+    """Return bounds on the calibration error for 25, 10, 5 and 3 training readings a class and more.
+
+    They are of trials that end at a probability of 0.95 or after 15 readings, classes being two standard
+    deviations of a reading apart or more.
+    """
+    return [
+        Bound(
+            "calibration",
+            error,
+            {
+                "training_count": (count, ENDLESS),
+                "class_gap_sd": (2.0, ENDLESS),
+                "class_count": (2.0, 3.0),
+                "probe_count": (1.0, 15.0),
+                "outlier_share": (0.0, outlier_share),
+            },
+        )
+        for count, error in zip((25.0, 10.0, 5.0, 3.0), errors, strict=True)
+    ]
+
+
 declare_task(
     "likelihood",
     "How likely is a reading, given what training taught?",
@@ -45,7 +68,8 @@ declare_task(
     task="likelihood",
     name="normal",
     cost_s=5e-6,
-    evidence="tests/palpation/perception/belief/test_primitives.py",
+    bounds=[*_taught(0.0, 0.018, 0.043, 0.118, 0.235), *_taught(0.01, 0.037, 0.066, 0.14, 0.256)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="cells of few readings, and outliers: it is sure of whatever class is nearest",
     survivor="student_t",
 )
@@ -63,8 +87,9 @@ def normal(reading: float | Float64Array, cells: Cells) -> Float64Array:
 @method(
     task="likelihood",
     name="student_t",
-    cost_s=1.5e-5,
-    evidence="tests/palpation/perception/belief/test_primitives.py",
+    cost_s=1.3e-5,
+    bounds=[*_taught(0.0, 0.008, 0.018, 0.055, 0.128), *_taught(0.01, 0.02, 0.025, 0.061, 0.132)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="readings of one trial that share an error: it widens for the training's size only",
 )
 def student_t(reading: float | Float64Array, cells: Cells) -> Float64Array:
@@ -89,9 +114,11 @@ def student_t(reading: float | Float64Array, cells: Cells) -> Float64Array:
 @method(
     task="likelihood",
     name="robust",
-    cost_s=1.2e-5,
-    evidence="tests/palpation/perception/belief/test_primitives.py",
+    cost_s=1.8e-5,
+    bounds=_taught(0.01, 0.016, 0.04, 0.108, 0.216),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="an outlier leaves the belief as it was, also where it was a real and informative reading",
+    survivor="student_t",
 )
 def robust(reading: float | Float64Array, cells: Cells, *, outlier_share: float = 0.01) -> Float64Array:
     """Return the log of a normal mixed with a broad, class-independent one.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
+from palp_core.palpation.perception.ranges import ENDLESS, on_rig
 from palp_core.units import Float64Array
 
 _FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
@@ -175,7 +176,7 @@ declare_task(
     "stop",
     "When is enough known to end a trial?",
     per="a reading",
-    output="calibration",
+    output="decision",
     tolerance=0.05,
 )
 
@@ -183,10 +184,12 @@ declare_task(
 @method(
     task="stop",
     name="paper_verbatim",
-    cost_s=4e-5,
-    evidence="tests/palpation/perception/belief/test_stopping.py",
+    cost_s=2.4e-5,
+    bounds=[on_rig("decision", 0.135), on_rig("calibration", 0.05)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
+    valid={"class_count": (3.0, ENDLESS)},
     fails="a belief that grows along one direction has distance 0 and stops early; two classes",
-    survivor="paper_guarded",
+    survivor="posterior_threshold",
 )
 @dataclass(frozen=True)
 class PaperVerbatim(StopRule):
@@ -205,8 +208,10 @@ class PaperVerbatim(StopRule):
 @method(
     task="stop",
     name="paper_guarded",
-    cost_s=5e-5,
-    evidence="tests/palpation/perception/belief/test_stopping.py",
+    cost_s=2.6e-5,
+    bounds=[on_rig("decision", 0.133), on_rig("calibration", 0.05)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
+    valid={"class_count": (3.0, ENDLESS)},
     fails="probes that share an error agree with each other and stop it, however wrong; two classes",
     survivor="posterior_threshold",
 )
@@ -230,10 +235,10 @@ class PaperGuarded(StopRule):
 @method(
     task="stop",
     name="posterior_threshold",
-    cost_s=1e-5,
-    evidence="tests/palpation/perception/belief/test_stopping.py",
+    cost_s=3.5e-6,
+    bounds=[on_rig("decision", 0.048), on_rig("calibration", 0.046)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="over-confident likelihoods pass any level at once",
-    survivor="fixed_number",
 )
 @dataclass(frozen=True)
 class PosteriorThreshold(StopRule):
@@ -253,9 +258,11 @@ class PosteriorThreshold(StopRule):
 @method(
     task="stop",
     name="fixed_number",
-    cost_s=1e-6,
-    evidence="tests/palpation/perception/belief/test_stopping.py",
+    cost_s=3e-6,
+    bounds=[on_rig("decision", 0.055), on_rig("calibration", 0.021)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="easy trials take as many probes as hard ones",
+    survivor="posterior_threshold",
 )
 @dataclass(frozen=True)
 class FixedNumber(StopRule):

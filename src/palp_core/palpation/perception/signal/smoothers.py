@@ -14,6 +14,7 @@ import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
+from palp_core.palpation.perception.ranges import by_noise
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
@@ -73,10 +74,10 @@ declare_task(
 @method(
     task="smoother",
     name="db10_soft",
-    cost_s=2.5e-4,
-    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    cost_s=1.4e-4,
+    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="noise that is not white; as a stream it needs its threshold beforehand",
-    survivor="savitzky_golay",
 )
 @dataclass(frozen=True)
 class WaveletSoft(_Wavelet):
@@ -94,8 +95,9 @@ class WaveletSoft(_Wavelet):
 @method(
     task="smoother",
     name="db10_approximation",
-    cost_s=2e-4,
-    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    cost_s=1.1e-4,
+    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="steps overshoot; everything above 16 Hz is deleted, wanted or not",
     survivor="db10_soft",
 )
@@ -110,8 +112,9 @@ class WaveletApproximation(_Wavelet):
 @method(
     task="smoother",
     name="savitzky_golay",
-    cost_s=1.5e-4,
-    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    cost_s=3.6e-4,
+    bounds=by_noise((0.024, 0.052, 0.141), (0.041, 0.087, 0.245)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="features narrower than half its window are flattened",
     survivor="db10_soft",
 )
@@ -150,8 +153,9 @@ def _low_pass(order: int, cutoff: float) -> Float64Array:
 @method(
     task="smoother",
     name="low_pass",
-    cost_s=5e-5,
-    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    cost_s=1e-4,
+    bounds=by_noise((0.039, 0.085, 0.235), (0.068, 0.143, 0.38)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="features faster than its cut-off are flattened, and their flanks become unequal",
     survivor="savitzky_golay",
 )
@@ -199,8 +203,9 @@ class LowPass:
 @method(
     task="smoother",
     name="none",
-    cost_s=1e-6,
-    evidence="tests/palpation/perception/signal/test_smoothers.py",
+    cost_s=2e-6,
+    bounds=by_noise((0.31, 0.65, 1.72), (0.51, 1.05, 2.8)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="a peak is the noise's largest value on top of the signal's",
     survivor="savitzky_golay",
 )

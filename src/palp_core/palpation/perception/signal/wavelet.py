@@ -13,6 +13,7 @@ import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
+from palp_core.palpation.perception.ranges import by_noise
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
@@ -72,10 +73,10 @@ declare_task(
 @method(
     task="denoise",
     name="soft_universal",
-    cost_s=2.5e-4,
-    evidence="tests/palpation/perception/signal/test_wavelet.py",
+    cost_s=1.4e-4,
+    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="noise that is not white: the finest level's median no longer measures the coarser levels' noise",
-    survivor="approximation",
 )
 def soft_universal(coefficients: list[Float64Array], threshold: float | None = None) -> list[Float64Array]:
     """Shrink every detail by sigma sqrt(2 ln n), n the number of coefficients (Donoho, 1995).
@@ -97,8 +98,9 @@ def soft_universal(coefficients: list[Float64Array], threshold: float | None = N
 @method(
     task="denoise",
     name="approximation",
-    cost_s=1.5e-4,
-    evidence="tests/palpation/perception/signal/test_wavelet.py",
+    cost_s=1.05e-4,
+    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="steps and edges overshoot; everything above rate / 2^(level + 1) is deleted, wanted or not",
     survivor="soft_universal",
 )

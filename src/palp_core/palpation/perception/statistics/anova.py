@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import method
+from palp_core.methods import Bound, method
 from palp_core.palpation.perception.statistics.resampling import sign_flip
 from palp_core.units import Float64Array
 
@@ -143,10 +143,10 @@ def _refusal(outcome: Float64Array, *factors: Labels) -> str:
 @method(
     task="test",
     name="anova",
-    cost_s=2e-2,
-    evidence="tests/palpation/perception/statistics/test_anova.py",
+    cost_s=0.6,
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="trials that share a session: it counts them as independent; right-or-wrong outcomes near 0 or 1",
-    survivor="mixed_logit",
+    survivor="sign_flip",
 )
 def two_way(
     outcome: Sequence[float] | Float64Array, first: Labels, second: Labels, *, names: tuple[str, str]
@@ -214,10 +214,11 @@ def bonferroni(outcome: Sequence[float] | Float64Array, group: Labels) -> list[P
 @method(
     task="test",
     name="permutation",
-    cost_s=5e-2,
-    evidence="tests/palpation/perception/statistics/test_anova.py",
-    fails="labels that are fixed within a session: there is nothing to exchange",
-    survivor="mixed_logit",
+    cost_s=0.18,
+    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 1.0), "paired_sd": (0.0, 0.0)})],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
+    fails="labels that are fixed within a session; a difference that varies over sessions, which it believes",
+    survivor="sign_flip",
 )
 def permutation(
     outcome: Sequence[float] | Float64Array,
@@ -270,9 +271,11 @@ def permutation(
 @method(
     task="test",
     name="fisher",
-    cost_s=1e-3,
-    evidence="tests/palpation/perception/statistics/test_anova.py",
+    cost_s=5e-4,
+    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 0.0), "paired_sd": (0.0, 0.0)})],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="trials that share a session; more than two groups need the chi squared test",
+    survivor="sign_flip",
 )
 def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
     """Return Fisher's exact two-sided p-value of two shares, each (successes, trials).

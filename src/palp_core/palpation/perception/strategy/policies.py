@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, method
 from palp_core.palpation.perception.belief import latent
+from palp_core.palpation.perception.ranges import on_rig
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
@@ -106,10 +107,11 @@ declare_task(
 @method(
     task="policy",
     name="fixed",
-    cost_s=1e-6,
-    evidence="tests/palpation/perception/strategy/test_policies.py",
+    cost_s=5e-8,
+    bounds=[on_rig("decision", 0.044)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="an error of the ring's position is shared by all probes of a trial and does not average out",
-    survivor="uniform",
+    survivor="information_gain_latent",
 )
 @dataclass(frozen=True)
 class FixedRing:
@@ -136,10 +138,11 @@ class FixedRing:
 @method(
     task="policy",
     name="uniform",
-    cost_s=3e-6,
-    evidence="tests/palpation/perception/strategy/test_policies.py",
+    cost_s=5.7e-6,
+    bounds=[on_rig("decision", 0.061)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="it spends as many probes on uninformative positions as on good ones",
-    survivor="information_gain",
+    survivor="information_gain_latent",
 )
 @dataclass(frozen=True)
 class UniformRings:
@@ -162,9 +165,10 @@ class UniformRings:
     task="policy",
     name="markov",
     cost_s=2e-5,
-    evidence="tests/palpation/perception/strategy/test_policies.py",
+    bounds=[on_rig("decision", 0.148)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="the reading 'mean' freezes at the middle level; the matrices are a reconstruction unless learned",
-    survivor="information_gain",
+    survivor="information_gain_latent",
 )
 @dataclass(frozen=True, eq=False)
 class MarkovPolicy:

@@ -14,6 +14,7 @@ from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import expected_gains_bits
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import independent_model
+from palp_core.palpation.perception.ranges import on_rig
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import RingChoice, UniformDraw, everywhere
 from palp_core.units import Float64Array
@@ -50,8 +51,9 @@ class Timing:
 @method(
     task="policy",
     name="reposition",
-    cost_s=1e-6,
-    evidence="tests/palpation/perception/strategy/test_policies_informed.py",
+    cost_s=4.6e-6,
+    bounds=[on_rig("decision", 0.04)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="an error of the phantom's height, which re-positioning the ring does not touch; it costs seconds",
     survivor="information_gain_latent",
 )
@@ -80,7 +82,7 @@ class Reposition:
 @method(
     task="policy",
     name="emg_driven",
-    cost_s=1e-6,
+    cost_s=5.6e-6,
     evidence="tests/palpation/perception/strategy/test_policies_informed.py",
     fails="a person who rests: without a burst it stays where it began",
     survivor="markov",
@@ -131,10 +133,10 @@ class Actions:
 @method(
     task="policy",
     name="information_gain_latent",
-    cost_s=1e-3,
-    evidence="tests/palpation/perception/strategy/test_policies_informed.py",
+    cost_s=2.8e-4,
+    bounds=[on_rig("decision", 0.005)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="offsets that are not as its model says; it looks one probe ahead only",
-    survivor="uniform",
 )
 @dataclass(frozen=True, eq=False)
 class InformationGainLatent:
@@ -220,10 +222,11 @@ class InformationGainLatent:
 @method(
     task="policy",
     name="information_gain",
-    cost_s=5e-4,
-    evidence="tests/palpation/perception/strategy/test_policies.py",
+    cost_s=1.3e-4,
+    bounds=[on_rig("decision", 0.053)],
+    evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="readings of a trial that share an error: it returns to the position it is already over-sure of",
-    survivor="uniform",
+    survivor="information_gain_latent",
 )
 def information_gain(primitives: Primitives) -> InformationGainLatent:
     """Return the policy that takes every reading for independent: plain information gain, one step ahead."""

@@ -7,22 +7,22 @@ from functools import partial
 import numpy as np
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.methods import choose
-from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal import smoothers
 from palp_core.palpation.perception.signal.features import contrast, peak
 from palp_core.palpation.perception.signal.wavelet import edge_cone, universal_threshold
 from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream, WaveletStreamState
-from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
+from palp_core.palpation.studies.simulation.reading_table import (
+    FROM_M,
+    RATE_HZ,
+    SPEED_M_PER_S,
+    TO_M,
+    Gel,
+    sweep_torque,
+)
 from palp_core.units import Float64Array
 
-RATE_HZ, SPEED_M_PER_S, BLOCK = 1000.0, 0.020, 50
-FROM_M, TO_M, INDENTATION_M = -0.03, 0.05, 0.004
-MARGIN_M = 0.002
+BLOCK = 50
 
 FEATURES: dict[str, Callable[..., float]] = {
     "peak": lambda torque, edge: peak(torque, edge=edge).value_n_m,
@@ -136,22 +136,19 @@ def _streamed(stream: WaveletStream, signal: Float64Array) -> Float64Array:
     return np.concatenate([*parts, stream.finish(state)])
 
 
-def clean_cases(rings_m: tuple[float, ...]) -> list[CleanSweep]:
-    """Return sweeps over the paper's phantoms without noise, by the cheapest rung that vouches for both."""
-    stage = FROM_M + np.arange(round((TO_M - FROM_M) / SPEED_M_PER_S * RATE_HZ)) * SPEED_M_PER_S / RATE_HZ
-    probe, cases = Probe(), []
+def clean_cases(rings_m: tuple[float, ...], gel: Gel | None = None) -> list[CleanSweep]:
+    """Return sweeps over phantoms without noise.
+
+    Args:
+        rings_m: Ring positions.
+        gel: What is touched, and at which depths; None: the paper's.
+    """
+    touched, cases = gel or Gel(), []
     for ring_m in rings_m:
-        torques = []
-        for depth_m in DEPTHS_M:
-            phantom = Phantom(bead=Bead(depth_m=depth_m))
-            scene = {**phantom.scene(probe.tip_radius_m), "indentation_m": INDENTATION_M}
-            rung = choose("contact", "peak", 0.02, scene).method.name
-            model = rung_model(rung, phantom, probe.tip_radius_m, probe.tip)
-            table = solve(model, probe, ring_m, INDENTATION_M, FROM_M - MARGIN_M, TO_M + MARGIN_M)
-            torques.append(table.torque_n_m(stage))
+        torques = [sweep_torque(touched, depth_m, ring_m) for depth_m in touched.depths_m]
         cone = edge_cone()
         truths = [{name: of(torque, cone) for name, of in FEATURES.items()} for torque in torques]
-        for depth_m, torque, truth in zip(DEPTHS_M, torques, truths, strict=True):
+        for depth_m, torque, truth in zip(touched.depths_m, torques, truths, strict=True):
             gaps = {
                 name: min(abs(other[name] - truth[name]) for other in truths if other is not truth)
                 for name in FEATURES

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from palp_core.errors import PalpError
 from palp_core.methods import Quantities, choose, find
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
@@ -43,7 +42,8 @@ class Gel:
         tip_radius_m: Radius of the ball (assumed).
         indentation_m: Nominal indentation (assumed).
         noise_factor: Sensor noise in units of one step of the resolution, 1/64 N mm (1: assumed).
-        rung: Contact model; empty: the cheapest that vouches for the peak within 2 %.
+        rung: Contact model; empty: the cheapest that vouches for the peak within ``tolerance``.
+        tolerance: Largest relative error of the peak.
         feature: ``peak`` or ``contrast``.
         denoising: Rule of the wavelet's coefficients.
         height_reach_m: Heights up to this far from nominal are tabulated; less than the usual 1.5 mm where
@@ -58,6 +58,7 @@ class Gel:
     indentation_m: float = 0.004
     noise_factor: float = 1.0
     rung: str = ""
+    tolerance: float = 0.02
     feature: str = "peak"
     denoising: str = "soft_universal"
     height_reach_m: float = 1.5e-3
@@ -230,17 +231,5 @@ def scene_quantities(gel: Gel, depth_m: float) -> Quantities:
 
 
 def _rung(gel: Gel, depth_m: float) -> str:
-    if gel.rung:
-        return gel.rung
     scene = scene_quantities(gel, depth_m)
-    for tolerance in (
-        0.02,
-        0.05,
-        0.10,
-        0.25,
-    ):  # a gel at the edge of the table's reach is worth a coarser one
-        try:
-            return choose("contact", "peak", tolerance, scene).method.name
-        except PalpError:
-            continue
-    return choose("contact", "peak", 0.5, scene).method.name
+    return choose("contact", "peak", gel.tolerance, scene, asked=gel.rung).method.name

@@ -1,0 +1,81 @@
+"""What the methods of perception state is what they keep, on sessions simulated here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palp_core.methods.measured import measure_of
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.perception import beliefs, counts, signals, trials
+from palp_core.palpation.studies.perception.case import Seen
+from palp_core.palpation.studies.perception.study import PARTS
+
+TASKS = ("smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy")
+LIGHT = (signals.seen, beliefs.features_seen, beliefs.likelihoods_seen, trials.stops_seen)
+
+
+@pytest.mark.parametrize("part", LIGHT, ids=lambda part: part.__name__)
+def test_bounds_are_kept_in_the_published_session(part: Callable[..., list[Seen]]) -> None:
+    kept(part(quick=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
+def test_bounds_are_kept_wherever_they_say_something(part: Callable[..., list[Seen]]) -> None:
+    kept(part())
+
+
+def kept(rows: Sequence[Seen]) -> None:
+    stated = [one for one in rows if one.bound is not None]
+    assert {one.method for one in stated} >= {one.method for one in rows} - {"anova"}
+    broken = [(one.task, one.method, one.condition, one.error, one.bound) for one in stated if not one.kept]
+    assert not broken
+
+
+def test_an_error_beyond_its_bound_is_seen() -> None:
+    one = signals.seen(quick=True)[0]
+    assert one.bound is not None
+    assert not replace(one, error=2.0 * one.bound).kept
+    elsewhere = replace(one, quantities={**one.quantities, "modulus_pa": 1e6})
+    assert elsewhere.bound is None
+    assert elsewhere.kept
+
+
+def test_the_latent_filter_is_calibrated_where_the_papers_is_not() -> None:
+    found = {one.method: one.error for one in beliefs.filters_seen(quick=True)}
+    assert found["naive"] > 3.0 * found["latent"]
+    assert found["latent"] < 0.05
+
+
+def test_a_person_who_relaxes_more_loses_fewer_bursts() -> None:
+    found = {one.condition: one for one in counts.bursts_seen(quick=True) if one.method == "prominence_first"}
+    little, much = (found[f"window 0.15 s, relaxed by {share:g}"] for share in (0.5, 0.8))
+    assert much.error <= little.error
+    assert little.bound is not None
+    assert found["window 0.05 s, relaxed by 0.5"].error > little.error  # its scatter counts as bursts
+
+
+def test_the_study_writes_its_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palp_core.palpation.studies.perception.study.PARTS", PARTS[:1])
+    page = study("method-bounds").run(tmp_path, quick=True)
+    table = (page.parent / "method_bounds.csv").read_text(encoding="utf-8").splitlines()
+    assert table[0] == "task,method,output,session,error,bound,kept"
+    assert "yes" in table[1] or "no" in table[1]
+    assert "0 are beyond it" in page.read_text(encoding="utf-8").replace("\n", " ")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_method_is_measured_for_the_trade_off(task: str) -> None:
+    (measure,) = measure_of(task)
+    points = list(measure(Scene())) if task in ("denoise", "feature", "stop") else [next(measure(Scene()))]
+    assert all(one.task == task and one.cost_s > 0.0 for one in points)
+    if task == "stop":
+        seconds = {one.method: one.error for one in points if one.output == "rig_s"}
+        assert seconds["fixed_number"] > seconds["paper_verbatim"] > 8.0
+        json.dumps([vars(one) for one in points])

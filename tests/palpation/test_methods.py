@@ -1,0 +1,101 @@
+"""The register is whole: what is offered is in it, what is in it vouches for something or says why not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from nodes.estimator import TASKS, EstimatorParams
+from nodes.policy_information import InformationParams
+from palp_core.graph.launch.graph import Graph
+from palp_core.methods import find, methods, names, tasks
+from palp_core.methods.register import Method
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.session.method_choices import AUTO, chosen_method
+from palp_core.palpation.session.reanalysis import Methods
+from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
+from palp_core.palpation.studies.perception import trials
+from palp_core.palpation.studies.power import model as power
+from palp_core.palpation.studies.simulation.policies import NAMES
+
+ROOT = Path(__file__).resolve().parents[2]
+ALL = [one for task in tasks() for one in methods(task.name)]
+OWN = ("smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy", "burst", "test")
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: f"{one.task}-{one.name}")
+def test_a_method_vouches_for_something_or_says_why_not(one: Method) -> None:
+    assert one.bounds or one.reference or one.fails
+    assert all(bound.error >= 0.0 for bound in one.bounds)
+    assert one.reference or one.fails or not one.survivor
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: f"{one.task}-{one.name}")
+def test_a_chain_of_survivors_ends(one: Method) -> None:
+    met = [one.name]
+    while one.survivor:
+        one = find(one.task, one.survivor)
+        assert one.name not in met, f"{' -> '.join(met)} -> {one.name}"
+        met.append(one.name)
+    assert not one.reference
+
+
+def offered() -> list[tuple[str, str, str]]:
+    """Return what nodes, launch files and studies name: where, the task, the method."""
+    found = [("estimator", task, getattr(EstimatorParams(), task)) for task in TASKS]
+    known = InformationParams()
+    found += [("policy_information", "filter", known.knows), ("policy_information", "feature", known.feature)]
+    found += [
+        ("palp analyse", task, getattr(Methods(), task)) for task in ("smoother", "feature", "filter", "stop")
+    ]
+    for file in sorted((ROOT / "launch").rglob("*.yaml")):
+        arguments = yaml.safe_load(file.read_text(encoding="utf-8")).get("args", {})
+        for task in ("filter", "likelihood", "feature", "stop"):
+            if task in arguments:
+                found.append((file.name, task, arguments[task]["default"]))
+        if "knows" in arguments:
+            found.append((file.name, "filter", arguments["knows"]["default"]))
+    for module in (rungs, combinations):
+        found += [(module.__name__, "filter", name) for name in module.FILTERS]
+        found += [(module.__name__, "feature", name) for name in module.FEATURES]
+    found += [(rungs.__name__, "contact", name) for name in rungs.RUNGS]
+    found += [("features", "feature", name) for name in feature_cases.FEATURES]
+    found += [("trials", "filter", name) for name in trials.FILTERS]
+    return found
+
+
+@pytest.mark.parametrize(("where", "task", "name"), offered())
+def test_what_is_offered_is_in_the_register(where: str, task: str, name: str) -> None:
+    assert name == AUTO or name in names(task), f"{where} offers {task} '{name}'"
+
+
+def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
+    declared = [one.target for one in methods("stop")]
+    assert all(type(rule) in declared for rule in combinations.STOPS.values())
+    without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
+    assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
+    assert {"sign_flip", "fisher", "permutation"} <= set(names("test"))
+    assert power.__name__
+
+
+@pytest.mark.parametrize("task", sorted(set(OWN) - {"test"}))
+def test_the_published_session_gets_a_method_for_every_task(task: str) -> None:
+    chosen = chosen_method(task, Scene())
+    assert chosen.bound is not None
+    assert chosen.bound <= chosen.tolerance
+    assert chosen_method(task, Scene(), asked=chosen.name).asked
+
+
+def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
+    auto: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
+    with Graph(
+        str(ROOT / "launch" / "sim.yaml"), compose=True, out=str(tmp_path / "out"), trials=1, training=25,
+        rings_mm="16", policy="fixed", **auto,
+    ) as graph:  # fmt: skip
+        graph.run()
+    rows = (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) > 1 + 3 * 25
