@@ -26,6 +26,9 @@ class Interrupted(BaseException):
         super().__init__(f"interrupted by {number.name}")
         self.signal = number
 
+    def __reduce__(self) -> tuple[type[Self], tuple[signal.Signals]]:
+        return type(self), (self.signal,)  # a pool's worker hands it on as it is
+
 
 class Interrupt:
     """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
