@@ -388,6 +388,8 @@ class Asker(Node):
 
     @on(ask)
     def hear(self, num):
+        if num.index in self.state.answers:
+            raise ValueError(f"call {num.index} was answered twice")
         self.state.answers.append(num.index)
 '''
 

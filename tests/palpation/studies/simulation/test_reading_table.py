@@ -62,7 +62,7 @@ def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> 
     assert asked["depth_per_tip"] == pytest.approx(0.004 / 0.006)
     assert np.min(asked["yielding"]) < 0.4
     bounds = [find("contact", "l2").bound("peak", scene_quantities(gel, 0.004)) for gel in (usual, soft)]
-    assert bounds == [0.01, 0.18]
+    assert [bound is not None and bound <= 0.02 for bound in bounds] == [True, False]
 
 
 def test_a_coarse_table_has_slopes_too() -> None:
