@@ -70,9 +70,10 @@ def on_rig(
     error: float,
     *,
     ring_sd_m: float = LANDS_M,
+    ring_from_m: float = 0.0,
     height_sd_m: float = 1e-4,
     training_count: float = 25.0,
 ) -> Bound:
     """Return a bound on the published rig, for landings and heights that spread up to so much."""
-    spread = {"ring_sd_m": (0.0, ring_sd_m), "height_sd_m": (0.0, height_sd_m)}
+    spread = {"ring_sd_m": (ring_from_m, ring_sd_m), "height_sd_m": (0.0, height_sd_m)}
     return Bound(output, error, {**RIG, **spread, "training_count": (training_count, ENDLESS)})

@@ -236,7 +236,11 @@ class PaperGuarded(StopRule):
     task="stop",
     name="posterior_threshold",
     cost_s=3.5e-6,
-    bounds=[on_rig("decision", 0.048), on_rig("calibration", 0.046)],
+    bounds=[
+        on_rig("decision", 0.041, ring_from_m=0.16e-3),
+        on_rig("decision", 0.052),
+        on_rig("calibration", 0.05),
+    ],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="over-confident likelihoods pass any level at once",
 )
