@@ -11,10 +11,11 @@ import signal
 import subprocess
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.launch.graph import Graph, check_file, check_start
 from palp_core.graph.supervision.interrupt import INSIST_NS
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import PATIENCE_S, SIM, Palp, wait_for_line
@@ -48,14 +49,14 @@ def test_a_second_launch_into_a_session_is_refused_before_anything_starts(palp: 
 
 def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path) -> None:
     before = contents(occupied)
-    for given, words in (
-        ([f"out:={occupied}"], "holds a session already"),
-        (["out:=~/session"], "nothing replaces '~' there"),
-        (["--name", "a/b"], "'a/b' is no name of a graph"),
-    ):
-        done = palp.run("launch", SIM, "--check", *given)
-        assert (done.returncode, words in done.stderr) == (2, True), done.stderr
-    assert palp.run("launch", SIM, "--check", f"out:={occupied}", "overwrite:=true").returncode == 0
+    done = palp.run("launch", SIM, "--check", f"out:={occupied}")
+    assert (done.returncode, "holds a session already" in done.stderr) == (2, True), done.stderr
+    checked = check_file(SIM, [f"out:={occupied}", "overwrite:=true"])
+    check_start(SIM, checked)
+    with pytest.raises(PalpError, match="'a/b' is no name of a graph"):
+        check_start(SIM, checked, "a/b")
+    with pytest.raises(PalpError, match="nothing replaces '~' there"):
+        check_start(SIM, msgspec.structs.replace(checked, args=checked.args | {"out": "~/session"}))
     assert contents(occupied) == before
 
 

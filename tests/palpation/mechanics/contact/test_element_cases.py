@@ -20,13 +20,6 @@ def test_explicit_elements_need_tens_of_thousands_of_steps_at_any_poissons_ratio
     assert case.survived
 
 
-def test_the_map_in_the_documentation_is_the_studys() -> None:
-    """Of the cases that take seconds; the slow test compares all."""
-    shown = DOCS.read_text(encoding="utf-8")
-    for line in markdown([*joint_cases(quick=False), *other_cases(quick=False)]).splitlines():
-        assert line in shown
-
-
 @pytest.mark.slow
 def test_the_whole_map_in_the_documentation_is_the_studys() -> None:
     cases = [*joint_cases(quick=False), *other_cases(quick=False), *contact_cases_fem.fem_cases(quick=False)]

@@ -1,7 +1,8 @@
 """Which methods a run used and why, what they met and what they cost: from what the run has recorded.
 
 The same list is ``methods`` in ``result.json`` and what ``palp why --json`` prints. Nothing is solved or
-chosen again: the nodes have said what they use, the phantom what its sweeps met.
+chosen again: the nodes have said what they use, the phantom what its sweeps met, and blocks and their
+bytes follow from parameters.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.palpation.mechanics.scene.guard import task_of
+from palp_core.palpation.session.methods.wires import wire_uses
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.trials_csv import Row
 
@@ -35,7 +37,7 @@ def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]
         rows: Its palpations.
     """
     roles = roles_of(summary)
-    told = sorted(summary.methods, key=_place)
+    told = sorted([*summary.methods, *wire_uses(summary)], key=_place)
     return [_entry(one, rows, summary, roles) for one in told]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.methods.choice import percent
+from palp_core.methods.choice import amount
 
 _SHOWN = 4
 
@@ -52,11 +52,11 @@ def _sentences(group: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _why(one: dict[str, Any]) -> str:
-    asked = f"'{one['output']}' within {percent(one['tolerance'])}"
+    asked = f"'{one['output']}' within {amount(one['tolerance'], one['output'])}"
     if one["bound"] is None:
         stated = f"no bound on '{one['output']}' is stated here"
     else:
-        stated = f"stated error {percent(one['bound'])}"
+        stated = f"stated error {amount(one['bound'], one['output'])}"
     evidence = f", evidence {one['evidence']}" if one["evidence"] else ", and it is not in the register"
     if one["asked"]:
         return f"asked for by name (wanted: {asked}); {stated}{evidence}"
@@ -65,9 +65,13 @@ def _why(one: dict[str, Any]) -> str:
 
 def reason(use: MethodUse) -> str:
     """Return in a sentence why a method was used, as the register words it."""
-    stated = f"'{use.output}' within {percent(use.bound)}" if use.bounded else f"no bound on '{use.output}'"
+    stated = (
+        f"'{use.output}' within {amount(use.bound, use.output)}"
+        if use.bounded
+        else f"no bound on '{use.output}'"
+    )
     how = "asked for by name; " if use.asked else ""
-    said = f"{use.name}: {how}{stated} (asked: {percent(use.tolerance)}), evidence {use.evidence}"
+    said = f"{use.name}: {how}{stated} (asked: {amount(use.tolerance, use.output)}), evidence {use.evidence}"
     refused = "; ".join(f"{each.name} {each.why}" for each in use.refused)
     return f"{said}; cheaper but refused: {refused}" if refused else said
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from palp_core.methods.choice import percent
+from palp_core.methods.choice import amount
 from palp_core.methods.measured import REFERENCE, Measured
 from palp_core.palpation.reporting.charts import (
     AMBER,
@@ -116,8 +116,8 @@ def draw_panel(
     if asked:
         axes.axhline(asked, color=INK, lw=0.9, ls=":")
         axes.annotate(
-            f"asked: {percent(asked)}", (1.0, asked), xycoords=("axes fraction", "data"), fontsize=7,
-            ha="right", va="bottom", xytext=(0, 1), textcoords="offset points",
+            f"asked: {amount(asked, found[0].point.output)}", (1.0, asked), ha="right", va="bottom",
+            xycoords=("axes fraction", "data"), fontsize=7, xytext=(0, 1), textcoords="offset points",
         )  # fmt: skip
     front = sorted(place(one) for one in found if one.on_front)
     axes.plot(

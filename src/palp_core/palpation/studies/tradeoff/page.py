@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from palp_core import __version__
-from palp_core.methods.choice import percent
+from palp_core.methods.choice import amount, percent
 from palp_core.methods.machine import UNIT_S, unit_s
+from palp_core.methods.measured import Measured
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.tradeoff.chart import KEY, task_chart
@@ -100,7 +101,7 @@ def _rows(one: TaskSurvey) -> list[tuple[Sequence[str], str]]:
         measured.setdefault(found.point.method, []).append(found)
     rows: list[tuple[Sequence[str], str]] = []
     for method, offer in one.choice.declared():
-        bound = "-" if offer.bound is None else percent(offer.bound)
+        bound = "-" if offer.bound is None else amount(offer.bound, one.choice.output)
         fails, survivor = method.fails or "-", method.survivor or "-"
         tail = (bound, offer.mark, method.evidence)
         if method.name not in measured:
@@ -110,7 +111,7 @@ def _rows(one: TaskSurvey) -> list[tuple[Sequence[str], str]]:
             setting = ", ".join(part for part in (point.setting, point.condition) if part)
             kind = "total" if found.chosen else "bad" if point.fails else ""
             here = point.fails or fails
-            cells = (method.name, setting, seconds(point.cost_s), _error(point.error), *tail, here, survivor)
+            cells = (method.name, setting, seconds(point.cost_s), _error(point), *tail, here, survivor)
             rows.append((cells, kind))
     return rows
 
@@ -119,12 +120,13 @@ def _case(case: FailureCase) -> Sequence[str]:
     return case.row
 
 
-def _error(error: float) -> str:
+def _error(point: Measured) -> str:
+    error = point.error
     if math.isnan(error):
         return "no answer"
     if math.isinf(error):
         return "without bound"
-    return percent(error) if error < 10.0 else f"{error:.3g} times"
+    return f"{error:.3g} times" if error >= 10.0 else amount(error, point.output)
 
 
 def seconds(cost_s: float) -> str:
