@@ -136,7 +136,7 @@ def test_a_labs_own_method_is_found_by_its_module(tmp_path: Path, monkeypatch: p
 
 
 def test_what_is_not_declared_is_said_with_what_is() -> None:
-    with pytest.raises(MethodError, match="no method 'l9' for task 'contact'; declared: l2, "):
+    with pytest.raises(MethodError, match="no method 'l9' for task 'contact'; declared: l0, l2, "):
         find("contact", "l9")
     with pytest.raises(MethodError, match="no task 'nothing'; there are "):
         register.task("nothing")

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
+from palp_core.methods import find
 from palp_core.palpation.studies.tradeoff import signature
 from palp_core.palpation.studies.tradeoff.panels import is_chosen, too_sure
 from palp_core.palpation.studies.tradeoff.signature import COMMAND, DATA, FOLDER, outdated, read_signature
@@ -75,6 +76,16 @@ def test_the_register_s_names_are_found_among_the_decisions_of_studies() -> None
     assert not is_chosen(line, chosen | {"policy": "fixed"})
     assert not is_chosen(line, {})
     assert is_chosen(line | {"policy": "fixed_16"}, chosen | {"policy": "fixed"})
+
+
+def test_the_declared_costs_of_the_contact_rungs_are_the_measured_ones() -> None:
+    """Within a factor of two and a half: a set-up is measured once, and caches of machines differ."""
+    kept = read_signature(KEPT)
+    slowness = kept["machine"]["unit_s"] / kept["machine"]["declared_unit_s"]
+    for one in kept["contact"]:
+        if one["usual"] and not one["condition"]:
+            ratio = one["cost_s"] / slowness / find("contact", one["method"]).cost_s
+            assert 0.4 < ratio < 2.5, (one["method"], ratio)
 
 
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:
