@@ -4,7 +4,7 @@ import time
 from functools import cache
 from statistics import median
 
-UNIT_S = 0.0095
+UNIT_S = 0.0067
 """CPU time of :func:`unit_s`'s work on the machine where the declared costs were measured."""
 
 _ROUNDS = 5

@@ -37,7 +37,7 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     [
         ("sim", "height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
         ("sim", "trials:=-3", ["Experiment"]),
-        ("sim", "training:=-1", ["Experiment"]),
+        ("sim", "training:=-1", ["Experiment", "Information", "Estimator"]),
         ("sim", "training:=1000000000", ["Experiment"]),
         ("sim", "depths:=1000000000", ["Experiment", "Information", "Estimator"]),
         ("sim", "ring_mm:=99.0", ["Fixed"]),

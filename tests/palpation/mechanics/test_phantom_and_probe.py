@@ -45,7 +45,7 @@ def test_a_bead_may_rest_on_the_floor_but_not_reach_below_it() -> None:
 
 
 def test_the_scene_of_bare_gel_names_no_depth() -> None:
-    assert set(Phantom().scene()) == {"modulus_pa", "poisson", "height_m"}
+    assert set(Phantom().scene()) == {"modulus_pa", "poisson", "height_m", "beads"}
     assert set(Phantom(bead=Bead(depth_m=0.004)).scene()) >= {"depth_m", "bead_radius_m"}
 
 

@@ -35,7 +35,7 @@ declare_task(
 @method(
     task="delivery",
     name="composed",
-    cost_s=3.6e-5,
+    cost_s=2.5e-5,
     bounds=[Bound("lost", 0.0), Bound("age_s", 0.0)],
     evidence=EVIDENCE,
     valid=_SIMULATED | {"process_count": (1.0, 1.0)},
@@ -52,7 +52,7 @@ def composed() -> type["Composition"]:
 @method(
     task="delivery",
     name="lockstep",
-    cost_s=1.3e-4,
+    cost_s=9.2e-5,
     bounds=[Bound("lost", 0.0), Bound("age_s", 0.0)],
     evidence=EVIDENCE,
     valid=_SIMULATED,
@@ -69,7 +69,7 @@ def lockstep() -> type["Conductor"]:
 @method(
     task="delivery",
     name="reliable",
-    cost_s=1.55e-4,
+    cost_s=0.00011,
     bounds=[
         Bound("lost", 0.0, within=KEEPS_UP | {"backlog": (0.0, MOST_UNREAD)}),
         Bound("age_s", 0.0016, within=KEEPS_UP),
@@ -90,7 +90,7 @@ def reliable() -> type["ReorderBuffer"]:
 @method(
     task="delivery",
     name="best_effort",
-    cost_s=1.7e-4,
+    cost_s=0.00012,
     bounds=[
         Bound("lost", 1.0),
         Bound("age_s", 0.0016, within=KEEPS_UP),

@@ -44,7 +44,7 @@ def _cpu(*seconds: float) -> list[Bound]:
 @method(
     task="codec",
     name="msgpack",
-    cost_s=2.8e-5,
+    cost_s=2e-5,
     bounds=[Bound("value", 0.0), *_cpu(3.7e-5, 7.1e-5, 3.4e-3)],
     evidence=EVIDENCE,
     valid={"array_bytes": (0.0, LARGEST_BYTES)},
@@ -75,7 +75,7 @@ def decode_plain(cls: type[Message], data: bytes | memoryview) -> dict[str, Any]
 @method(
     task="codec",
     name="one_frame",
-    cost_s=3.1e-5,
+    cost_s=2.2e-5,
     bounds=[Bound("value", 0.0), *_cpu(4.1e-5, 7.1e-5)],
     evidence=EVIDENCE,
     valid={"array_bytes": (0.0, CUT_FROM - 1)},
@@ -90,7 +90,7 @@ def encode_one_frame(message: Message) -> bytes:
 @method(
     task="codec",
     name="json",
-    cost_s=7.4e-5,
+    cost_s=5.2e-5,
     bounds=[Bound("value", 0.0), *_cpu(9.8e-5, 9.2e-3, 0.16)],
     evidence=EVIDENCE,
     valid={"array_bytes": (0.0, LARGEST_BYTES)},
@@ -119,7 +119,7 @@ def decode_json(cls: type[Message], data: bytes | memoryview) -> dict[str, Any]:
 method(
     task="codec",
     name="pieces",
-    cost_s=3.5e-4,
+    cost_s=0.00025,
     bounds=[Bound("value", 0.0), Bound("cpu_s", 4.7e-4, {"array_bytes": (CUT_FROM, 1 << 20)})],
     evidence=EVIDENCE,
     valid={"array_bytes": (CUT_FROM, LARGEST_BYTES)},

@@ -35,11 +35,11 @@ class Length(NamedTuple):
 _WAITS = "what a sample says is known {} ms later"
 
 LENGTHS = (
-    Length("50ms", 0.05, 6.7e-7, _WAITS.format(50), "20ms"),
-    Length("20ms", 0.02, 1.6e-6, _WAITS.format(20), "10ms"),
-    Length("10ms", 0.01, 3.1e-6, _WAITS.format(10), "5ms"),
-    Length("5ms", 0.005, 6.4e-6, _WAITS.format(5), "1ms"),
-    Length("1ms", 0.001, 3.2e-5, "a message a sample: at 1000 Hz an eighth of a core for both ends"),
+    Length("50ms", 0.05, 4.7e-7, _WAITS.format(50), "20ms"),
+    Length("20ms", 0.02, 1.1e-6, _WAITS.format(20), "10ms"),
+    Length("10ms", 0.01, 2.2e-6, _WAITS.format(10), "5ms"),
+    Length("5ms", 0.005, 4.5e-6, _WAITS.format(5), "1ms"),
+    Length("1ms", 0.001, 2.3e-5, "a message a sample: at 1000 Hz an eighth of a core for both ends"),
 )
 """Cheapest first."""
 

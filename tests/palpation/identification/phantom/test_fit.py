@@ -62,7 +62,8 @@ def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> Recorde
     return RecordedSweeps(Path("made"), tuple(sweeps))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_the_parameters_are_recovered_within_their_intervals(seed: int) -> None:
     record = record_of(fit_sources([made((0.0, 0.002, 0.008), seed)]))
     for name, truth in TRUTH.items():

@@ -41,6 +41,7 @@ def explicit_growth(poisson: float, share: float, steps: int = 400, parts: int =
     return largest / (2.0 * float(np.linalg.norm(still)))
 
 
+@pytest.mark.slow
 def test_linear_triangles_lock_from_nu_049_on_and_taylor_hood_does_not() -> None:
     ratios = [0.3, 0.45, 0.49, 0.499, 0.4999, 0.49999]
     locked = [softness_error_of_linear_triangles(nu) for nu in ratios]
@@ -75,6 +76,7 @@ def test_explicit_elements_blow_up_past_a_step_of_microseconds_and_not_before(po
     assert 1e-6 < critical_step_s(poisson) < 1e-4
 
 
+@pytest.mark.slow
 def test_cells_larger_than_the_gel_over_the_bead_spoil_the_compliance_unless_averaged() -> None:
     assert coarse_cells(1.5)[1] > 0.05
     smallest, error = coarse_cells(1.5, averaged=True)

@@ -101,6 +101,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_combination_is_a_row_with_its_calibration(out: Path) -> None:
     report = json.loads((out / "decision_limits.json").read_text(encoding="utf-8"))
     keys = {(r["policy"], r["stop"], r["feature"], r["filter"]) for r in report["rows"]}
@@ -110,6 +111,7 @@ def test_every_combination_is_a_row_with_its_calibration(out: Path) -> None:
     assert any(row["front_probes"] for row in report["rows"])
 
 
+@pytest.mark.slow
 def test_the_reference_rung_agrees_with_itself_and_one_rung_is_chosen(out: Path) -> None:
     rungs = json.loads((out / "decision_limits.json").read_text(encoding="utf-8"))["rungs"]
     assert all(r["agreement"] == 1.0 for r in rungs if r["rung"] == "l4" and not r["unstable"])

@@ -92,7 +92,7 @@ def fit_to(model: ContactModel, indentation_m: float = _NOMINAL_M) -> Bump:
 @method(
     task="contact",
     name="l0",
-    cost_s=0.005,
+    cost_s=0.0034,
     bounds=[],
     evidence="tests/palpation/mechanics/contact/test_l0.py: against what it was fitted to; "
     "charted by palp tradeoff --task contact",

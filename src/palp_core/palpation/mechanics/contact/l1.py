@@ -21,7 +21,7 @@ _NODES = 16
 @method(
     task="contact",
     name="l1",
-    cost_s=0.026,
+    cost_s=0.018,
     bounds=[Bound("normal", 0.03, within={"height_m": (0.0, 0.002), "poisson": (0.0, 0.4)})],
     evidence="tests/palpation/mechanics/contact/test_l1.py: the thin bonded compressible layer; "
     "charted by palp tradeoff --task contact",

@@ -46,7 +46,7 @@ def layer_series(poisson: float) -> tuple[float, ...]:
 @method(
     task="contact",
     name="l2",
-    cost_s=0.006,
+    cost_s=0.0041,
     bounds=[*BOUNDS, *finite_bounds.L2],
     evidence="palp study run contact-validity: against L4 on random scenes; "
     "tests/palpation/mechanics/scene/test_picker.py; "

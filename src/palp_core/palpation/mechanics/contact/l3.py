@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @method(
     task="contact",
     name="l3",
-    cost_s=4.7,
+    cost_s=3.3,
     evidence="tests/palpation/mechanics/contact/test_l3.py",
     valid=FEM_SCENES,
     fails="as a model of a ball and a bead: it is one of two cylinders, and vouches for nothing",

@@ -29,7 +29,7 @@ _LARGEST = 1.5  # cells over their nominal size
 @method(
     task="contact",
     name="l4",
-    cost_s=1.3,
+    cost_s=0.85,
     bounds=[*BOUNDS, *finite_bounds.L4],
     evidence="palp study run contact-validity: against cells of 0.5 mm; "
     "tests/palpation/mechanics/contact/test_l4.py; "

@@ -30,7 +30,7 @@ _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4
 @method(
     task="contact",
     name="l5",
-    cost_s=7.0,
+    cost_s=4.8,
     bounds=[Bound("normal_on_axis", 0.01), *finite_bounds.L5],
     evidence="tests/palpation/mechanics/contact/test_l5.py, test_l5_in_3d.py: against finite elements in 3D",
     valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, finite_bounds.PRESSED_MAX)},
