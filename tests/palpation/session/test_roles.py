@@ -77,11 +77,14 @@ def test_a_graph_with_every_node_renamed_gets_the_same_report(record: Writer, tm
     assert result.pop("roles") == RENAMED
     assert usual.pop("roles") == {role: role for role in RENAMED}
     assert result.pop("protocol") == {RENAMED[node]: of for node, of in usual.pop("protocol").items()}
+    for one in usual["methods"]:
+        one["node"] = RENAMED.get(one["node"], one["node"])
     assert result == usual
     assert result["stop_rule"] is not None
     assert result["mechanics"] is not None
     for role, node in RENAMED.items():
         page = page.replace(f'<td class="name">{node}</td>', f'<td class="name">{role}</td>')
+        page = page.replace(f"(/{node})", f"(/{role})")
     assert page == usual_page
     assert "fixed, 16 mm" in page
     assert "stage_position_past_the_bead" in (out / "charts" / "sweeps.csv").read_text()
