@@ -202,3 +202,15 @@ def amount(error: float, output: str) -> str:
 def percent(share: float) -> str:
     """Return a share in per cent, small ones with two digits."""
     return f"{share:.1%}" if share >= 1e-3 else f"{100.0 * share:.2g}%"
+
+
+def seconds(time_s: float) -> str:
+    """Return a time with the unit that suits it.
+
+    >>> seconds(0.00325), seconds(2.5e-6)
+    ('3.25 ms', '2.5 us')
+    """
+    for factor, unit in ((1.0, "s"), (1e3, "ms")):
+        if time_s * factor >= 1.0:
+            return f"{time_s * factor:.3g} {unit}"
+    return f"{time_s * 1e6:.3g} us"

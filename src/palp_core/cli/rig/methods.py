@@ -61,13 +61,13 @@ def methods(
 
 def _rows(choice: TaskChoice) -> Iterator[tuple[list[str], str]]:
     """Yield a row per method, and its mark."""
-    from palp_core.methods.choice import amount
+    from palp_core.methods.choice import amount, seconds
 
     for declared, offer in choice.declared():
         error = "-" if offer.bound is None else amount(offer.bound, choice.output)
         mark = offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}"
         fails, survivor = declared.fails or "-", declared.survivor or "-"
-        yield [declared.name, _seconds(declared.cost_s), error, mark, fails, survivor], offer.mark
+        yield [declared.name, seconds(declared.cost_s), error, mark, fails, survivor], offer.mark
 
 
 def _print_wrapped(choice: TaskChoice) -> None:
@@ -83,13 +83,6 @@ def _print_wrapped(choice: TaskChoice) -> None:
     for cells, mark in _rows(choice):
         table.add_row(*map(escape, cells), style=_STYLES[mark])
     Console(highlight=False).print(table)
-
-
-def _seconds(cost_s: float) -> str:
-    for factor, unit in ((1.0, "s"), (1e3, "ms")):
-        if cost_s * factor >= 1.0:
-            return f"{cost_s * factor:.3g} {unit}"
-    return f"{cost_s * 1e6:.3g} us"
 
 
 def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import msgspec
 from palp_core.methods import Candidate, Method, MethodChoice, Quantities, Task, choose, methods, names, weigh
 from palp_core.methods import task as task_of
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.mechanics.scene.scene import Scene, motion_output
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.trial_filter import NAIVE
@@ -144,8 +144,8 @@ def _needed(task: Task, scene: Scene) -> tuple[str, float, int]:
         output, tolerance = scene.tolerance.output, scene.tolerance.relative
     if task.name == "contact":
         output, uses = scene.tolerance.bound_on, len(scene.phantoms)
-    if task.name == "motion" and output not in ("peak", "contrast"):
-        output = "peak"
+    if task.name == "motion":
+        output = motion_output(scene.tolerance.output)
     return output, tolerance, uses
 
 

@@ -9,7 +9,7 @@ from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choos
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, pressed_share, yielding
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed_share, yielding
 from palp_core.palpation.mechanics.tip import TipForm
 
 
@@ -104,7 +104,7 @@ def moved_by(
         MethodError: None is good enough.
     """
     known = {**(quantities or {}), "speed_m_s": speed_m_s}
-    return choose("motion", "contrast" if output == "contrast" else "peak", tolerance, known, asked=asked)
+    return choose("motion", motion_output(output), tolerance, known, asked=asked)
 
 
 def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = "sphere") -> ContactModel:

@@ -75,6 +75,14 @@ class StagePath:
         return positions
 
 
+def motion_output(output: str) -> str:
+    """Return what the joint's motion must get right where a scene is asked for ``output``.
+
+    Depths are told apart by their peaks.
+    """
+    return "contrast" if output == "contrast" else "peak"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
     """How right which output must be.

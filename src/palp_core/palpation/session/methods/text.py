@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.methods.choice import amount
+from palp_core.methods.choice import amount, seconds
 
 _SHOWN = 4
 
@@ -103,11 +103,3 @@ def _cost(group: Sequence[dict[str, Any]]) -> str:
     return (
         f"cost as declared: {each}; measured: {seconds(measured)} of CPU for all that /{group[0]['node']} did"
     )
-
-
-def seconds(time_s: float) -> str:
-    """Return a time with the unit that suits it."""
-    for factor, unit in ((1.0, "s"), (1e3, "ms")):
-        if time_s * factor >= 1.0:
-            return f"{time_s * factor:.3g} {unit}"
-    return f"{time_s * 1e6:.3g} us"

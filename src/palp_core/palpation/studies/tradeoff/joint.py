@@ -20,6 +20,7 @@ from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
+from palp_core.palpation.mechanics.scene.scene import motion_output
 from palp_core.units import Float64Array
 
 _POSITIONS = 81
@@ -140,7 +141,7 @@ def measure_motion(scene: Scene) -> Iterator[Measured]:
     Raises:
         MechanicsError: There is no equilibrium to start from.
     """
-    output = "contrast" if scene.tolerance.output == "contrast" else "peak"
+    output = motion_output(scene.tolerance.output)
     for speed_m_s in sorted({*_FAST_M_S, scene.path.speed_m_s}, reverse=True):
         asked = replace(scene, path=replace(scene.path, speed_m_s=speed_m_s))
         condition = "" if speed_m_s == scene.path.speed_m_s else f"at {speed_m_s * 1e3:g} mm/s"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core import __version__
-from palp_core.methods.choice import amount, percent
+from palp_core.methods.choice import amount, percent, seconds
 from palp_core.methods.machine import UNIT_S, unit_s
 from palp_core.methods.measured import Measured
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
@@ -127,18 +127,6 @@ def _error(point: Measured) -> str:
     if math.isinf(error):
         return "without bound"
     return f"{error:.3g} times" if error >= 10.0 else amount(error, point.output)
-
-
-def seconds(cost_s: float) -> str:
-    """Return a time with its unit.
-
-    >>> seconds(0.00325), seconds(2.5e-6)
-    ('3.25 ms', '2.5 us')
-    """
-    for factor, unit in ((1.0, "s"), (1e3, "ms")):
-        if cost_s * factor >= 1.0:
-            return f"{cost_s * factor:.3g} {unit}"
-    return f"{cost_s * 1e6:.3g} us"
 
 
 def record(survey: Survey) -> dict[str, Any]:
