@@ -1,0 +1,176 @@
+"""A belief that follows a sweep bin by bin: many trials side by side, or one as it happens.
+
+All torques of a trial are jointly normal given the component, with a covariance that no reading changes. A
+bin less what those before it foretell, over the spread that they leave, is standard normal; the squares of
+these innovations add up to the likelihood. Sums are taken in one order whatever the number of trials, so that
+a node and a study find the same belief to the last bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.trace.model import SweepFactor, SweepOf, TraceModel
+from palp_core.units import Float64Array
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+_CHUNK = 2048  # trials at a time: their innovations stay in the cache
+
+
+@dataclass(frozen=True, eq=False)
+class TraceBelief:
+    """What trials that were swept alike know; they differ in what was felt.
+
+    Attributes:
+        sweeps: The sweeps so far, the last under way or done.
+        innovation: Of every bin so far, shape (n, c, bins so far).
+        log_density: Of all torques so far given each component, shape (n, c).
+    """
+
+    sweeps: tuple[SweepOf, ...]
+    innovation: Float64Array
+    log_density: Float64Array
+
+    def __getitem__(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> TraceBelief:
+        """Return some of the trials."""
+        return TraceBelief(self.sweeps, self.innovation[which], self.log_density[which])
+
+
+def start(model: TraceModel, trial_count: int = 1) -> TraceBelief:
+    """Return the belief before the first sweep."""
+    components = len(model.class_of)
+    return TraceBelief((), np.zeros((trial_count, components, 0)), np.zeros((trial_count, components)))
+
+
+def begin_sweep(belief: TraceBelief, setting: int, *, landed: bool) -> TraceBelief:
+    """Return the belief at the beginning of a sweep; of one that ended early what was read counts.
+
+    Args:
+        belief: Before it.
+        setting: Index of the setting.
+        landed: Whether the ring was moved, or re-homed, since the sweep before.
+    """
+    last = belief.sweeps[-1] if belief.sweeps else None
+    landing = 0 if last is None else last.landing + int(landed)
+    return replace(belief, sweeps=(*belief.sweeps, SweepOf(setting, landing, 0)))
+
+
+def observe(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> TraceBelief:
+    """Return the belief after the next bins of the sweep under way.
+
+    Args:
+        model: What sweeps look like.
+        belief: Before them.
+        torque_n_m: Mean torque of each, shape (n, bins), or (bins,) for all trials alike.
+
+    Raises:
+        PerceptionError: No sweep was begun, it has no such bins, or a torque is not finite.
+    """
+    return along(model, belief, torque_n_m)[0]
+
+
+def along(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> tuple[TraceBelief, Float64Array]:
+    """Return :func:`observe` and the probabilities of the classes after each bin, shape (n, bins, m)."""
+    felt = np.atleast_2d(np.asarray(torque_n_m, dtype=np.float64))
+    if not belief.sweeps:
+        raise PerceptionError("no sweep was begun; call begin_sweep first")
+    if not np.isfinite(felt).all():
+        raise PerceptionError("a torque is NaN or infinite; drop the sweep")
+    *earlier, last = belief.sweeps
+    if last.bins + felt.shape[1] > model.bin_count:
+        raise PerceptionError(
+            f"{last.bins + felt.shape[1]} bins of a sweep; the model knows {model.bin_count}"
+        )
+    count = len(belief.log_density)
+    felt = np.broadcast_to(felt, (count, felt.shape[1]))
+    factor = model.factor(tuple(earlier), last._replace(bins=model.bin_count))
+    past, components = belief.innovation.shape[2], len(model.class_of)
+    innovation = np.empty((count, components, past + felt.shape[1]))
+    innovation[:, :, :past] = belief.innovation
+    densities = np.empty((count, felt.shape[1], components))
+    for low in range(0, count, _CHUNK):
+        part = slice(low, low + _CHUNK)
+        _whiten(factor, last.bins, felt[part], innovation[part], belief.log_density[part], densities[part])
+    after = TraceBelief(
+        (*earlier, last._replace(bins=last.bins + felt.shape[1])),
+        innovation,
+        densities[:, -1] if felt.shape[1] else belief.log_density,
+    )
+    return after, classes(model, densities)
+
+
+def _whiten(
+    factor: SweepFactor,
+    first: int,
+    felt: Float64Array,
+    innovation: Float64Array,
+    log_density: Float64Array,
+    densities: Float64Array,
+) -> None:
+    """Fill the innovations of the bins from ``first`` on, and the densities after each."""
+    before = innovation.shape[2] - felt.shape[1]
+    for step in range(felt.shape[1]):
+        row, at = first + step, before + step
+        rows = factor.rows[:, row]
+        foretold = (innovation[:, :, :at] * rows[:, :at]).sum(axis=-1)
+        own = rows[:, at]
+        innovation[:, :, at] = (felt[:, step, None] - factor.mean[:, row] - foretold) / own
+        log_density = log_density - (
+            0.5 * (innovation[:, :, at] ** 2 + _LOG_2PI) + factor.log_diagonal[:, row]
+        )
+        densities[:, step] = log_density
+
+
+def classes(model: TraceModel, log_density: Float64Array) -> Float64Array:
+    """Return the probabilities of the classes, flat before the first sweep, shape (..., m), from (..., c)."""
+    joint = log_density + model.log_weight
+    joint = joint - joint.max(axis=-1, keepdims=True)
+    share = np.exp(joint)
+    found = np.stack(
+        [share[..., model.class_of == m].sum(axis=-1) for m in range(model.class_count)], axis=-1
+    )
+    return np.asarray(found / found.sum(axis=-1, keepdims=True))
+
+
+def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
+    """Return how probable torques that fit no better are, shape (n,): chi-squared under the best component.
+
+    The best of several components fits a little better than the true one: small values are rarer than that.
+    """
+    best = np.argmax(belief.log_density + model.log_weight, axis=1)
+    own = belief.innovation[np.arange(len(best)), best]
+    return np.asarray(scipy.stats.chi2.sf((own**2).sum(axis=-1), max(own.shape[-1], 1)))
+
+
+def offsets(model: TraceModel, belief: TraceBelief, component: int) -> tuple[Float64Array, Float64Array]:
+    """Return mean (n, l) and spread (l,) of the offsets that stay for the trial, given a component.
+
+    Those of a sweep or a landing are of the last one.
+    """
+    past = belief.innovation.shape[2]
+    cross = np.zeros((len(model.offset_sd), past))
+    at = 0
+    last = belief.sweeps[-1]
+    rows = np.zeros((past, past))
+    for number, one in enumerate(belief.sweeps):
+        shared = np.array(
+            [
+                stay == "trial"
+                or (stay == "landing" and one.landing == last.landing)
+                or number + 1 == len(belief.sweeps)
+                for stay in model.stays
+            ]
+        )
+        part = model.slope[component, one.setting, : one.bins] * (model.offset_sd**2 * shared)
+        cross[:, at : at + one.bins] = part.T
+        factor = model.factor(belief.sweeps[:number], one._replace(bins=model.bin_count))
+        rows[at : at + one.bins, : at + one.bins] = factor.rows[component, : one.bins, : at + one.bins]
+        at += one.bins
+    weights = scipy.linalg.solve_triangular(rows, cross.T, lower=True)  # (past, l)
+    mean = belief.innovation[:, component] @ weights
+    return mean, np.sqrt(np.maximum(model.offset_sd**2 - (weights**2).sum(axis=0), 0.0))

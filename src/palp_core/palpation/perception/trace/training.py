@@ -1,0 +1,196 @@
+"""What training teaches about whole sweeps: a mean trace a cell, its answer to the ring, a bin's scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.trace.model import Stays, TraceModel
+from palp_core.palpation.perception.trace.texture import Texture
+from palp_core.units import Float64Array
+
+LANDING = "landing"
+"""Name of the offset that training itself shows: the ring's landing."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedTraces:
+    """Mean traces of the cells, each mounting counting alike.
+
+    Attributes:
+        depths_m: Of the classes, increasing, shape (m,).
+        rings_m: Of the settings, increasing, shape (k,).
+        mean: N m, shape (m, k, b).
+        mountings: Of each class, shape (m,).
+        landings: Of each cell, shape (m, k).
+        white_sd: Scatter of a bin about its cell and mounting, once the landing's part is taken out, N m.
+        between: Mean traces of mountings less those of their class, shape (r, k, b); none where every class
+            was mounted once.
+        between_class: Class of each, shape (r,).
+    """
+
+    depths_m: Float64Array
+    rings_m: Float64Array
+    mean: Float64Array
+    mountings: NDArray[np.int64]
+    landings: NDArray[np.int64]
+    white_sd: float
+    between: Float64Array
+    between_class: NDArray[np.int64]
+
+    @property
+    def ring_slope(self) -> Float64Array:
+        """Change of the mean traces per metre of ring, by their own curve over the rings, shape (m, k, b)."""
+        if len(self.rings_m) < 2:
+            return np.zeros_like(self.mean)
+        order: int = 2 if len(self.rings_m) > 2 else 1  # of the ends
+        return np.asarray(np.gradient(self.mean, self.rings_m, axis=1, edge_order=order))  # type: ignore[call-overload]
+
+
+def learn(
+    traces_n_m: Float64Array,
+    depth_m: Sequence[float],
+    ring_m: Sequence[float],
+    mounting: Sequence[int],
+    *,
+    floor_n_m: float,
+) -> TrainedTraces:
+    """Return what training sweeps teach.
+
+    Args:
+        traces_n_m: Their torques by position, shape (p, b).
+        depth_m: Depth of each, length p.
+        ring_m: Ring position of each, length p.
+        mounting: Number of the mounting that each was felt in, length p.
+        floor_n_m: Least scatter of a bin: what the sensor's steps make of it.
+
+    Raises:
+        PerceptionError: A cell without a sweep, or a torque that is not finite.
+    """
+    felt = np.asarray(traces_n_m, dtype=np.float64)
+    if felt.ndim != 2 or not np.isfinite(felt).all():
+        raise PerceptionError("training sweeps differ in length, or hold a NaN; drop those")
+    depths_m, depth = np.unique(np.asarray(depth_m, dtype=np.float64), return_inverse=True)
+    rings_m, ring = np.unique(np.asarray(ring_m, dtype=np.float64), return_inverse=True)
+    _, mounted = np.unique(np.asarray(mounting), return_inverse=True)
+    shape = (len(depths_m), len(rings_m), felt.shape[1])
+    mean, landings = np.zeros(shape), np.zeros(shape[:2], dtype=np.int64)
+    mountings = np.array([len(np.unique(mounted[depth == d])) for d in range(shape[0])], dtype=np.int64)
+    scattered: list[tuple[int, int, Float64Array]] = []
+    of_mounting: dict[tuple[int, int], Float64Array] = {}
+    for d, r in np.ndindex(shape[:2]):
+        here = (depth == d) & (ring == r)
+        if not here.any():
+            raise PerceptionError(
+                f"no training at depth {depths_m[d] * 1e3:g} mm and ring {rings_m[r] * 1e3:g} mm; feel every "
+                "cell"
+            )
+        landings[d, r] = int(here.sum())
+        means = []
+        for number in np.unique(mounted[here]):
+            own = felt[here & (mounted == number)]
+            means.append(own.mean(axis=0))
+            of_mounting.setdefault((d, int(number)), np.full(shape[1:], np.nan))[r] = means[-1]
+            if len(own) > 1:
+                scattered.append((d, r, own - means[-1]))
+        mean[d, r] = np.mean(means, axis=0)
+    whole = [
+        (d, found) for (d, _), found in of_mounting.items() if mountings[d] > 1 and np.isfinite(found).all()
+    ]
+    trained = TrainedTraces(
+        depths_m,
+        rings_m,
+        mean,
+        mountings,
+        landings,
+        floor_n_m,
+        np.array([found - mean[d] for d, found in whole]).reshape(len(whole), *shape[1:]),
+        np.array([d for d, _ in whole], dtype=np.int64),
+    )
+    return _with_scatter(trained, scattered, floor_n_m)
+
+
+def _with_scatter(
+    trained: TrainedTraces, scattered: list[tuple[int, int, Float64Array]], floor_n_m: float
+) -> TrainedTraces:
+    """Return it with what sweeps of a cell scatter by, beside what a landing makes of them."""
+    squares, freedom, slope = 0.0, 0, trained.ring_slope
+    for d, r, rest in scattered:
+        along = slope[d, r]
+        length = float(along @ along)
+        if length > 0.0:
+            rest = rest - np.outer(rest @ along / length, along)
+        squares += float((rest**2).sum())
+        freedom += (len(rest) - 1) * (rest.shape[1] - int(length > 0.0))
+    sd = float(np.sqrt(squares / freedom)) if freedom else 0.0
+    return TrainedTraces(
+        trained.depths_m,
+        trained.rings_m,
+        trained.mean,
+        trained.mountings,
+        trained.landings,
+        max(sd, floor_n_m),
+        trained.between,
+        trained.between_class,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TraceOffsets:
+    """What a sweep answers to beside depth and ring, and how much of it there is.
+
+    Attributes:
+        names: One each; ``landing`` takes its slope from training.
+        sd: Spread of each, in its unit, shape (l,).
+        stays: How long each stays.
+        slope: Change of the trace by a unit of each by the mechanics, shape (m, k, b, l).
+    """
+
+    names: tuple[str, ...]
+    sd: Float64Array
+    stays: tuple[Stays, ...]
+    slope: Float64Array
+
+
+def trace_model(
+    trained: TrainedTraces, offsets: TraceOffsets, texture: Texture, place_m: Float64Array
+) -> TraceModel:
+    """Return the model of a trial's sweeps by what training taught and what is known of the rig.
+
+    A trial's offset counts against the mean of those that training had: of few mountings, or landings, its
+    variance is larger by their share.
+
+    Args:
+        trained: Mean traces of the cells.
+        offsets: What else a sweep answers to.
+        texture: Of a track; training's part in it too.
+        place_m: Where the ball touches in each bin, shape (k, b).
+    """
+    share = np.sqrt(1.0 + 1.0 / trained.mountings)[:, None]
+    slope = offsets.slope.copy()
+    for number, (name, stays) in enumerate(zip(offsets.names, offsets.stays, strict=True)):
+        if name == LANDING and len(trained.rings_m) > 1:
+            slope[..., number] = trained.ring_slope
+        scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
+        slope[..., number] *= scale[..., None]
+    classes = len(trained.depths_m)
+    return TraceModel(
+        np.arange(classes),
+        np.zeros(classes),
+        trained.mean,
+        slope,
+        offsets.sd,
+        offsets.stays,
+        trained.white_sd,
+        Texture(
+            texture.sd_n_m * float(np.sqrt(1.0 + 1.0 / trained.mountings.min())),
+            texture.length_m,
+            texture.reversing,
+        ),
+        place_m,
+        np.zeros(len(trained.rings_m), dtype=bool),
+    )

@@ -1,0 +1,100 @@
+"""Bins, textures and what training sweeps teach."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.trace.bins import BinnedSweep, PositionBins, binned
+from palp_core.palpation.perception.trace.texture import Texture, fit_texture
+from palp_core.palpation.perception.trace.training import TraceOffsets, learn, trace_model
+
+PATH = PositionBins.over(-0.03, 0.05, 0.002)
+
+
+@given(st.lists(st.integers(0, 4000), max_size=8), st.booleans())
+def test_blocks_give_the_bins_of_the_whole(cuts: list[int], backward: bool) -> None:
+    position = np.asarray(-0.03 + 2e-5 * np.arange(4000), dtype=np.float64)
+    bins = PATH
+    if backward:
+        position, bins = position[::-1], PositionBins.over(position[-1], -0.03, 0.002)
+    torque = np.sin(position * 300.0) + 0.01 * np.random.default_rng(1).standard_normal(4000)
+    whole = binned(bins, position, torque)
+    sweep = BinnedSweep()
+    ends = [0, *sorted(cuts), 4000]
+    for low, high in itertools.pairwise(ends):
+        sweep.add(bins, position[low:high], torque[low:high])
+    sweep.finish(bins)
+    assert np.array_equal(whole, sweep.done)
+    assert len(whole) == bins.count
+    index = bins.index(position)
+    np.testing.assert_allclose(whole, [torque[index == b].mean() for b in range(bins.count)], rtol=1e-12)
+
+
+def test_a_bin_without_a_sample_lies_between_its_neighbours() -> None:
+    sweep = BinnedSweep()
+    sweep.add(PATH, np.array([-0.0299, -0.0285, -0.0235]), np.array([1.0, 3.0, 5.0]))
+    assert sweep.done == [2.0, 4.0, 4.0]
+
+
+def test_bad_bins_and_samples_are_refused() -> None:
+    for wrong in ((0.0, 0.0, 3), (0.0, np.nan, 3), (0.0, 0.002, 0)):
+        with pytest.raises(PerceptionError):
+            PositionBins(*wrong)
+    with pytest.raises(PerceptionError, match="NaN"):
+        BinnedSweep().add(PATH, np.array([0.0]), np.array([np.nan]))
+    with pytest.raises(PerceptionError, match="2 positions for 1"):
+        BinnedSweep().add(PATH, np.array([0.0, 0.1]), np.array([0.0]))
+
+
+def test_the_texture_of_residuals_is_found_again() -> None:
+    rng, true = np.random.default_rng(2), Texture(2e-4, 5e-3)
+    place = PATH.middle_m
+    slope = np.broadcast_to(np.cos(place * 60.0)[:, None], (30, len(place), 1))
+    covariance = true.covariance(place, place) + 1e-10 * np.eye(len(place))
+    rows = rng.multivariate_normal(np.zeros(len(place)), covariance, 30)
+    rows += slope[:, :, 0] * rng.normal(0.0, 1e-3, (30, 1))
+    found = fit_texture(rows, slope, np.array([1e-3]), 1e-5, place)
+    assert found.sd_n_m == pytest.approx(2e-4, rel=0.15)
+    assert found.length_m == pytest.approx(5e-3, rel=0.35)
+
+
+def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_landing() -> None:
+    rng = np.random.default_rng(3)
+    place = PATH.middle_m
+    shape = np.exp(-((place / 0.01) ** 2))
+    depths, rings = (0.002, 0.004), (0.0, 0.004, 0.008)
+    rows, depth, ring, mounting = [], [], [], []
+    for d in depths:
+        for mount in range(3):
+            height = rng.normal(0.0, 1e-4)
+            for r in rings:
+                for _ in range(20):
+                    landed = r + rng.normal(0.0, 1.7e-4)
+                    signal = (0.1 / (1.0 + 1e3 * d)) * landed * shape + height * shape
+                    rows.append(signal + rng.normal(0.0, 2e-6, len(place)))
+                    depth.append(d)
+                    ring.append(r)
+                    mounting.append(mount + int(1e4 * d))
+    learnt = learn(np.array(rows), depth, ring, mounting, floor_n_m=1e-9)
+    assert learnt.white_sd == pytest.approx(2e-6, rel=0.05)
+    assert learnt.mountings.tolist() == [3, 3]
+    assert learnt.landings.tolist() == [[60] * 3] * 2
+    assert learnt.between.shape == (6, 3, PATH.count)
+    wanted = np.array([[(0.1 / (1.0 + 1e3 * d)) * r * shape for r in rings] for d in depths])
+    np.testing.assert_allclose(learnt.mean, wanted, atol=3e-4)
+    steep = np.array([0.1 / (1.0 + 1e3 * d) for d in depths])[:, None, None] * shape
+    np.testing.assert_allclose(learnt.ring_slope, np.broadcast_to(steep, learnt.mean.shape), atol=2e-3)
+    offsets = TraceOffsets(
+        ("height", "landing"), np.array([1e-4, 1.7e-4]), ("trial", "landing"), np.zeros((2, 3, PATH.count, 2))
+    )
+    model = trace_model(learnt, offsets, Texture(), np.tile(place, (3, 1)))
+    np.testing.assert_allclose(model.slope[..., 1], learnt.ring_slope * np.sqrt(1.0 + 1.0 / 60.0))
+
+
+def test_a_cell_without_a_sweep_is_named() -> None:
+    with pytest.raises(PerceptionError, match="depth 4 mm and ring 8 mm"):
+        learn(np.zeros((3, 5)), [0.002, 0.002, 0.004], [0.004, 0.008, 0.004], [1, 1, 2], floor_n_m=1e-6)
