@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -102,16 +103,85 @@ def test_a_budget_is_held_against_all_uses() -> None:
 
 
 @pytest.mark.usefixtures("empty")
-@pytest.mark.parametrize("cost_s", [0.0, -1.0, float("nan")])
+def test_a_method_that_states_no_error_of_what_is_asked_says_what_it_states() -> None:
+    declared("dull", 1.0)
+    declared("fine", 2.0, Bound("grip", 0.1), Bound("weight", 0.1))
+    dull, fine = weigh(TASK, "edge", 0.1, {})
+    assert dull.why == "vouches for no 'edge' here (it states no error)"
+    assert fine.why == "vouches for no 'edge' here (it states errors of grip, weight only)"
+
+
+@pytest.mark.usefixtures("empty")
+@pytest.mark.parametrize("cost_s", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_method_without_a_cost_is_refused(cost_s: float) -> None:
     with pytest.raises(MethodError, match="give the seconds of one use"):
         declared("free", cost_s)
 
 
+@pytest.mark.parametrize("error", [-0.1, float("nan"), float("inf")])
+def test_a_bound_that_bounds_nothing_is_refused(error: float) -> None:
+    """NaN is larger than no tolerance: such a method would be chosen everywhere."""
+    with pytest.raises(MethodError, match=r"a bound on 'edge' of .* is none"):
+        Bound("edge", error)
+
+
+@pytest.mark.parametrize("within", [(1.0, 0.0), (float("nan"), 1.0)])
+def test_a_range_without_an_inside_is_refused(within: tuple[float, float]) -> None:
+    with pytest.raises(MethodError, match=r"steel in \[.*\], which is nowhere"):
+        Bound("edge", 0.1, within={"steel": within})
+    with pytest.raises(MethodError, match=r"steel in \[.*\], which is nowhere"):
+        method(task=TASK, name="fine", cost_s=1.0, evidence="here", valid={"steel": within})
+
+
+@pytest.mark.parametrize("name", ["", "auto", "my own", "lab:fine", "fine\x1b[31m"])
+def test_a_name_that_no_parameter_could_give_is_refused(name: str) -> None:
+    with pytest.raises(MethodError, match="a name is of letters"):
+        method(task=TASK, name=name, cost_s=1.0, evidence="here")
+
+
+def test_a_method_without_evidence_or_with_itself_as_survivor_is_refused() -> None:
+    with pytest.raises(MethodError, match="'fine' of task 'sharpen' has no evidence"):
+        method(task=TASK, name="fine", cost_s=1.0, evidence=" ")
+    with pytest.raises(MethodError, match="cannot survive where it fails itself"):
+        method(task=TASK, name="fine", cost_s=1.0, evidence="here", fails="often", survivor="fine")
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_task_that_nobody_declared_is_told_with_its_methods() -> None:
+    declared("fine", 2.0)
+    with pytest.raises(MethodError, match=r"task 'sharpen' has methods \(fine\), but nobody says what it is"):
+        register.task(TASK)
+
+
+@pytest.mark.usefixtures("empty")
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("raise RuntimeError('boom')", "RuntimeError: boom"),
+        ("def (", "SyntaxError: invalid syntax"),
+        ("import nothing_there", "No module named 'nothing_there'"),
+        ("from palp_core.methods import Bound\nBound('peak', -1.0)", "a bound on 'peak' of -1 is none"),
+    ],
+)
+def test_a_package_whose_module_fails_is_named_with_what_it_failed_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, words: str
+) -> None:
+    (tmp_path / "broken_lab.py").write_text(source, encoding="utf-8")
+    folder = tmp_path / "broken_package-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-package\nVersion: 1.0\n", "utf-8")
+    (folder / "entry_points.txt").write_text("[palp.methods]\nsharpen = broken_lab\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(register, "_points", lambda: tuple(entry_points(group=register.GROUP)))
+    with pytest.raises(MethodError, match="broken_lab, an entry point of package 'broken-package',") as told:
+        methods(TASK)
+    assert words in str(told.value)
+
+
 @pytest.mark.usefixtures("empty")
 def test_a_name_is_taken_once_and_a_task_is_one_thing() -> None:
     declared("fine", 2.0)
-    with pytest.raises(MethodError, match="'fine' of task 'sharpen' is declared twice"):
+    with pytest.raises(MethodError, match="'fine' of task 'sharpen' is declared twice, first in tests"):
         method(task=TASK, name="fine", cost_s=1.0, evidence="here")(str)
     declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)
     declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)

@@ -140,9 +140,17 @@ def _candidate(
 
 
 def _because(one: Method, output: str, scene: Quantities) -> str:
-    strayed = one.missed(output, scene)
+    strayed = one.missed(output, scene) or _stated(one, output)
     survivor = f"; {one.survivor} would be the next finer one" if one.survivor else ""
     return (f" ({strayed})" if strayed else "") + survivor
+
+
+def _stated(one: Method, output: str) -> str:
+    """Return what a method that states no error of an output does state, in words."""
+    outputs = list(dict.fromkeys(bound.output for bound in one.bounds))
+    if output in outputs:
+        return ""
+    return f"it states errors of {', '.join(outputs)} only" if outputs else "it states no error"
 
 
 def _named(one: Method, output: str, bound: float | None) -> str:

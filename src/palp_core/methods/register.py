@@ -1,13 +1,15 @@
 """What there is to choose from: tasks, and the methods declared for each."""
 
 import importlib
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
-from palp_core.errors import MethodError
+from palp_core.errors import MethodError, PalpError
 
 T = TypeVar("T")
 Range = tuple[float, float]
@@ -16,6 +18,9 @@ Quantities = Mapping[str, float | tuple[float, ...]]
 
 GROUP = "palp.methods"
 """Entry points by task: the modules that declare its methods, imported when somebody asks for one."""
+
+# A parameter's `auto` leaves it to the register, and a colon parts a name from its module.
+_NAME = re.compile(r"(?!auto$)\w[\w.-]*")
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,18 @@ class Bound:
     output: str
     error: float
     within: Mapping[str, Range] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what bounds nothing.
+
+        Raises:
+            MethodError: The error is negative, infinite or NaN, or a range has no inside.
+        """
+        if not 0.0 <= self.error < math.inf:
+            raise MethodError(
+                f"a bound on '{self.output}' of {self.error:g} is none; give the largest error seen"
+            )
+        _check_ranges(self.within, f"a bound on '{self.output}'")
 
     def holds(self, scene: Quantities) -> bool:
         """Tell whether every named quantity of the scene lies in its range, all its values if several."""
@@ -150,21 +167,36 @@ def method(
         reference: Why it is declared though it is never chosen, as for a method kept to show where it fails.
 
     Raises:
-        MethodError: The name is already taken within the task, or the cost is not positive.
+        MethodError: The name is already taken within the task or is none, the cost is not positive and
+            finite, there is no evidence, a range has no inside, or the method is its own survivor.
     """
-    if not cost_s > 0.0:
-        raise MethodError(f"method '{name}' of task '{task}' costs {cost_s:g} s; give the seconds of one use")
+    what = f"method '{name}' of task '{task}'"
+    if not _NAME.fullmatch(name):
+        raise MethodError(f"{what}: a name is of letters, digits, _, - and ., and not 'auto'")
+    if not 0.0 < cost_s < math.inf:
+        raise MethodError(f"{what} costs {cost_s:g} s; give the seconds of one use")
+    if not evidence.strip():
+        raise MethodError(f"{what} has no evidence; say where its errors were established")
+    if survivor == name:
+        raise MethodError(f"{what} cannot survive where it fails itself; name another survivor, or none")
+    _check_ranges(valid or {}, what)
 
     def declare(target: T) -> T:
         taken = _REGISTER.get((task, name))
         if taken is not None and taken.target is not target and _place(taken.target) != _place(target):
-            raise MethodError(f"method '{name}' of task '{task}' is declared twice")
+            raise MethodError(f"{what} is declared twice, first in {taken.module}")
         _REGISTER[task, name] = Method(
             task, name, target, cost_s, tuple(bounds), evidence, dict(valid or {}), fails, survivor, reference
         )
         return target
 
     return declare
+
+
+def _check_ranges(within: Mapping[str, Range], what: str) -> None:
+    for name, (low, high) in within.items():
+        if not low <= high:
+            raise MethodError(f"{what} holds for {name} in [{low:g}, {high:g}], which is nowhere")
 
 
 def _place(target: Any) -> tuple[str, str]:
@@ -185,6 +217,11 @@ def task(name: str) -> Task:
         MethodError: There is none of that name; the message lists those there are.
     """
     _load(name)
+    if name not in _TASKS and (left := names(name)):
+        raise MethodError(
+            f"task '{name}' has methods ({', '.join(left)}), but nobody says what it is; "
+            f"call declare_task('{name}', ...) beside them"
+        )
     if name not in _TASKS:
         raise MethodError(f"no task '{name}'; there are {', '.join(one.name for one in tasks())}")
     return _TASKS[name]
@@ -240,14 +277,18 @@ def _points() -> tuple[EntryPoint, ...]:
 def _load(task: str) -> None:
     for point in _points():
         if point.name == task:
-            _import(point.value, f"the methods of task '{task}'")
+            of = f", an entry point of package '{point.dist.name}'," if point.dist else ""
+            _import(point.value, f"the methods of task '{task}'", of)
 
 
-def _import(module: str, what: str) -> None:
+def _import(module: str, what: str, of: str = "") -> None:
     try:
         importlib.import_module(module)
-    except ImportError as error:
-        raise MethodError(f"{what}: {module} cannot be imported: {error}") from error
+    except (ImportError, PalpError) as error:
+        raise MethodError(f"{what}: {module}{of} cannot be imported: {error}") from error
+    except Exception as error:
+        kind = type(error).__name__
+        raise MethodError(f"{what}: {module}{of} cannot be imported: {kind}: {error}") from error
 
 
 def _strays(within: Mapping[str, Range], scene: Quantities) -> list[str]:
