@@ -118,7 +118,7 @@ def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSess
     text = said(rig_session.out)
     assert "contact of A: l2 (/phantom)\n    chosen: the cheapest that gives 'peak' within 2.0%" in text
     assert "stop: paper_guarded (/estimator)\n    asked for by name" in text
-    assert "cheaper but refused: plain_newton is a reference" in text
+    assert "cheaper but refused: l0 is a reference" in text
     assert "; not measured" in text
     page = (rig_session.out / "report.html").read_text()
     assert "Why these methods" in page

@@ -277,18 +277,16 @@ def _points() -> tuple[EntryPoint, ...]:
 def _load(task: str) -> None:
     for point in _points():
         if point.name == task:
-            of = f", an entry point of package '{point.dist.name}'," if point.dist else ""
-            _import(point.value, f"the methods of task '{task}'", of)
+            _import(point.value, f"the methods of task '{task}'", point)
 
 
-def _import(module: str, what: str, of: str = "") -> None:
+def _import(module: str, what: str, point: EntryPoint | None = None) -> None:
     try:
         importlib.import_module(module)
-    except (ImportError, PalpError) as error:
-        raise MethodError(f"{what}: {module}{of} cannot be imported: {error}") from error
     except Exception as error:
-        kind = type(error).__name__
-        raise MethodError(f"{what}: {module}{of} cannot be imported: {kind}: {error}") from error
+        of = f", an entry point of package '{point.dist.name}'," if point and point.dist else ""
+        kind = "" if isinstance(error, ImportError | PalpError) else f"{type(error).__name__}: "
+        raise MethodError(f"{what}: {module}{of} cannot be imported: {kind}{error}") from error
 
 
 def _strays(within: Mapping[str, Range], scene: Quantities) -> list[str]:

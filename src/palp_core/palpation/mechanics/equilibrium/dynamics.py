@@ -212,7 +212,7 @@ declare_task(
 @method(
     task="motion",
     name="dynamic",
-    cost_s=5.0,
+    cost_s=1.9,
     bounds=[Bound("peak", 0.005), Bound("contrast", 0.01)],
     evidence="tests/palpation/mechanics/equilibrium/test_dynamics.py: "
     "step halved, and the quasi-static limit",

@@ -47,7 +47,7 @@ def continued_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
 @method(
     task="equilibrium",
     name="brentq",
-    cost_s=1e-3,
+    cost_s=2.7e-3,
     bounds=[Bound("angle", 1e-10)],
     evidence=_EVIDENCE,
     fails="where there are several equilibria it returns any of them, an unstable one too; slow, a call "
@@ -71,7 +71,7 @@ def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
 @method(
     task="equilibrium",
     name="plain_newton",
-    cost_s=8e-7,
+    cost_s=3.1e-5,
     evidence=_EVIDENCE,
     fails="wrong roots such as 180 degrees, or cycles, at most ring positions from 0 to 16 mm",
     survivor="bracketed_newton",
@@ -90,7 +90,7 @@ def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
 @method(
     task="equilibrium",
     name="fixed_point",
-    cost_s=2e-6,
+    cost_s=1e-5,
     evidence=_EVIDENCE,
     fails="two-cycle: a larger angle unloads the contact, so the next one is too small; at every ring "
     "up to 16 mm",
@@ -108,7 +108,7 @@ def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
 @method(
     task="equilibrium",
     name="lagged_force",
-    cost_s=1e-6,
+    cost_s=2.4e-4,
     evidence=_EVIDENCE,
     fails="the force of the sample before is a fixed point in time: flips from sample to sample at "
     "every ring",

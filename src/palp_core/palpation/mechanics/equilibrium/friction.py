@@ -55,7 +55,7 @@ class Slip:
 @method(
     task="friction",
     name="coulomb_implicit",
-    cost_s=2e-6,
+    cost_s=4.3e-6,
     bounds=[Bound("torque", 0.01)],
     evidence=_EVIDENCE,
     fails="nothing known: the law is solved with the step, so it neither chatters nor creeps",
@@ -75,7 +75,7 @@ def coulomb_implicit(slip: Slip) -> Float64Array:
 @method(
     task="friction",
     name="coulomb_explicit",
-    cost_s=1e-6,
+    cost_s=1.5e-6,
     evidence=_EVIDENCE,
     fails="chatters as soon as the ball comes to rest on the gel, at any step",
     survivor="coulomb_implicit",
@@ -89,7 +89,7 @@ def coulomb_explicit(slip: Slip) -> Float64Array:
 @method(
     task="friction",
     name="tanh_explicit",
-    cost_s=1e-6,
+    cost_s=1.9e-6,
     evidence=_EVIDENCE,
     fails="chatters and blows up once the step passes about 2 I v_r / (mu N A^2); creeps where it "
     "should stick",

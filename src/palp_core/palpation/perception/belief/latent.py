@@ -307,7 +307,7 @@ def latent_trial(model: OffsetModel) -> OffsetModel:
 @method(
     task="filter",
     name="naive",
-    cost_s=1e-5,
+    cost_s=4.5e-5,
     bounds=[
         _stays(0.018, 0.058e-3, 1e-6),
         _stays(0.064, LANDS_M, 1e-6),

@@ -1,0 +1,41 @@
+"""Declared costs are those that ``palp tradeoff`` measures: CPU of one core, in the machine's unit."""
+
+from __future__ import annotations
+
+import pytest
+
+from palp_core.methods import find
+from palp_core.methods.machine import slowness
+from palp_core.methods.measured import Measured, measure_of, measured_tasks
+from palp_core.palpation.mechanics import Scene
+
+FACTOR = 3.0
+"""Off by it a cost is stale: less is what another processor's proportions of interpreter and arrays come to."""
+
+ELSEWHERE = {"codec", "contact"}
+"""Codecs are declared for arrays of two sizes; rungs are held to the signature's data, at each of its makings."""
+
+
+def costs(task: str) -> dict[str, Measured]:
+    """Return the point of each method as it is taken, in the scene, or where it is declared if not there."""
+    found: dict[str, Measured] = {}
+    for measure in measure_of(task):
+        for one in measure(Scene()):
+            if one.usual and not one.condition:
+                found[one.method] = one
+    return found
+
+
+def off(task: str) -> dict[str, float]:
+    """Return of each method by how much it costs more than is declared."""
+    unit = slowness()
+    return {name: one.cost_s / unit / find(task, name).cost_s for name, one in costs(task).items()}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("task", sorted({*measured_tasks()} - ELSEWHERE))
+def test_declared_costs_are_measured_ones(task: str) -> None:
+    ratios = off(task)
+    stale = {name: round(ratio, 2) for name, ratio in ratios.items() if not 1 / FACTOR < ratio < FACTOR}
+    assert ratios
+    assert not stale, f"measured over declared: {stale}"
