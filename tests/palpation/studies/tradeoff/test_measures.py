@@ -59,7 +59,7 @@ def test_failing_root_finders_say_where_and_the_survivor_is_right_to_rounding() 
         assert found[sound].error < 1e-9
         assert not found[sound].fails
     assert found["brentq"].cost_s > found["bracketed_newton"].cost_s
-    assert [name for name in names("equilibrium")] == sorted(found, key=lambda name: found[name].cost_s)
+    assert names("equilibrium") == sorted(found, key=lambda name: found[name].cost_s)
 
 
 def test_root_finders_are_held_against_the_same_roots_backwards() -> None:
