@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
-from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
+from palp_core import Params, Pub, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.emg.bursts import BurstFinder, BurstState
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
-from palp_core.palpation.session.methods.used import tell_methods, used_of_class
+from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.used import used_of_class
 from palp_core.units import RatioNonNegative, Seconds, SecondsPositive
 
 UNSCALED = 1.0
@@ -29,7 +30,7 @@ class CoContractionParams(Params):
     distance_s: Seconds = 0.4
 
 
-class CoContractionState(State):
+class CoContractionState(MethodTellerState):
     """What a replacement inherits: the stream's memory, and what is known of the two muscles."""
 
     phase: str = ""
@@ -38,26 +39,18 @@ class CoContractionState(State):
     stream: StreamState | None = None
     burst_count: int = 0
     level: int = 0
-    methods_told: list[MethodUse] = []
 
 
-class Cocontraction(Node):
+class Cocontraction(MethodTeller):
     """Equations (1) to (3), block by block; a burst counts once nothing can displace it any more."""
 
     params: CoContractionParams
     state: CoContractionState
     emg = Sub(EmgBlock)
     cocontraction = Pub(CoContraction)
-    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
-    def on_activate(self) -> None:
-        self._tell_methods()
-
-    def on_resume(self) -> None:
-        self._tell_methods()
-
-    def _tell_methods(self) -> None:
-        tell_methods(self, [used_of_class("burst", BurstFinder)])
+    def uses(self) -> list[MethodUse]:
+        return [used_of_class("burst", BurstFinder)]
 
     @on(emg)
     def process(self, block: EmgBlock) -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from msgs.experiment import Mount, PhantomTruth
 from msgs.torque import ContactGuard
-from palp_core import MethodsUsed, Node, Params, Pub, Qos, ReadOnly, State, Sub, every, on
+from palp_core import Params, Pub, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
@@ -15,7 +15,8 @@ from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSet
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.methods.used import rig_uses, tell_methods
+from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Count,
@@ -61,15 +62,14 @@ class EmulatedPhantomParams(Params):
     guard_hz: ReadOnly[HertzPositive] = 5.0
 
 
-class EmulatedPhantomState(State):
+class EmulatedPhantomState(MethodTellerState):
     """What a replacement inherits."""
 
     code: str = ""
     remount: int = 0
-    methods_told: list[MethodUse] = []
 
 
-class EmulatedPhantom(Node):
+class EmulatedPhantom(MethodTeller):
     """Start stage, ring, sensor and amplifier as their wires show them, and change the phantom."""
 
     simulates = True
@@ -79,7 +79,6 @@ class EmulatedPhantom(Node):
     mount = Sub(Mount)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
-    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
     def on_configure(self) -> None:
         p = self.params
@@ -109,11 +108,9 @@ class EmulatedPhantom(Node):
         sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
         self.rig = EmulatedRig(settings, ("aerotech", "maestro", "ati", "noraxon")).start()
 
-    def on_activate(self) -> None:
-        self._tell_methods()
-
-    def on_resume(self) -> None:
-        self._tell_methods()
+    def uses(self) -> list[MethodUse]:
+        self.told_m_s = self.rig.world.swept_m_s
+        return rig_uses(self.rig.world.rig, self.told_m_s or None)
 
     def on_deactivate(self) -> None:
         self.tell_guards()
@@ -144,7 +141,7 @@ class EmulatedPhantom(Node):
     def tell_guards(self) -> None:
         """Say what the contacts felt since the last look have met: once per mounting, ring and speed."""
         if self.rig.world.swept_m_s not in (0.0, self.told_m_s):
-            self._tell_methods()
+            self.tell_methods(self.uses())
         for met in self.rig.on_world(_taken):
             self.guard.publish(
                 ContactGuard(
@@ -155,10 +152,6 @@ class EmulatedPhantom(Node):
                     words=list(met.words),
                 )
             )
-
-    def _tell_methods(self) -> None:
-        self.told_m_s = self.rig.world.swept_m_s
-        tell_methods(self, rig_uses(self.rig.world.rig, self.told_m_s or None))
 
 
 def _taken(world: World, _: int) -> list[GuardMet]:

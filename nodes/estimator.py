@@ -9,7 +9,7 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
+from palp_core import Params, Pub, Sub, on
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import find
@@ -42,7 +42,8 @@ from palp_core.palpation.session.method_choices import (
     given_by,
     names_of,
 )
-from palp_core.palpation.session.methods.used import tell_methods, used
+from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     CountPositive,
@@ -90,7 +91,7 @@ class EstimatorParams(Params):
     largest_gap_s: Seconds = 0.003
 
 
-class EstimatorState(State):
+class EstimatorState(MethodTellerState):
     """What a replacement inherits: the sweep under way, what was learnt, and the belief of this trial."""
 
     trial: int = 0
@@ -112,7 +113,6 @@ class EstimatorState(State):
     probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
-    methods_told: list[MethodUse] = []
 
 
 def asked(params: EstimatorParams) -> dict[str, str]:
@@ -166,7 +166,7 @@ def uses_of(params: EstimatorParams) -> list[MethodUse]:
     ]
 
 
-class Estimator(Node):
+class Estimator(MethodTeller):
     """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
 
     examine = staticmethod(mistakes)
@@ -179,7 +179,6 @@ class Estimator(Node):
     belief = Pub(Belief)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
-    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
     def on_configure(self) -> None:
         for check in checks(self.params).values():
@@ -199,19 +198,13 @@ class Estimator(Node):
             self.used = (self.params, found)
         return self.used[1]
 
-    def on_activate(self) -> None:
-        self._tell_methods(self.params)
-
-    def on_resume(self) -> None:
-        self._tell_methods(self.params)
+    def uses(self) -> list[MethodUse]:
+        return uses_of(self.params)
 
     def on_parameters(self, params: Params) -> None:
         """Say with which methods the next sweep is read: it is the first that these are for."""
         if isinstance(params, EstimatorParams):
-            self._tell_methods(params)
-
-    def _tell_methods(self, params: EstimatorParams) -> None:
-        tell_methods(self, uses_of(params))
+            self.tell_methods(uses_of(params))
 
     @on(trial)
     def note_trial(self, trial: Trial) -> None:

@@ -4,14 +4,15 @@ from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
-from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
+from palp_core import Params, Pub, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.methods.used import rig_uses, tell_methods
+from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     Kilograms,
@@ -48,7 +49,7 @@ class PhantomParams(Params):
     tip_mass_kg: Kilograms = 0.008
 
 
-class PhantomState(State):
+class PhantomState(MethodTellerState):
     """What a replacement inherits."""
 
     code: str = ""
@@ -57,10 +58,9 @@ class PhantomState(State):
     ring_m: float = 0.0
     speed_m_s: float = 0.0
     guard_told: bool = False
-    methods_told: list[MethodUse] = []
 
 
-class Phantom(Node):
+class Phantom(MethodTeller):
     """Answer poses with the torque of the equilibrium, solved once per ring position and mount."""
 
     simulates = True
@@ -73,7 +73,6 @@ class Phantom(Node):
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
-    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=100))
 
     def on_configure(self) -> None:
         params = self.params
@@ -91,11 +90,8 @@ class Phantom(Node):
         noise = params.noise
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
-    def on_activate(self) -> None:
-        self._tell_methods()
-
-    def on_resume(self) -> None:
-        self._tell_methods()
+    def uses(self) -> list[MethodUse]:
+        return rig_uses(self.rig, self.state.speed_m_s or None)
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
@@ -154,7 +150,7 @@ class Phantom(Node):
         speed_m_s = float(f"{speed_m_s:.3g}")  # positions come in steps of a nanometre
         if speed_m_s != self.state.speed_m_s:
             self.state.speed_m_s = speed_m_s
-            self._tell_methods()
+            self.tell_methods(self.uses())
             if self.table is not None:
                 self._tell_guards(self.table, again=True)
 
@@ -186,6 +182,3 @@ class Phantom(Node):
                     words=words,
                 )
             )
-
-    def _tell_methods(self) -> None:
-        tell_methods(self, rig_uses(self.rig, self.state.speed_m_s or None))

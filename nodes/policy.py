@@ -10,7 +10,7 @@ from msgs.actuator import RingCommand
 from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
-from palp_core import MethodsUsed, Node, Params, Pub, Qos, State, Sub, on
+from palp_core import Params, Pub, Sub, on
 from palp_core.errors import PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.belief import latent
@@ -22,7 +22,8 @@ from palp_core.palpation.perception.strategy.trained_rings import (
     rings_of,
     untrained,
 )
-from palp_core.palpation.session.methods.used import policy_use, tell_methods
+from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.used import policy_use
 from palp_core.units import Float64Array
 
 RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_json_schema={"x-unit": "mm"})]
@@ -38,7 +39,7 @@ class PolicyParams(Params):
     trained_mm: str = PUBLISHED
 
 
-class PolicyNodeState(State):
+class PolicyNodeState(MethodTellerState):
     """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for.
 
     ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
@@ -57,7 +58,6 @@ class PolicyNodeState(State):
     landed: list[bool] = []
     readings_n_m: list[float] = []
     heard: int = -1
-    methods_told: list[MethodUse] = []
 
     @classmethod
     def adopt(cls, old: Any) -> Self:
@@ -66,7 +66,7 @@ class PolicyNodeState(State):
         return cls(**known)
 
 
-class PolicyNode(Node):
+class PolicyNode(MethodTeller):
     """Command the first ring position of each trial of estimation, and the next after each open verdict.
 
     All policies have the same ports, so that any can replace any; most have no use for the optional ones, but
@@ -81,7 +81,6 @@ class PolicyNode(Node):
     primitives = Sub(PrimitivesLearnt, optional=True)
     cocontraction = Sub(CoContraction, optional=True)
     command = Pub(RingCommand)
-    methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=1))
 
     @classmethod
     def examine(cls, params: Any) -> dict[str, str]:
@@ -110,12 +109,12 @@ class PolicyNode(Node):
         self.policy = self.choose()
         self.weighed: tuple[type[policies.StiffnessPolicy], Params, MethodUse] | None = None
 
-    def _tell_methods(self) -> None:
-        """Say which policy chooses; that may change with parameters and with what was learnt."""
+    def _tell_policy(self) -> None:
+        """Say which policy chooses from this command on; parameters and what was learnt may change that."""
         of = (type(self.policy), self.params)
         if self.weighed is None or self.weighed[:2] != of:
             self.weighed = (*of, policy_use(self.policy))
-        tell_methods(self, [self.weighed[2]])
+        self.tell_methods([self.weighed[2]])
 
     def on_parameters(self, params: Params) -> None:
         """Refuse ring positions that training did not cover, whatever was announced.
@@ -145,7 +144,7 @@ class PolicyNode(Node):
         self.state.active = trial.phase == "estimation"
         if self.state.active:
             self.policy = self.choose()  # parameters may have changed since the last trial
-            self._tell_methods()
+            self._tell_policy()
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
             self._ask(lambda: self.policy.start(self.rng.random))
@@ -157,7 +156,7 @@ class PolicyNode(Node):
             return
         state.readings_n_m.append(belief.reading_n_m)
         self.policy = self.refreshed()
-        self._tell_methods()
+        self._tell_policy()
         self._ask(lambda: self.policy.step(self._present(), self.known(belief.posterior), self.rng.random))
 
     @on(primitives)

@@ -12,13 +12,11 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
 from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.spec import COMPOSITION, LAUNCHER, MERGED_LOG
+from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, PROBATION_S
 from palp_core.graph.problems import hint
 
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
-USUAL_PROBATION_S = 3.0  # of a class that says so
-HANGING_S = 5.0  # so long the launcher waits for a handler on probation that does not return
 CHANGES_OF_HANDS = 10
 
 Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
@@ -211,7 +209,7 @@ class RunningGraph:
         """
         probation = options.get("probation") or {}
         wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
-        wait_s += float(probation.get("longest_s", USUAL_PROBATION_S)) + HANGING_S
+        wait_s += float(probation.get("longest_s", PROBATION_S)) + HUNG_S[self.record.clock]
         wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
         request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
         reply = None

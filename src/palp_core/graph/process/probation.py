@@ -11,9 +11,6 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.swap_messages import Commit
 
-HUNG_S = 5.0
-"""A handler that takes longer does not return (assumed: a swap is for nodes that answer)."""
-
 
 class FirstWork:
     """What a successor has done since it last reported.

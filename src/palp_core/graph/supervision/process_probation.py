@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.node.spec import HUNG_S
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.probation import LockstepProbation
 from palp_core.graph.process.swap_messages import Commit, CommitNow, Resume
 from palp_core.graph.supervision.standby import Standby
-
-HUNG_S = 60.0
-"""Of the machine's time; a result must not depend on how busy that is (assumed: no handler takes so long)."""
 
 if TYPE_CHECKING:
     from palp_core.graph.supervision.supervisor import Supervisor
@@ -64,11 +62,11 @@ class ProcessProbation(LockstepProbation):
 
     @staticmethod
     def _latest_ns() -> int:
-        return monotonic_ns() + round(HUNG_S * 1e9)
+        return monotonic_ns() + round(HUNG_S["sim"] * 1e9)
 
     def _note_hang(self, *, answered: bool) -> None:
         if not (answered or self.failure):
-            self.failure = f"a handler of it did not return within {HUNG_S:g} s"
+            self.failure = f"a handler of it did not return within {HUNG_S['sim']:g} s"
 
     def _fall_back(self) -> None:
         supervisor, former = self._supervisor, self._former

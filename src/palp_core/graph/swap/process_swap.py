@@ -17,9 +17,9 @@ from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.spec import HUNG_S
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.control_messages import Done, Raised
-from palp_core.graph.process.probation import HUNG_S
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
@@ -30,7 +30,6 @@ Answer = TypeVar("Answer", bound=swap_messages.FromSwapped)
 
 
 FAREWELL_NS = 1_000_000_000
-HUNG_NS = round(HUNG_S * 1e9)
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
 
@@ -296,12 +295,12 @@ class _ProcessSwap:
             if new.failure:
                 self._fail(new.failure)
         supervisor.standbys.send(new, swap_messages.CommitNow(last=True))
-        end_ns = monotonic_ns() + HUNG_NS
+        end_ns = monotonic_ns() + round(HUNG_S["wall"] * 1e9)
         while not self._pass_on(new):
             if new.failure:
                 self._fail(new.failure)
             if not supervisor.wait_until(lambda: bool(new.replies or new.failure), end_ns):
-                self._fail(f"a handler of it did not return within {HUNG_S:g} s")
+                self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
 
     def _cannot_return(self) -> bool:
         """Tell whether the old node is gone, or cannot take the state any more: the new one has to go on."""

@@ -19,7 +19,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import source_of
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import PROBATION_S, NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
@@ -42,7 +42,7 @@ class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     run_count: Annotated[int, msgspec.Meta(ge=0, le=MOST_RUNS)] = 3
-    longest_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = 3.0
+    longest_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = PROBATION_S
 
 
 NO_PROBATION = Probation(0, 0.0)

@@ -5,32 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any
 
-from palp_core.graph.messages.builtin import MethodsUsed, MethodUse, RefusedMethod
+from palp_core.graph.messages.builtin import MethodUse, RefusedMethod
 from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
 from palp_core.palpation.mechanics.scene.rig import FINDER, Rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.method_choices import PUBLISHED, choose_for
-
-
-class Teller(Protocol):
-    """A node that says which methods it uses: its state remembers what was said, over a swap too."""
-
-    state: Any
-    methods: Any
-
-    def now_ns(self) -> int:
-        """Time on the graph's clock."""
-
-
-def tell_methods(node: Teller, uses: list[MethodUse]) -> None:
-    """Say which methods a node uses from now on, where it or its predecessor did not say just that last."""
-    if node.state.methods_told != uses:
-        node.state.methods_told = uses
-        node.methods.publish(MethodsUsed(stamp_ns=node.now_ns(), uses=uses))
 
 
 def used(
