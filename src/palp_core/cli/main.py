@@ -62,7 +62,7 @@ app = lazy_app(
         "markov": Verb(f"{_CLI}.rig.markov:app", "Strategies of stiffness levels, learnt from EMG."),
         "analyse": Verb(
             f"{_CLI}.rig.analyse:analyse",
-            "Pool sessions and decide their stored sweeps again with other methods.",
+            "Decide sessions' stored sweeps again with other methods, or judge the trials of any table.",
         ),
         "report": Verb(
             f"{_CLI}.rig.report:report", "Make the report of a stored session, whole or cut short."

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palp_core.palpation.studies.simulation.policy_summary import calibration_interval, summarise
+from palp_core.palpation.perception.statistics.resampling import calibration_interval
+from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
 STATED = (0.75, 0.85, 0.97)
@@ -31,9 +32,8 @@ def test_the_interval_of_the_calibration_error_holds_it(overconfidence: float) -
     truth = np.abs(np.array(STATED) - spread.mean(axis=0)).mean()
     hits = 0
     for _ in range(100):
-        low, high = calibration_interval(
-            [session(overconfidence, rng) for _ in range(12)], rng, resamples=200
-        )
+        drawn = [session(overconfidence, rng) for _ in range(12)]
+        low, high = calibration_interval([(one.confidence, one.correct) for one in drawn], rng, resamples=200)
         hits += low <= truth <= high
     assert hits >= 90
 

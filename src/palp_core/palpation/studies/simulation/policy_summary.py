@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.statistics.resampling import share_interval, widened
-from palp_core.palpation.perception.statistics.statistics import calibration, reliability_bins
+from palp_core.palpation.perception.statistics.resampling import calibration_interval, share_interval
+from palp_core.palpation.perception.statistics.statistics import calibration
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
 
@@ -58,43 +58,16 @@ def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[s
         "moves": _mean([one.moves for one in sessions]),
         "seconds": _mean([one.seconds for one in sessions]),
         "ece": stated.expected_error,
-        "ece_ci": calibration_interval(sessions, np.random.default_rng(_SEED)),
+        "ece_ci": list(
+            calibration_interval(
+                [(one.confidence, one.correct) for one in sessions], np.random.default_rng(_SEED)
+            )
+        ),
         "overconfidence": stated.overconfidence,
         "undecided": 1.0 - _mean([one.decided for one in sessions]),
         "sessions": len(sessions),
         "per_session": accuracies(sessions).tolist(),
     }
-
-
-def calibration_interval(
-    sessions: Sequence[Outcomes], rng: np.random.Generator, *, bin_count: int = 10, resamples: int = 1000
-) -> list[float]:
-    """Return the 95 % interval over sessions of the expected calibration error.
-
-    A mean of absolute values lies above the truth where that is near 0, and its resamples lie higher still,
-    so their lower percentile is no bound: the interval is as wide downwards as it is upwards. A test shows
-    that it holds the truth as often as it says.
-
-    Args:
-        sessions: Outcomes, a session each, equally long.
-        rng: Draws sessions with replacement.
-        bin_count: Equal bins of confidence.
-        resamples: How often.
-    """
-    count, trials = len(sessions), sum(one.confidence.size for one in sessions)
-    gaps = np.zeros((count, bin_count))
-    for row, one in zip(gaps, sessions, strict=True):
-        stated = np.clip(one.confidence, 0.0, 1.0)
-        row += np.bincount(
-            reliability_bins(stated, bin_count), weights=stated - one.correct, minlength=bin_count
-        )
-    error = float(np.abs(gaps.sum(axis=0)).sum() / trials)
-    if count < 2:
-        return [error, error]
-    drawn = gaps[rng.integers(0, count, (resamples, count))].sum(axis=1)
-    high = float(np.quantile(np.abs(drawn).sum(axis=1) / trials, 0.975))
-    half = widened(count) * max(high - error, 0.0)
-    return [max(error - half, 0.0), min(error + half, 1.0)]
 
 
 def _mean(values: Sequence[Any]) -> float:
