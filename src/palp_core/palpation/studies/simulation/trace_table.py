@@ -1,0 +1,292 @@
+"""What the probe feels along a sweep, tabulated: the trace in bins of the stage position over the latents.
+
+A study takes hundreds of thousands of sweeps. Each is two curves, of a tip that slides and of one that still
+sticks where it was lowered, and the place at which it breaks loose. All three are polynomials of third degree
+in the seven latents, with every cross term, fitted to solved sweeps spread over what the latents may be. A
+test holds the table against whole sweeps.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from palp_core.errors import OutOfRange
+from palp_core.methods import choose
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.studies.simulation.reading_table import FROM_M, RATE_HZ, SPEED_M_PER_S, TO_M, Gel
+from palp_core.palpation.world.drag import drag
+from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH
+from palp_core.palpation.world.model import WorldModel
+from palp_core.palpation.world.slopes import Bins, TraceSlopes, bin_edges_m, bins_of, trace_slopes
+from palp_core.palpation.world.texture import bias, texture, texture_map, white_sd_n_m
+from palp_core.palpation.world.touch import touch
+from palp_core.units import Float64Array
+
+_RUN_IN_M = 0.034  # a tip slides before the stage has gone so far, whatever the latents
+_SAMPLES = 320
+_SPREAD = 0.5  # of the reach: latents are rarely at its ends, where the polynomials may be worse
+_CHUNK = 20_000
+_TERMS = tuple(
+    powers for degree in range(4) for powers in itertools.combinations_with_replacement(range(7), degree)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class TraceTable:
+    """Binned traces of every cell of depth class and ring as functions of the latents.
+
+    Attributes:
+        gel: What it was made from; its feature and denoising play no part.
+        bins: Bins of the stage position, rising, whichever way it is swept.
+        forward: Whether the stage goes towards +Y; torques of a sweep back are negative.
+        run_in: Whether a sweep begins upright, with a tip that sticks.
+        rungs: Contact model per class.
+        sliding: Coefficients at the nodes, shape (m, k, terms, p).
+        sticking: Those of a tip that sticks, at the first nodes, shape (m, k, terms, q).
+        loose: Those of the stage's way until the tip breaks loose, shape (m, k, terms).
+        tip_m: Place of the ball at the nodes of the nominal sweep, shape (m, k, p).
+        normal_n: Its normal force, shape (m, k, p).
+    """
+
+    gel: Gel
+    bins: Bins
+    forward: bool
+    run_in: bool
+    rungs: tuple[str, ...]
+    sliding: Float64Array
+    sticking: Float64Array
+    loose: Float64Array
+    tip_m: Float64Array
+    normal_n: Float64Array
+
+    def traces(self, depth: NDArray[np.int64], ring: NDArray[np.int64], rows: Float64Array) -> Float64Array:
+        """Return the mean true torque in each bin, N m, shape (n, K).
+
+        Args:
+            depth: Class, shape (n,).
+            ring: Index of the ring position, shape (n,).
+            rows: Latents, shape (n, 7); one beyond its reach counts as that.
+        """
+        made = np.empty((len(depth), len(self.bins.mean)))
+        cell = depth * len(self.gel.rings_m) + ring
+        for number in np.unique(cell):
+            (here,) = np.nonzero(cell == number)
+            i, j = divmod(int(number), len(self.gel.rings_m))
+            for start in range(0, len(here), _CHUNK):
+                some = here[start : start + _CHUNK]
+                made[some] = self._cell(i, j, rows[some])
+        return made
+
+    def texture(
+        self, world: WorldModel, depth: NDArray[np.int64], ring: NDArray[np.int64], luck: Float64Array
+    ) -> Float64Array:
+        """Return what the surface adds to each bin, N m, shape (n, K).
+
+        The surface is met where the ball is on the nominal sweep of the cell.
+
+        Args:
+            world: What the surface is like.
+            depth: Class, shape (n,).
+            ring: Index of the ring position, shape (n,).
+            luck: Tracks of the mountings, of :func:`.track`, shape (n, 2, places).
+        """
+        made = np.empty((len(depth), len(self.bins.mean)))
+        cell = depth * len(self.gel.rings_m) + ring
+        for number in np.unique(cell):
+            (here,) = np.nonzero(cell == number)
+            i, j = divmod(int(number), len(self.gel.rings_m))
+            to_bins = self.bins.mean @ texture_map(world, self.bins.spline @ self.tip_m[i, j])
+            for start in range(0, len(here), _CHUNK):
+                some = here[start : start + _CHUNK]
+                made[some] = texture(world, luck[some], to_bins, forward=self.forward)
+        return made
+
+    def sensor(
+        self,
+        world: WorldModel,
+        luck: Float64Array,
+        *,
+        since_tare_s: float | Float64Array = 0.0,
+        noise_sd_n_m: float = RESOLUTION_N_M,
+    ) -> Float64Array:
+        """Return what the sensor adds to each bin: its zero, noise and rounding, N m, shape (n, K).
+
+        Args:
+            world: How the zero walks.
+            luck: Standard normals, shape (n, 2 K + 2).
+            since_tare_s: Seconds from the last tare to the start of each sweep.
+            noise_sd_n_m: Of a sample.
+        """
+        bins, bin_s = len(self.bins.mean), self.bin_m / SPEED_M_PER_S
+        zero = bias(world, luck[:, : bins + 2], bin_s, since_tare_s)
+        white = white_sd_n_m(noise_sd_n_m, RESOLUTION_N_M, round(bin_s * RATE_HZ)) * luck[:, bins + 2 :]
+        return (zero if self.forward else zero[:, ::-1]) + white
+
+    @property
+    def bin_m(self) -> float:
+        """Width of a bin."""
+        return float(self.bins.edges_m[1] - self.bins.edges_m[0])
+
+    def slopes(self) -> TraceSlopes:
+        """Return nominal traces and slopes by whole sweeps, as a laboratory has them from its scene file."""
+        return _slopes(self.gel, self.forward, self.run_in, tuple(self.bins.edges_m.tolist()))
+
+    def _cell(self, i: int, j: int, rows: Float64Array) -> Float64Array:
+        basis = _basis(rows)
+        parts = self._parts
+        made = np.asarray(basis @ (self.sliding[i, j] @ parts.to_bins.T))
+        if self.run_in:
+            slid = basis @ (self.sliding[i, j] @ parts.slid.T)
+            held = basis @ (self.sticking[i, j] @ parts.held.T)
+            felt = np.where(parts.way_m < (basis @ self.loose[i, j])[:, None], held, slid)
+            made[:, parts.first] = felt @ parts.mean.T
+        return made
+
+    @functools.cached_property
+    def _parts(self) -> _Parts:
+        return _parts(self.bins, self.sticking.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Linear maps of a table, in the order of the sweep: to all bins, and to the run-in's fine positions."""
+
+    to_bins: Float64Array
+    slid: Float64Array
+    held: Float64Array
+    mean: Float64Array
+    way_m: Float64Array
+    first: NDArray[np.int64]
+
+
+def _parts(bins: Bins, held_nodes: int) -> _Parts:
+    forward = bins.node_m[-1] > bins.node_m[0]
+    end_m = bins.node_m[held_nodes - 1]
+    inside = bins.edges_m[1:] <= end_m + 1e-12 if forward else bins.edges_m[:-1] >= end_m - 1e-12
+    (first,) = np.nonzero(inside)
+    fine = np.abs(bins.mean[first]).sum(axis=0) > 0.0
+    order = slice(None) if forward else slice(None, None, -1)
+    fine_m = bins.fine_m[fine][order]
+    nodes_m = bins.node_m[:held_nodes]
+    rising = slice(None) if forward else slice(None, None, -1)
+    spline = scipy.interpolate.CubicSpline(nodes_m[rising], np.eye(held_nodes)[rising])
+    return _Parts(
+        bins.mean @ bins.spline,
+        bins.spline[fine][order],
+        np.asarray(spline(fine_m)),
+        bins.mean[first][:, fine][:, order],
+        np.abs(fine_m - bins.node_m[0]),
+        first,
+    )
+
+
+def _basis(rows: Float64Array) -> Float64Array:
+    """Return every product of up to three scaled latents, shape (n, terms)."""
+    share = np.clip(rows, LOWEST, REACH) / REACH
+    made = np.empty((len(_TERMS), len(rows)))
+    made[0] = 1.0
+    place = {powers: k for k, powers in enumerate(_TERMS)}
+    for k, powers in enumerate(_TERMS[1:], start=1):
+        np.multiply(made[place[powers[:-1]]], share[:, powers[-1]], out=made[k])
+    return made.T
+
+
+def scene_of(gel: Gel, depth_m: float) -> Scene:
+    """Return the scene of a gel at one depth, with its output ``peak``."""
+    return Scene(
+        phantom=Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa),
+        probe=Probe(friction=gel.friction, tip_radius_m=gel.tip_radius_m),
+        path=StagePath(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
+        ring_m=gel.rings_m,
+    )
+
+
+def tabulate_traces(
+    gel: Gel, *, forward: bool = True, run_in: bool = True, width_m: float = 0.002
+) -> TraceTable:
+    """Solve sweeps of every cell all over the latents' reach and fit the polynomials.
+
+    Args:
+        gel: What is touched.
+        forward: Whether the stage goes towards +Y.
+        run_in: Whether a sweep begins upright, with a tip that sticks.
+        width_m: Of a bin.
+
+    Raises:
+        MethodError: No contact model vouches for the peak in this gel.
+        MechanicsError: A sweep has no solution.
+        OutOfRange: The bins are no parts of the path.
+    """
+    if not 0.5e-3 <= width_m <= 0.02:
+        raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")
+    return _tabulated(gel, forward, run_in, width_m)
+
+
+@functools.lru_cache(maxsize=16)
+def _tabulated(gel: Gel, forward: bool, run_in: bool, width_m: float) -> TraceTable:
+    bins = bins_of(bin_edges_m(FROM_M, TO_M, width_m), forward=forward)
+    rows = _design()
+    basis = _basis(rows)
+    solver = np.linalg.pinv(basis)
+    nodes, held_nodes = (
+        len(bins.node_m),
+        int(np.searchsorted(np.abs(bins.node_m - bins.node_m[0]), _RUN_IN_M, side="right")),
+    )
+    k, count = len(gel.rings_m), len(rows) + 1
+    shape = (len(gel.depths_m), k)
+    sliding, sticking = np.empty((*shape, len(_TERMS), nodes)), np.empty((*shape, len(_TERMS), held_nodes))
+    loose = np.empty((*shape, len(_TERMS)))
+    tip_m, normal_n = np.empty((*shape, nodes)), np.empty((*shape, nodes))
+    every = np.concatenate([np.zeros((1, len(LATENTS))), rows])
+    rungs = []
+    for i, depth_m in enumerate(gel.depths_m):
+        scene = scene_of(gel, depth_m)
+        rungs.append(choose("contact", "peak", gel.tolerance, scene.quantities(), asked=gel.rung).method.name)
+        felt = touch(scene.phantom, scene.probe, rungs[-1])
+        for j, ring_m in enumerate(gel.rings_m):
+            found = drag(felt, every, np.full(count, ring_m), gel.indentation_m, bins.node_m, run_in=run_in)
+            sliding[i, j] = solver @ found.sliding_n_m[1:]
+            loose[i, j] = solver @ found.loose_m[1:]
+            sticking[i, j] = solver @ found.sticking_n_m[1:, :held_nodes]
+            tip_m[i, j], normal_n[i, j] = found.tip_m[0], found.normal_n[0]
+    return TraceTable(gel, bins, forward, run_in, tuple(rungs), sliding, sticking, loose, tip_m, normal_n)
+
+
+def _design() -> Float64Array:
+    """Return latents spread over their reach, denser in its middle, shape (samples, 7)."""
+    even = scipy.stats.qmc.Sobol(len(LATENTS), scramble=True, rng=np.random.default_rng(7)).random(512)
+    share = scipy.stats.truncnorm.ppf(even[:_SAMPLES], -1.0 / _SPREAD, 1.0 / _SPREAD, scale=_SPREAD)
+    return np.asarray(np.where(LOWEST < 0.0, share, np.abs(share)) * REACH)
+
+
+@functools.lru_cache(maxsize=32)
+def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -> TraceSlopes:
+    found = [
+        trace_slopes(
+            scene_of(gel, depth_m),
+            [depth_m],
+            gel.rings_m,
+            np.asarray(edges_m),
+            forward=forward,
+            run_in=run_in,
+            rung=choose(
+                "contact", "peak", gel.tolerance, scene_of(gel, depth_m).quantities(), asked=gel.rung
+            ).method.name,
+        )
+        for depth_m in gel.depths_m
+    ]
+    return TraceSlopes(
+        np.concatenate([one.mean_n_m for one in found]),
+        np.concatenate([one.slope for one in found]),
+        found[0].centre_m,
+        tuple(one.rungs[0] for one in found),
+    )

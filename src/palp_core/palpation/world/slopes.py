@@ -1,0 +1,163 @@
+"""Binned traces of a scene, and how they answer to each latent, by whole solved sweeps: for a filter.
+
+All of it follows from the scene file alone, so that a laboratory has it as well as a simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from palp_core.palpation.mechanics.scene.choice import choose_rung
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.world.drag import Dragged, drag
+from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH
+from palp_core.palpation.world.touch import touch
+from palp_core.units import Float64Array
+
+NODE_M = 0.001
+"""Stage positions at which a sweep is solved; a spline goes through them."""
+FINE_M = 0.00025
+"""Positions that a bin's mean is taken over."""
+SMALL = 0.05
+"""Of a latent's reach: the step of a slope, that of a tenth of a millimetre say."""
+
+
+def bin_edges_m(from_m: float, to_m: float, width_m: float = 0.002) -> Float64Array:
+    """Return rising edges of bins of a path; what is left over at its end is no bin."""
+    count = int(np.floor(abs(to_m - from_m) / width_m + 1e-9))
+    return np.asarray(min(from_m, to_m) + width_m * np.arange(count + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """From torques at the nodes of a sweep to means over bins of the stage position.
+
+    Attributes:
+        edges_m: Rising edges, shape (K + 1,).
+        node_m: Stage positions in the sweep's order, shape (p,).
+        fine_m: Where the torque is read between them, rising, shape (f,).
+        spline: From nodes to fine positions, shape (f, p).
+        mean: From fine positions to bins, shape (K, f).
+    """
+
+    edges_m: Float64Array
+    node_m: Float64Array
+    fine_m: Float64Array
+    spline: Float64Array
+    mean: Float64Array
+
+    @property
+    def centre_m(self) -> Float64Array:
+        """Middle of each bin, shape (K,)."""
+        return 0.5 * (self.edges_m[:-1] + self.edges_m[1:])
+
+
+def bins_of(edges_m: Float64Array, *, forward: bool = True) -> Bins:
+    """Return the bins of a path that begins at the first edge, or at the last if it is swept back.
+
+    Args:
+        edges_m: Rising edges of equal bins, shape (K + 1,).
+        forward: Whether the stage goes towards +Y.
+    """
+    low, high = edges_m[0], edges_m[-1]
+    rising = np.linspace(low, high, max(round((high - low) / NODE_M), 8) + 1)
+    parts = max(round((edges_m[1] - edges_m[0]) / FINE_M), 1)
+    fine_m = np.interp(np.arange((len(edges_m) - 1) * parts + 1) / parts, np.arange(len(edges_m)), edges_m)
+    spline = scipy.interpolate.CubicSpline(rising, np.eye(len(rising)))(fine_m)
+    weights = np.full(parts + 1, 1.0 / parts)
+    weights[[0, -1]] *= 0.5
+    mean = np.zeros((len(edges_m) - 1, len(fine_m)))
+    for k in range(len(mean)):
+        mean[k, k * parts : (k + 1) * parts + 1] = weights
+    return Bins(
+        edges_m, rising if forward else rising[::-1], fine_m, spline if forward else spline[:, ::-1], mean
+    )
+
+
+def binned(bins: Bins, found: Dragged, *, run_in: bool = True) -> Float64Array:
+    """Return the mean torque of each bin, shape (n, K), of sweeps that were solved at the nodes."""
+    slid = found.sliding_n_m @ bins.spline.T
+    if run_in:
+        held = found.sticking_n_m @ bins.spline.T
+        way_m = np.abs(bins.fine_m - bins.node_m[0])
+        slid = np.where(way_m < found.loose_m[:, None], held, slid)
+    return np.asarray(slid @ bins.mean.T)
+
+
+@dataclass(frozen=True, eq=False)
+class TraceSlopes:
+    """Nominal binned traces and their slopes: m depths, k rings, K bins, l latents.
+
+    Attributes:
+        mean_n_m: Nominal traces, shape (m, k, K).
+        slope: Change per unit of each latent of :data:`.LATENTS`, shape (m, k, K, l).
+        centre_m: Stage position of each bin's middle, rising, shape (K,).
+        rungs: Contact rung of each depth.
+    """
+
+    mean_n_m: Float64Array
+    slope: Float64Array
+    centre_m: Float64Array
+    rungs: tuple[str, ...]
+
+
+def trace_slopes(
+    scene: Scene,
+    depths_m: Sequence[float],
+    rings_m: Sequence[float],
+    edges_m: Float64Array | None = None,
+    *,
+    forward: bool = True,
+    run_in: bool = True,
+    rung: str = "",
+) -> TraceSlopes:
+    """Return what the binned trace of each depth and ring is, and how it answers to the latents.
+
+    Slopes are differences over a twentieth of each latent's reach to either side; to the square beside the
+    path from 0 on.
+
+    Args:
+        scene: Gel, probe and path.
+        depths_m: Depth of each class, shape (m,).
+        rings_m: Positions of the ring, shape (k,).
+        edges_m: Rising edges of bins, shape (K + 1,); None: 2 mm from end to end of the path.
+        forward: Whether the stage goes towards +Y.
+        run_in: Whether a sweep begins upright, with a tip that sticks.
+        rung: Contact rung; empty: the register's choice for each depth.
+
+    Raises:
+        MethodError: No contact rung is good enough for a depth.
+        MechanicsError: A sweep has no solution.
+    """
+    if edges_m is None:
+        edges_m = bin_edges_m(scene.path.from_m, scene.path.to_m)
+    bins = bins_of(edges_m, forward=forward)
+    count = len(LATENTS)
+    low = np.where(LOWEST < 0.0, -SMALL, 0.0) * REACH
+    rows = np.concatenate([np.zeros((1, count)), np.diag(low), np.diag(SMALL * REACH)])
+    width = SMALL * REACH - low
+    many = len(rows)
+    mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))
+    slope = np.empty((*mean.shape, count))
+    rungs = []
+    for i, depth_m in enumerate(depths_m):
+        own = scene.with_bead(depth_m)
+        chosen = choose_rung(own, rung or None).rung
+        rungs.append(chosen)
+        found = drag(
+            touch(own.phantom, own.probe, chosen),
+            np.tile(rows, (len(rings_m), 1)),
+            np.repeat(np.asarray(rings_m), many),
+            own.path.indentation_m,
+            bins.node_m,
+            run_in=run_in,
+        )
+        traces = binned(bins, found, run_in=run_in).reshape(len(rings_m), many, -1)
+        mean[i] = traces[:, 0]
+        up, down = traces[:, 1 + count :], traces[:, 1 : 1 + count]
+        slope[i] = np.moveaxis((up - down) / width[:, None], 1, -1)
+    return TraceSlopes(mean, slope, bins.centre_m, tuple(rungs))

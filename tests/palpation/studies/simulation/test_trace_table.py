@@ -1,0 +1,112 @@
+"""The table of traces against whole sweeps, and the slopes of a filter against the table."""
+
+import numpy as np
+import pytest
+
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.simulation.trace_table import TraceTable, scene_of, tabulate_traces
+from palp_core.palpation.world.drag import drag
+from palp_core.palpation.world.draws import latent_spread
+from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
+from palp_core.palpation.world.model import LAB, PAPER
+from palp_core.palpation.world.slopes import trace_slopes
+from palp_core.palpation.world.texture import track
+from palp_core.palpation.world.touch import touch
+
+GEL = Gel(depths_m=(0.002, 0.004), rings_m=(0.008, 0.016))
+FINE_M = np.linspace(-0.03, 0.05, 321)
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["forward", "back"])
+def table(request: pytest.FixtureRequest) -> TraceTable:
+    return tabulate_traces(GEL, forward=request.param)
+
+
+def of_the_lab(count: int, scale: float = 1.0) -> np.ndarray:
+    mean, sd = latent_spread(LAB, 0.004, ring_sd_m=0.3e-3 / np.sqrt(3.0), height_sd_m=0.1e-3)
+    rows = mean + scale * sd * np.random.default_rng(11).standard_normal((count, len(LATENTS)))
+    rows[:, 5] = np.abs(rows[:, 5])
+    return np.clip(rows, LOWEST, REACH)
+
+
+def whole(table: TraceTable, i: int, j: int, rows: np.ndarray) -> np.ndarray:
+    """Means over the bins of sweeps solved every quarter of a millimetre, without the table's splines."""
+    scene = scene_of(table.gel, table.gel.depths_m[i])
+    stage_m = FINE_M if table.forward else FINE_M[::-1]
+    rings_m = np.full(len(rows), table.gel.rings_m[j])
+    found = drag(touch(scene.phantom, scene.probe, table.rungs[i]), rows, rings_m, 0.004, stage_m)
+    torque = found.torque_n_m if table.forward else found.torque_n_m[:, ::-1]
+    weights = np.full(9, 1 / 8)
+    weights[[0, -1]] /= 2
+    return np.stack([torque[:, 8 * k : 8 * k + 9] @ weights for k in range(40)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("cell", "rms", "most"),
+    [((0, 0), 0.01e-3, 0.1e-3), ((0, 1), 0.055e-3, 0.5e-3), ((1, 1), 0.012e-3, 0.13e-3)],
+)
+def test_the_table_is_the_sweep_it_stands_for(
+    table: TraceTable, cell: tuple[int, int], rms: float, most: float
+) -> None:
+    """Within the lab's spread; a texture is 0.2 N mm. Worst is the flank behind a shallow bead."""
+    rows = of_the_lab(24)
+    error = table.traces(np.full(24, cell[0]), np.full(24, cell[1]), rows) - whole(table, *cell, rows)
+    assert np.sqrt(np.square(error).mean()) < rms
+    assert np.abs(error).max() < most
+
+
+def test_slopes_are_those_of_the_table_and_of_the_scene_file_alone(table: TraceTable) -> None:
+    known = table.slopes()
+    scene = scene_of(GEL, 0.004)
+    alone = trace_slopes(scene, GEL.depths_m[1:], GEL.rings_m, forward=table.forward)
+    np.testing.assert_array_equal(alone.slope[0], known.slope[1])
+    step = 0.05 * REACH
+    for latent in range(len(LATENTS)):
+        up, down = latents(1), latents(1)
+        up[0, latent] = step[latent]
+        down[0, latent] = -step[latent] if LOWEST[latent] < 0.0 else 0.0
+        at = np.array([1]), np.array([0])
+        found = (table.traces(*at, up) - table.traces(*at, down))[0] / (up - down)[0, latent]
+        np.testing.assert_allclose(
+            known.slope[1, 0, :, latent] * REACH[latent], found * REACH[latent], atol=0.05e-3
+        )
+
+
+def test_traces_do_not_depend_on_who_is_asked_with_whom(table: TraceTable) -> None:
+    rows = of_the_lab(6)
+    depth, ring = np.array([0, 1, 0, 1, 1, 0]), np.array([0, 0, 1, 1, 0, 1])
+    together = table.traces(depth, ring, rows)
+    alone = np.concatenate([table.traces(depth[[i]], ring[[i]], rows[[i]]) for i in range(6)])
+    np.testing.assert_allclose(together, alone, atol=1e-15)
+
+
+def test_the_run_in_is_in_it_and_can_be_left_out(table: TraceTable) -> None:
+    at = np.array([1]), np.array([1])
+    dragged = tabulate_traces(GEL, forward=table.forward, run_in=False).traces(*at, latents())[0]
+    felt = table.traces(*at, latents())[0]
+    first = slice(0, 7) if table.forward else slice(-7, None)
+    rest = slice(9, None) if table.forward else slice(None, -9)
+    assert (np.abs(felt[first]) < 0.8 * np.abs(dragged[first])).all()
+    np.testing.assert_allclose(felt[rest], dragged[rest], atol=1e-6)
+
+
+def test_two_sweeps_of_a_mounting_feel_one_surface(table: TraceTable) -> None:
+    """At two rings the ball lags differently: the same surface, shifted by a few millimetres."""
+    luck = np.repeat(track(np.random.default_rng(12), 400), 2, axis=0)
+    depth, ring = np.ones(800, dtype=np.int64), np.tile([0, 1], 400)
+    made = table.texture(LAB, depth, ring, luck)
+    assert made.std() == pytest.approx(LAB.texture_sd_n_m, rel=0.1)
+    soft, stiff = made[::2, 20], made[1::2]
+    correlation = [np.corrcoef(soft, stiff[:, k])[0, 1] for k in range(15, 26)]
+    assert max(correlation) > 0.85
+    assert not table.texture(PAPER, depth, ring, luck).any()
+
+
+def test_the_sensor_adds_zero_and_noise_in_the_order_of_time(table: TraceTable) -> None:
+    luck = np.random.default_rng(13).standard_normal((4000, 82))
+    made = table.sensor(LAB, luck)
+    first, last = (0, -1) if table.forward else (-1, 0)
+    assert made[:, first].std() < 0.8 * made[:, last].std()
+    quiet = table.sensor(PAPER, luck)
+    assert quiet.std() == pytest.approx(RESOLUTION_N_M * np.sqrt(1 + 1 / 12) / 10, rel=0.02)
