@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import threading
 from collections.abc import Callable
@@ -71,8 +72,8 @@ class Asked:
 
 def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parameters(tmp_path: Path) -> None:
     (tmp_path / "three.yaml").write_text(PHANTOMS, encoding="utf-8")
-    live: list[dict[str, Any]] = []
-    asked = Asked(done=lambda: live.extend(told(asked.run)))
+    live: list[list[dict[str, Any]]] = []
+    asked = Asked(done=lambda: live.extend([told(asked.run), told(tmp_path / "out")]))
     given = [
         f"out:={tmp_path / 'out'}",
         f"phantoms:={tmp_path / 'three.yaml'}",
@@ -86,7 +87,8 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
         asked.graph = graph
         graph.run()
     folder = told(tmp_path / "out")
-    assert folder == told(tmp_path / "bag") == live
+    assert [folder, folder] == [told(tmp_path / "bag"), live[0]]
+    assert live[1] == folder  # of a run that goes on its folder is asked for by the graph
     assert folder == json.loads((tmp_path / "out/result.json").read_text())["methods"]
 
     rungs = of_task(folder, "contact")
@@ -100,7 +102,8 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
     assert first["until_s"] == second["from_s"]
     rows = read_rows(tmp_path / "out")
     trials = sorted({row.trial for row in rows if row.phase == "estimation"})
-    assert second["from_trial"] == trials[2]
+    swapped = next(row for row in rows if row.trial == trials[2] and row.start_ns / 1e9 > second["from_s"])
+    assert (second["from_trial"], second["from_iteration"]) == (swapped.trial, swapped.iteration)
     assert first["cost"]["uses"] + second["cost"]["uses"] == sum(row.phase == "estimation" for row in rows)
     (motion,) = of_task(folder, "motion")
     assert (motion["method"], motion["scene"]) == ("quasi_static", {"speed_m_s": 0.02})
@@ -123,6 +126,27 @@ def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSess
     page = (rig_session.out / "report.html").read_text()
     assert "Why these methods" in page
     assert "stop: paper_guarded (/estimator)" in page
+
+
+def test_a_run_that_is_not_whole_says_so(rig_session: RigSession, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (whole,) = rig_session.bag.glob("*.mcap")
+    (bag / whole.name).write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    cut = CliRunner().invoke(app, ["why", str(bag)], catch_exceptions=False)
+    assert re.search(r"not the whole run: the bag is damaged: .*; this is of the \d+ palpations", cut.stderr)
+    assert CliRunner().invoke(app, ["why", str(rig_session.bag)]).stderr == ""
+    killed = tmp_path / "killed"
+    shutil.copytree(rig_session.out, killed)
+    note = json.loads((killed / "run.json").read_text()) | {
+        "exit_code": -1,
+        "ended": "unknown",
+        "methods": [],
+    }
+    (killed / "run.json").write_text(json.dumps(note))
+    words = CliRunner().invoke(app, ["why", str(killed)], catch_exceptions=False).stderr
+    assert "not the whole run: unknown" in words
+    assert "which methods the policy used is not recorded: the run left no note of how it went" in words
 
 
 def test_guards_are_those_of_the_rows_with_trial_iteration_and_ring(rig_session: RigSession) -> None:

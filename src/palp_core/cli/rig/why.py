@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,6 +39,10 @@ def why(
 
     summary, rows = _recorded(run)
     record = methods_of(summary, rows)
+    if summary.ended:
+        note(f"not the whole run: {summary.ended}; this is of the {len(rows)} palpations that there are")
+    elif not rows:
+        note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
     for words in unsaid(summary, rows):
         note(words)
     if as_json:
@@ -57,7 +62,7 @@ def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
     """
     from palp_core.palpation.session.bag_record import is_bag, read_record
     from palp_core.palpation.session.run_note import read_note
-    from palp_core.palpation.session.session_folder import RUN
+    from palp_core.palpation.session.session_folder import RUN, is_being_written
     from palp_core.palpation.session.trials_csv import read_rows
 
     path = Path(run)
@@ -67,7 +72,11 @@ def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
         return read_record(path)
     if not (path / RUN).is_file():
         raise PalpError(f"'{path}' is neither a session's folder ({RUN} is missing) nor a bag, so no run")
-    return read_note(path), read_rows(path)
+    summary = read_note(path)
+    if is_being_written(path):
+        with contextlib.suppress(PalpError):  # it has ended meanwhile, or it runs in a folder of its own
+            return _running(summary.run)
+    return summary, read_rows(path)
 
 
 def _running(name: str) -> tuple[RunSummary, list[Row]]:
@@ -88,6 +97,7 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
             ) from error
         raise PalpError(f"{error}; or name a session's folder or a bag: palp why results/latest") from error
     summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
+    summary = msgspec.structs.replace(summary, ended="it is still running")
     folder = Path(graph.record.launched_from, out_of(summary))
     try:
         begun = read_note(folder).run == summary.run

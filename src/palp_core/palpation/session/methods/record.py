@@ -57,7 +57,10 @@ def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
         if node and (node, task) not in said and (role != "phantom" or roles.touch_simulated):
             known = _by_parameters(roles, role)
             more = f"; its parameters say: {known}" if known else ""
-            found.append(f"the {role} did not say which methods it uses: nothing is recorded of them{more}")
+            why = f"the {role} did not say which methods it uses: nothing is recorded of them"
+            if summary.exit_code < 0:
+                why = f"which methods the {role} used is not recorded: the run left no note of how it went"
+            found.append(f"{why}{more}")
     return found
 
 
@@ -87,6 +90,7 @@ def _in_time(one: MethodTold, row: Row) -> bool:
 def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Roles) -> dict[str, Any]:
     use, rows = one.use, [row for row in every if _in_time(one, row)]
     known = roles.guards_heard if use.task in MECHANICS else True
+    first = rows[0] if one.at_s > 0.0 and rows and rows[0] is not every[0] else None
     return {
         "task": use.task,
         "of": use.of,
@@ -100,7 +104,8 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "refused": [{"name": refused.name, "why": refused.why} for refused in use.refused],
         "from_s": one.at_s,
         "until_s": one.until_s,
-        "from_trial": rows[0].trial if one.at_s > 0.0 and rows and rows[0] is not every[0] else None,
+        "from_trial": first.trial if first else None,
+        "from_iteration": first.iteration if first else None,
         "guards": _guards(use.task, rows) if known else None,
         "cost": _cost(one, rows, summary.cpu_s),
         "scene": json.loads(use.scene),
