@@ -215,6 +215,13 @@ def test_a_class_that_a_text_names_is_in_the_source(path: Path) -> None:
 
 
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
+SYMBOLS = ROOT / "docs" / "symbols.md"
+TABLE_2 = (
+    *("s_i^max", "i", "s_i", "s_i^N", "s_CC^max", "s_CC", "s_CC^N", "d", "S", "t", "P_{S,t}", "M_mk", "σ_S"),
+    *("S̄", "l_0, l_1, l_2", "k_s", "K_s", "q", "R", "r_a", "τ_f", r"P_t(d \| τ_f)", "P_{t-1}(d)"),
+    *(r"P(τ_f \| d, r_a)", "φ", "G_t", "T", "d_r", "d_est", "p"),
+)
+"""The paper's notation, as a table of Markdown writes it."""
 
 
 def names_in(body: list[ast.stmt]) -> set[str]:
@@ -233,9 +240,10 @@ def names_in(body: list[ast.stmt]) -> set[str]:
     return found
 
 
-def test_what_the_architecture_names_is_where_it_says() -> None:
+@pytest.mark.parametrize("page", [ARCHITECTURE, SYMBOLS], ids=lambda page: page.stem)
+def test_what_a_page_names_is_where_it_says(page: Path) -> None:
     """Names are written ``file.py:function``, ``file.py:Class.method``, ``Class.method`` or ``Class``."""
-    text = ARCHITECTURE.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
     named = {*re.findall(r"([\w/]+\.py)", text)}
     classes = {*re.findall(r"`([A-Z]\w+)(?:\.\w+)?`", text)}
     sources = {
@@ -264,6 +272,12 @@ def test_what_the_architecture_names_is_where_it_says() -> None:
     everything = set().union(*defined.values())
     unknown |= {name for name in re.findall(r"`([A-Z]\w+(?:\.\w+)?)`", text) if name not in everything}
     assert unknown == set()
+
+
+def test_every_symbol_of_the_paper_s_notation_has_a_name_of_ours() -> None:
+    rows = re.findall(r"^\| (.+?) \| .+ \| (.*`\w.*) \|$", SYMBOLS.read_text(encoding="utf-8"), re.MULTILINE)
+    explained = {symbol for symbol, _ in rows}
+    assert set(TABLE_2) - explained == set()
 
 
 @pytest.mark.parametrize("wing", ["graph", "palpation", "cli"])

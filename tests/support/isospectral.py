@@ -15,7 +15,9 @@ from palp_core.units import Float64Array
 _LEAST_ENTRY = 1e-6  # keeps every entry positive and the logarithm finite
 
 
-def nearest_chain(kernel: Float64Array, spectrum: Float64Array) -> Float64Array:
+def nearest_chain(
+    kernel: Float64Array, spectrum: Float64Array, *, by_squares_from: Float64Array | None = None
+) -> Float64Array:
     """Return the chain with ``spectrum`` that differs least from ``kernel`` and keeps its symmetry.
 
     Least is the relative entropy per step, sum_i p_i KL(M[:, i] | K[:, i]), p the kernel's stationary law,
@@ -25,6 +27,7 @@ def nearest_chain(kernel: Float64Array, spectrum: Float64Array) -> Float64Array:
     Args:
         kernel: Positive column-stochastic matrix, unchanged when the scale is turned round, shape (n, n).
         spectrum: Real eigenvalues with a 1 among them, shape (n,).
+        by_squares_from: Least is the sum of squared differences of the entries instead, sought from here.
 
     Raises:
         PerceptionError: The kernel is not symmetric under reversal of the scale, or no such chain was found.
@@ -46,6 +49,12 @@ def nearest_chain(kernel: Float64Array, spectrum: Float64Array) -> Float64Array:
     def entropy_slope(free: Float64Array) -> Float64Array:
         return np.asarray(expand.T @ (weight * np.log(expand @ free / flat)))
 
+    def squares(free: Float64Array) -> float:
+        return float(((expand @ free - flat) ** 2).sum())
+
+    def squares_slope(free: Float64Array) -> Float64Array:
+        return np.asarray(2.0 * expand.T @ (expand @ free - flat))
+
     def trace_error(free: Float64Array) -> Float64Array:
         matrix = (expand @ free).reshape(size, size)
         return np.asarray([np.trace(np.linalg.matrix_power(matrix, int(k))) for k in powers] - traces)
@@ -55,11 +64,11 @@ def nearest_chain(kernel: Float64Array, spectrum: Float64Array) -> Float64Array:
         rows = [k * np.linalg.matrix_power(matrix, int(k) - 1).T.ravel() for k in powers]
         return np.asarray(np.array(rows) @ expand)
 
-    start = np.linalg.lstsq(expand, flat)[0]
+    start = np.linalg.lstsq(expand, flat if by_squares_from is None else by_squares_from.ravel())[0]
     found = minimize(
-        entropy,
+        entropy if by_squares_from is None else squares,
         np.maximum(start, _LEAST_ENTRY),
-        jac=entropy_slope,
+        jac=entropy_slope if by_squares_from is None else squares_slope,
         bounds=[(_LEAST_ENTRY, 1.0)] * start.size,
         constraints=[
             NonlinearConstraint(trace_error, 0.0, 0.0, jac=trace_slope),

@@ -70,6 +70,20 @@ def test_no_random_start_finds_a_chain_nearer_to_the_kernel(depth: int) -> None:
 
 
 @pytest.mark.parametrize("depth", range(3))
+def test_it_is_nearest_in_relative_entropy_and_not_by_every_measure(depth: int) -> None:
+    """By squared differences another chain of the same spectrum is; at 2 mm even the control."""
+    kernel = ar1_kernel(np.array(figure5.LEVELS), figure5.LAG_CORRELATIONS[depth], mean=0.3, sd=0.08)
+    other = nearest_chain(kernel, SPECTRA[depth], by_squares_from=figure5.matrices()[depth])
+    assert eigenvalues(other) == pytest.approx(SPECTRA[depth], abs=1e-7)
+    ours, theirs, control = (
+        float(np.linalg.norm(matrix - kernel))
+        for matrix in (figure5.matrices()[depth], other, figure5.matrices("tridiagonal")[depth])
+    )
+    assert theirs < 0.95 * ours
+    assert (control < ours) == (depth == 0)
+
+
+@pytest.mark.parametrize("depth", range(3))
 def test_the_control_moves_one_level_at_most_and_treats_both_ends_alike(depth: int) -> None:
     matrix = figure5.matrices("tridiagonal")[depth]
     assert not np.triu(matrix, 2).any()

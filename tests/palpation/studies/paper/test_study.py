@@ -1,6 +1,8 @@
+import itertools
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -10,13 +12,21 @@ from matplotlib.figure import Figure
 from palp_core.errors import PalpError
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.paper import study as paper_study
+from palp_core.palpation.studies.paper import words
 from palp_core.palpation.studies.paper.charts_human import figure_5
 from palp_core.palpation.studies.paper.jobs import paper_session
-from palp_core.palpation.studies.paper.numbers import statements
+from palp_core.palpation.studies.paper.numbers import (
+    HUMAN_2MM_RIGHT,
+    HUMAN_OVER_TRIALS,
+    HUMAN_RIGHT,
+    statements,
+)
 from palp_core.palpation.studies.paper.study import PaperSize, results
+from palp_core.palpation.studies.paper.tests import FIXED_DEPTH_AND_RING, THREE_EXPERIMENTS
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import SessionJob
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
 NAMES = {
@@ -64,14 +74,14 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
     page = (out / "index.html").read_text(encoding="utf-8")
     for number in ("3", "4", "5", "7(b)", "8", "9", "10", "11", "12"):
         assert f"Figure {number}" in page
-    for words in (
+    for said in (
         "Tables 3 and 4",
         "Table 5",
         "Table 6",
         "published numbers",
         "reconstruction",
     ):
-        assert words.lower() in page.lower()
+        assert said.lower() in page.lower()
     pictures = sorted(path.stem for path in out.glob("*.png"))
     assert len(pictures) >= 8
     assert {path.stem for path in out.glob("*.csv")} == set(pictures)
@@ -92,6 +102,78 @@ def test_every_analysis_stands_beside_what_the_paper_says_of_it(out: Path) -> No
     assert "With 2 sessions no p among 11 comparisons can be below 1" in page
     trials = 90 + 6 * 18  # the human's, and six for each of three depths and six policies
     assert three["as_in_the_paper"]["residual_df"] == trials - 9
+
+
+def test_the_papers_words_stand_beside_ours_whether_they_agree_or_not(out: Path) -> None:
+    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))
+    page = (out / "index.html").read_text(encoding="utf-8")
+    took = report["iterations"]["by_depth"]
+    assert set(took) == {"2", "4", "8"}
+    mean = np.mean([one["value"] for one in took.values()])
+    assert mean == pytest.approx(report["policies"]["markov"]["probes"])
+    said = [one["paper"] for one in report["words_beside_ours"]]
+    assert said[:2] == [
+        "human strategy: the deeper the nodule, the more iterations",
+        "human strategy: most trials end within five iterations",
+    ]
+    for one in report["words_beside_ours"]:
+        assert one["paper"] in page
+        assert one["ours"] in page
+    assert f"{took['8']['value']:.2f} at 8 mm on average" in page  # Figure 11
+
+
+@pytest.mark.parametrize(("more", "agrees"), [(1, True), (0, False), (-1, False)])
+def test_that_deeper_takes_more_iterations_must_be_sure_to_agree(more: int, agrees: bool) -> None:
+    depths_m = (0.002, 0.004, 0.008)
+    found = words.iterations([took_iterations(4, more, seed) for seed in range(8)], depths_m)
+    assert found["within_5"] == pytest.approx(np.mean([4 + more * d <= 5 for d in range(3)]))
+    assert list(found["by_depth"]) == ["2", "4", "8"]
+    untold: dict[str, Any] = {"bonferroni": {}}
+    tables = {FIXED_DEPTH_AND_RING: untold, THREE_EXPERIMENTS: untold}
+    first, _ = words.beside_ours(found, tables)
+    assert first["agrees"] is agrees
+
+
+@pytest.mark.parametrize(
+    ("p", "agrees"), [(1e-9, [False, False]), (0.5, [True, False]), (None, [None, False])]
+)
+def test_that_4_and_8_mm_are_alike_is_read_off_the_post_hoc_test(
+    p: float | None, agrees: list[bool | None]
+) -> None:
+    took = words.iterations([took_iterations(3, 0, seed) for seed in range(2)], (0.002, 0.004, 0.008))
+    pairs = [
+        {"first": "2", "second": "4", "difference": 0.2, "p_bonferroni": 0.01, "reason": ""},
+        {"first": "2", "second": "8", "difference": -0.1, "p_bonferroni": 0.01, "reason": ""},
+        {"first": "4", "second": "8", "difference": -0.3, "p_bonferroni": p, "reason": "constant"},
+    ]
+    tables = {
+        FIXED_DEPTH_AND_RING: {"bonferroni": {"depth": pairs}},
+        THREE_EXPERIMENTS: {"bonferroni": {}},
+    }
+    found = words.beside_ours(took, tables)[2:]
+    assert [one["agrees"] for one in found] == agrees
+
+
+def took_iterations(shallow: int, more: int, seed: int) -> Outcomes:
+    """Return a session whose trials took so many iterations, ``more`` for each next depth."""
+    depth = np.random.default_rng(seed).permutation(np.repeat(np.arange(3), 4))
+    flat = np.ones((depth.size, 1))
+    yes = np.ones(depth.size, dtype=bool)
+    return Outcomes(
+        depth, depth, flat[:, 0], shallow + more * depth, depth, flat[:, 0], yes, flat, yes[:, None]
+    )
+
+
+def test_the_counts_over_trials_are_those_of_six_subjects_and_of_the_whole() -> None:
+    """The text's three numbers: 65 % then above 80 % at 2 mm, 65 % at 4 and 8 mm in the third trial."""
+    assert sum(HUMAN_2MM_RIGHT) == HUMAN_RIGHT["2"]
+    first, *others = (right / 6 for right in HUMAN_2MM_RIGHT)
+    said = {(depth, trial): share for depth, trial, share in HUMAN_OVER_TRIALS}
+    assert said == {(2, 1): 0.65, (2, 2): 0.80, (4, 3): 0.65, (8, 3): 0.65}
+    assert abs(first - said[2, 1]) == min(abs(n / 6 - said[2, 1]) for n in range(7))
+    assert all(share > said[2, 2] for share in others)
+    of_six = itertools.product(range(5, 7), repeat=4)
+    assert [one for one in of_six if 4 + sum(one) == HUMAN_RIGHT["2"]] == [HUMAN_2MM_RIGHT[1:]]
 
 
 def test_the_scenes_are_judged_at_equal_seconds(out: Path) -> None:

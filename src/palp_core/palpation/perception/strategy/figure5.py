@@ -2,7 +2,11 @@
 
 The matrices were published as pictures without legible entries; their eigenvalues (Table 5, rounded to 1e-4)
 are numbers. What is here is therefore a reconstruction and must be shown as one. It has the published
-spectrum, all entries positive; the tests hold what found it and run that again.
+spectrum, all entries positive; the tests hold what found it and run that again. Of all chains with that
+spectrum that treat both ends of the scale alike it is the nearest to one kernel, a Gaussian AR(1), by one
+measure: the relative entropy per step, sum_i p_i KL(M[:, i] | K[:, i]), p the kernel's stationary law. By
+another measure another chain is: by squared differences of the entries one that is 11 to 35 % nearer, and at
+2 mm even the control is nearer than it.
 """
 
 from typing import Literal
@@ -33,7 +37,8 @@ SD_LEVEL = 0.08
 LAG_CORRELATIONS = (0.60, 0.67, 0.71)
 """Lag-1 correlation per depth of the Gaussian AR(1) with the closest spectrum (assumed form)."""
 
-# Nearest to the AR(1) kernel: smooth around the diagonal. M[next][current], columns sum to 1.
+# Nearest to the AR(1) kernel in relative entropy: smooth around the diagonal.
+# M[next][current], columns sum to 1.
 _AR1 = (
     (
         (0.407411394846, 0.045297612789, 0.005906205487, 0.000252227613, 0.000001),
@@ -88,7 +93,8 @@ def matrices(kind: Reconstruction = "ar1") -> Float64Array:
     """Return the three reconstructed matrices M[depth, next, current], shape (3, 5, 5).
 
     Args:
-        kind: ``ar1``, nearest to a Gaussian AR(1); or ``tridiagonal``, the nearest-neighbour control.
+        kind: ``ar1``, nearest to a Gaussian AR(1) in relative entropy; or ``tridiagonal``, the control that
+            moves to neighbours only.
 
     Raises:
         PerceptionError: No such reconstruction.

@@ -16,15 +16,15 @@ from palp_core.palpation.studies.simulation.trials import Outcomes
 
 Sessions = Mapping[str, Sequence[Outcomes]]
 
-_RINGS = "fixed: depth and r_a"
-_THREE = "human, fixed and human strategy: depth and experiment"
+FIXED_DEPTH_AND_RING = "fixed: depth and r_a"
+THREE_EXPERIMENTS = "human, fixed and human strategy: depth and experiment"
 _BEST = "best fixed position and human strategy: depth and experiment"
 
 REPORTED = {
-    _RINGS: "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm better than the rest, "
-    "and r_a in three groups",
-    _THREE: "depth and experiment significant, their interaction not; post hoc 2 mm best, 4 and 8 mm alike; "
-    "human against fixed no difference, varied better than fixed",
+    FIXED_DEPTH_AND_RING: "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
+    "better than the rest, and r_a in three groups",
+    THREE_EXPERIMENTS: "depth and experiment significant, their interaction not; post hoc 2 mm best, "
+    "4 and 8 mm alike; human against fixed no difference, varied better than fixed",
     _BEST: "no such analysis: its fixed stiffness is the average over five positions",
 }
 """What the paper says of each analysis."""
@@ -78,8 +78,9 @@ def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
     average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
     best = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
     return {
-        _RINGS: {"paper": REPORTED[_RINGS]} | _one(fixed, "r_a", depths_m),
-        _THREE: {"paper": REPORTED[_THREE]} | _one(average, "experiment", depths_m, human),
+        FIXED_DEPTH_AND_RING: {"paper": REPORTED[FIXED_DEPTH_AND_RING]} | _one(fixed, "r_a", depths_m),
+        THREE_EXPERIMENTS: {"paper": REPORTED[THREE_EXPERIMENTS]}
+        | _one(average, "experiment", depths_m, human),
         _BEST: {"paper": REPORTED[_BEST]} | _one(best, "experiment", depths_m),
     }
 
