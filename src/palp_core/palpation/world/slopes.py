@@ -95,12 +95,18 @@ class TraceSlopes:
     Attributes:
         mean_n_m: Nominal traces, shape (m, k, K).
         slope: Change per unit of each latent of :data:`.LATENTS`, shape (m, k, K, l).
+        bend: Half the change of the slope per unit of each latent, shape (m, k, K, l): a parabola through
+            the nominal trace and those a step to either side; 0 for the square beside the path.
+        place_m: Mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it
+            stays, and past a bead it goes faster than the stage.
         centre_m: Stage position of each bin's middle, rising, shape (K,).
         rungs: Contact rung of each depth.
     """
 
     mean_n_m: Float64Array
     slope: Float64Array
+    bend: Float64Array
+    place_m: Float64Array
     centre_m: Float64Array
     rungs: tuple[str, ...]
 
@@ -114,6 +120,7 @@ def trace_slopes(
     forward: bool = True,
     run_in: bool = True,
     rung: str = "",
+    steps: Float64Array | None = None,
 ) -> TraceSlopes:
     """Return what the binned trace of each depth and ring is, and how it answers to the latents.
 
@@ -128,6 +135,8 @@ def trace_slopes(
         forward: Whether the stage goes towards +Y.
         run_in: Whether a sweep begins upright, with a tip that sticks.
         rung: Contact rung; empty: the register's choice for each depth.
+        steps: Of each latent, shape (l,), as large as it is likely to be, for slope and bend there;
+            None: a twentieth of its reach.
 
     Raises:
         MethodError: No contact rung is good enough for a depth.
@@ -137,12 +146,14 @@ def trace_slopes(
         edges_m = bin_edges_m(scene.path.from_m, scene.path.to_m)
     bins = bins_of(edges_m, forward=forward)
     count = len(LATENTS)
-    low = np.where(LOWEST < 0.0, -SMALL, 0.0) * REACH
-    rows = np.concatenate([np.zeros((1, count)), np.diag(low), np.diag(SMALL * REACH)])
-    width = SMALL * REACH - low
+    step = SMALL * REACH if steps is None else np.minimum(steps, REACH)
+    low = np.where(LOWEST < 0.0, -step, 0.0)
+    rows = np.concatenate([np.zeros((1, count)), np.diag(low), np.diag(step)])
+    width = np.maximum(step - low, 1e-12)
     many = len(rows)
     mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))
-    slope = np.empty((*mean.shape, count))
+    slope, bend = np.empty((*mean.shape, count)), np.empty((*mean.shape, count))
+    place_m = np.empty(mean.shape)
     rungs = []
     for i, depth_m in enumerate(depths_m):
         own = scene.with_bead(depth_m)
@@ -160,4 +171,7 @@ def trace_slopes(
         mean[i] = traces[:, 0]
         up, down = traces[:, 1 + count :], traces[:, 1 : 1 + count]
         slope[i] = np.moveaxis((up - down) / width[:, None], 1, -1)
-    return TraceSlopes(mean, slope, bins.centre_m, tuple(rungs))
+        curve = np.where(low < 0.0, 0.5 / np.maximum(step, 1e-12) ** 2, 0.0)[:, None]
+        bend[i] = np.moveaxis((up + down - 2.0 * traces[:, :1]) * curve, 1, -1)
+        place_m[i] = found.tip_m[::many] @ bins.spline.T @ bins.mean.T
+    return TraceSlopes(mean, slope, bend, place_m, bins.centre_m, tuple(rungs))

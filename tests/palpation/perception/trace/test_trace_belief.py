@@ -29,7 +29,9 @@ STAYS: tuple[Stays, ...] = ("trial", "landing", "sweep")
 
 def model_of(seed: int = 1, *, apart: float = 1.0) -> TraceModel:
     rng = np.random.default_rng(seed)
-    place = np.tile(np.arange(BINS) * 2e-3, (SETTINGS, 1))
+    place = np.tile(np.arange(BINS) * 2e-3, (CLASSES, SETTINGS, 1)) * (
+        1.0 + 0.1 * np.arange(CLASSES)[:, None, None]
+    )
     return TraceModel(
         np.arange(CLASSES),
         np.zeros(CLASSES),
@@ -38,7 +40,7 @@ def model_of(seed: int = 1, *, apart: float = 1.0) -> TraceModel:
         np.array([4e-4, 2e-4, 1e-4]),
         STAYS,
         1e-4,
-        Texture(3e-4, 4e-3),
+        Texture(3e-4, 4e-3, 0.5, "exponential"),
         place,
         np.array([False, True]),
     )
@@ -58,7 +60,7 @@ def stacked(model: TraceModel, component: int, sweeps: list[SweepOf]) -> tuple[F
                         * model.slope[component, other.setting, j, which]
                         * model.offset_sd[which] ** 2
                     )
-            apart = abs(model.place_m[one.setting, i] - model.place_m[other.setting, j])
+            apart = abs(model.place_m[component, one.setting, i] - model.place_m[component, other.setting, j])
             sign = 1.0 if model.backward[one.setting] == model.backward[other.setting] else 0.0
             covariance[a, b] += sign * 3e-4**2 * np.exp(-apart / 4e-3)
             covariance[a, b] += 1e-8 * (a == b)

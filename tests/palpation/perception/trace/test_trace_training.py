@@ -50,14 +50,16 @@ def test_bad_bins_and_samples_are_refused() -> None:
         BinnedSweep().add(PATH, np.array([0.0, 0.1]), np.array([0.0]))
 
 
-def test_the_texture_of_residuals_is_found_again() -> None:
-    rng, true = np.random.default_rng(2), Texture(2e-4, 5e-3)
+@pytest.mark.parametrize("form", ["exponential", "gaussian"])
+def test_the_texture_of_residuals_is_found_again(form: str) -> None:
+    rng, true = np.random.default_rng(2), Texture(2e-4, 5e-3, 0.5, form)
     place = PATH.middle_m
     slope = np.broadcast_to(np.cos(place * 60.0)[:, None], (30, len(place), 1))
     covariance = true.covariance(place, place) + 1e-10 * np.eye(len(place))
     rows = rng.multivariate_normal(np.zeros(len(place)), covariance, 30)
     rows += slope[:, :, 0] * rng.normal(0.0, 1e-3, (30, 1))
-    found = fit_texture(rows, slope, np.array([1e-3]), 1e-5, place)
+    found = fit_texture(rows, slope, np.array([1e-3]), 1e-5, np.tile(place, (30, 1)))
+    assert found.form == form
     assert found.sd_n_m == pytest.approx(2e-4, rel=0.15)
     assert found.length_m == pytest.approx(5e-3, rel=0.35)
 
@@ -91,7 +93,7 @@ def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_land
     offsets = TraceOffsets(
         ("height", "landing"), np.array([1e-4, 1.7e-4]), ("trial", "landing"), np.zeros((2, 3, PATH.count, 2))
     )
-    model = trace_model(learnt, offsets, Texture(), np.tile(place, (3, 1)))
+    model = trace_model(learnt, offsets, Texture(), np.tile(place, (2, 3, 1)))
     np.testing.assert_allclose(model.slope[..., 1], learnt.ring_slope * np.sqrt(1.0 + 1.0 / 60.0))
 
 

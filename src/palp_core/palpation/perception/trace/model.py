@@ -2,7 +2,7 @@
 
 A sweep at setting u of component c is::
 
-    y_i = mean[c, u, i] + sum_l slope[c, u, i, l] x_l + texture(place[u, i]) + white
+    y_i = mean[c, u, i] + sum_l slope[c, u, i, l] x_l + texture(place[c, u, i]) + white
 
 Offsets x are normal and stay as long as they stay: for a sweep, until the ring lands anew, or for the trial.
 Sweeps of a trial share them, and the track's texture. A component is a class, or a class with an offset near
@@ -25,6 +25,7 @@ from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.units import Float64Array
 
 Stays = Literal["sweep", "landing", "trial"]
+_ALIKE_M = 4e-3  # over which errors of slopes are alike: assumed, half a bead
 _KEPT = (
     512  # factors; a first sweep over three classes and forty bins takes 40 kB, each before it as much again
 )
@@ -72,8 +73,10 @@ class TraceModel:
         stays: How long each stays, length l.
         white_sd: Of a bin, N m.
         texture: Of the track.
-        place_m: Where the ball touches in each bin, shape (k, b): near places share texture.
+        place_m: Where the ball touches in each bin, shape (c, k, b): near places share texture.
         backward: Whether a setting sweeps the other way, shape (k,).
+        slope_error: What slopes are wrong by, relative: what an offset does differs from ``slope`` by so much
+            of itself, alike over a few millimetres and in all sweeps of a trial.
 
     Raises:
         PerceptionError: Shapes that do not fit, or numbers that are not finite.
@@ -89,6 +92,7 @@ class TraceModel:
     texture: Texture
     place_m: Float64Array
     backward: NDArray[np.bool_]
+    slope_error: float = 0.0
     _factors: OrderedDict[tuple[SweepOf, ...], SweepFactor] = field(default_factory=OrderedDict, repr=False)
 
     def __post_init__(self) -> None:
@@ -101,7 +105,7 @@ class TraceModel:
             )
         if self.class_of.shape != (components,) or self.log_weight.shape != (components,):
             raise PerceptionError(f"{components} components need as many classes and weights")
-        if self.place_m.shape != (settings, bins) or self.backward.shape != (settings,):
+        if self.place_m.shape != self.mean.shape or self.backward.shape != (settings,):
             raise PerceptionError(
                 f"places of shape {self.place_m.shape} for {settings} settings of {bins} bins"
             )
@@ -168,13 +172,21 @@ class TraceModel:
         )
         spread = self.offset_sd**2 * kept
         first, second = self.slope[:, one.setting], self.slope[:, other.setting]
-        field_part = self.texture.covariance(
-            self.place_m[one.setting],
-            self.place_m[other.setting],
-            same_way=bool(self.backward[one.setting] == self.backward[other.setting]),
+        same_way = bool(self.backward[one.setting] == self.backward[other.setting])
+        field_part = np.stack(
+            [
+                self.texture.covariance(at[one.setting], at[other.setting], same_way=same_way)
+                for at in self.place_m
+            ]
         )
-        found = (first * spread) @ np.swapaxes(second, 1, 2) + field_part
+        shared = (first * spread) @ np.swapaxes(second, 1, 2)
+        found = shared * (1.0 + self.slope_error**2 * self._near(one.setting, other.setting)) + field_part
         return np.asarray(found + self.white_sd**2 * np.eye(self.bin_count) if same else found)
+
+    def _near(self, one: int, other: int) -> Float64Array:
+        """Return how alike errors of slopes are at the places of two settings, shape (c, b, b)."""
+        apart = self.place_m[:, one, :, None] - self.place_m[:, other, None, :]
+        return np.exp(-0.5 * (apart / _ALIKE_M) ** 2)
 
 
 def on_grid(
@@ -205,6 +217,7 @@ def on_grid(
         model.stays,
         model.white_sd,
         model.texture,
-        model.place_m,
+        np.tile(model.place_m, (count, 1, 1)),
         model.backward,
+        model.slope_error,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,23 +14,28 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class Texture:
-    """A stationary Gaussian field over the path: covariance sd^2 exp(-|y - y'| / length).
+    """A stationary Gaussian field over the path, of covariance sd^2 k(|y - y'| / length).
 
     Attributes:
         sd_n_m: Standard deviation of the torque that it adds.
         length_m: Correlation length.
         reversing: Share of its variance that turns its sign with the sweep's direction, as friction does; the
             rest is of the surface's form and pushes the same way in both.
+        form: k(x): ``exponential``, exp(-x), rough; ``matern``, (1 + sqrt(3) x) exp(-sqrt(3) x), which has a
+            slope; ``gaussian``, exp(-x^2 / 2), smooth, as what a contact of some width feels.
 
     Raises:
-        PerceptionError: A negative spread, no length, or a share outside 0 to 1.
+        PerceptionError: A negative spread, no length, a share outside 0 to 1, or no such form.
     """
 
     sd_n_m: float = 0.0
     length_m: float = 0.004
     reversing: float = 0.5
+    form: str = "gaussian"
 
     def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise PerceptionError(f"no form of texture '{self.form}'; use one of {', '.join(FORMS)}")
         if not (0.0 <= self.sd_n_m < 1.0 and 0.0 < self.length_m < 10.0 and 0.0 <= self.reversing <= 1.0):
             raise PerceptionError(
                 f"texture of {self.sd_n_m} N m over {self.length_m} m, {self.reversing} reversing: spread "
@@ -44,9 +50,16 @@ class Texture:
             other_m: Places of another, or the same, shape (o,).
             same_way: Whether both go the same way.
         """
-        apart = np.abs(np.asarray(at_m)[:, None] - np.asarray(other_m)[None, :])
+        apart = np.abs(np.asarray(at_m)[:, None] - np.asarray(other_m)[None, :]) / self.length_m
         share = 1.0 if same_way else 2.0 * self.reversing - 1.0
-        return np.asarray(share * self.sd_n_m**2 * np.exp(-apart / self.length_m))
+        return np.asarray(share * self.sd_n_m**2 * FORMS[self.form](apart))
+
+
+FORMS: dict[str, Callable[[Float64Array], Float64Array]] = {
+    "exponential": lambda x: np.exp(-x),
+    "matern": lambda x: (1.0 + 3**0.5 * x) * np.exp(-(3**0.5) * x),
+    "gaussian": lambda x: np.exp(-0.5 * x * x),
+}
 
 
 def fit_texture(
@@ -63,35 +76,40 @@ def fit_texture(
         slope: Change of each by a unit of each latent, shape (r, b, l).
         prior_sd: Spread of the latents in the residuals, shape (l,).
         white_sd: Of a bin of such a mean, N m.
-        place_m: Where the bins are, shape (b,).
+        place_m: Where the ball touches in each, shape (r, b).
 
     Raises:
         PerceptionError: Fewer than two residuals, or they are not finite.
     """
     if residual_n_m.ndim != 2 or len(residual_n_m) < 2 or not np.isfinite(residual_n_m).all():
         raise PerceptionError("a texture takes two mountings at least, all of whose torques are numbers")
-    known = [(s * prior_sd) @ (s * prior_sd).T + white_sd**2 * np.eye(len(place_m)) for s in slope]
-
-    def cost(log_of: Float64Array) -> float:
-        field = Texture(float(np.exp(log_of[0])), float(np.exp(log_of[1])), 0.5).covariance(place_m, place_m)
-        total = 0.0
-        for row, covariance in zip(residual_n_m, known, strict=True):
-            lower = np.linalg.cholesky(covariance + field)
-            white = scipy.linalg.solve_triangular(lower, row, lower=True)
-            total += 0.5 * float(white @ white) + float(np.log(np.diag(lower)).sum())
-        return total
-
+    known = [(s * prior_sd) @ (s * prior_sd).T + white_sd**2 * np.eye(slope.shape[1]) for s in slope]
     scale = float(np.log(max(residual_n_m.std(), white_sd, 1e-9)))
-    step = float(np.abs(np.diff(place_m)).mean())
+    step = float(np.abs(np.diff(place_m, axis=1)).mean())
     ends = [(np.log(1e-9), np.log(0.5)), (np.log(0.5 * step), np.log(np.ptp(place_m)))]
-    found = min(
-        (
-            scipy.optimize.minimize(
-                cost, [scale + shift, np.log(length * step)], bounds=ends, method="L-BFGS-B"
+    best, least = Texture(), np.inf
+    for form in FORMS:
+
+        def cost(log_of: Float64Array, form: str = form) -> float:
+            sd, length = np.exp(log_of)
+            field = Texture(float(sd), float(length), 0.5, form)
+            return sum(
+                _surprise(row, covariance + field.covariance(at, at))
+                for row, covariance, at in zip(residual_n_m, known, place_m, strict=True)
             )
-            for shift in (0.0, -2.0)
-            for length in (1.0, 5.0)
-        ),
-        key=lambda result: float(result.fun),
-    )
-    return Texture(float(np.exp(found.x[0])), float(np.exp(found.x[1])), 0.5)
+
+        for shift in (0.0, -2.0):
+            for length in (1.0, 3.0):
+                begun = [scale + shift, np.log(length * step)]
+                found = scipy.optimize.minimize(cost, begun, bounds=ends, method="L-BFGS-B")
+                if found.fun < least:
+                    sd, long = np.exp(found.x)
+                    best, least = Texture(float(sd), float(long), 0.5, form), float(found.fun)
+    return best
+
+
+def _surprise(row: Float64Array, covariance: Float64Array) -> float:
+    """Return minus the log density of a row, but for a constant."""
+    lower = np.linalg.cholesky(covariance)
+    white = scipy.linalg.solve_triangular(lower, row, lower=True)
+    return 0.5 * float(white @ white) + float(np.log(np.diag(lower)).sum())

@@ -148,12 +148,14 @@ class TraceOffsets:
         sd: Spread of each, in its unit, shape (l,).
         stays: How long each stays.
         slope: Change of the trace by a unit of each by the mechanics, shape (m, k, b, l).
+        slope_error: What slopes are taken to be wrong by, relative (assumed: a fifth).
     """
 
     names: tuple[str, ...]
     sd: Float64Array
     stays: tuple[Stays, ...]
     slope: Float64Array
+    slope_error: float = 0.2
 
 
 def trace_model(
@@ -168,7 +170,7 @@ def trace_model(
         trained: Mean traces of the cells.
         offsets: What else a sweep answers to.
         texture: Of a track; training's part in it too.
-        place_m: Where the ball touches in each bin, shape (k, b).
+        place_m: Where the ball touches in each bin, shape (m, k, b).
     """
     share = np.sqrt(1.0 + 1.0 / trained.mountings)[:, None]
     slope = offsets.slope.copy()
@@ -190,7 +192,9 @@ def trace_model(
             texture.sd_n_m * float(np.sqrt(1.0 + 1.0 / trained.mountings.min())),
             texture.length_m,
             texture.reversing,
+            texture.form,
         ),
         place_m,
         np.zeros(len(trained.rings_m), dtype=bool),
+        offsets.slope_error,
     )

@@ -17,7 +17,7 @@ from palp_core.palpation.studies.simulation.policies import (
     run_policy,
 )
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable
-from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
+from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials, run_trials
 from palp_core.units import Float64Array
 
 READINGS = ("markov", "markov_gaussian_reset", "markov_mean")
@@ -94,9 +94,7 @@ def grid_session(job: GridJob) -> dict[str, Float64Array]:
     found = {}
     for name, model in (("naive", naive), ("latent", aware)):
         ended = run_trials(
-            job.grid_touch,
-            conditions,
-            draws,
+            TabledTrials(job.grid_touch, conditions, draws),
             model,
             UniformRings(STIFF_M),
             FixedNumber(conditions.max_probes),

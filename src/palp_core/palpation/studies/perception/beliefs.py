@@ -24,7 +24,7 @@ from palp_core.palpation.studies.perception.signals import TOUCHES
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import SimulatedSession, begin_session
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
-from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
+from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials, run_trials
 from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.units import Float64Array
 
@@ -56,7 +56,7 @@ def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) ->
     felt = tabulate(replace(touch, feature=feature))
     policy, stop = FixedRing(max(touch.rings_m)), FixedNumber(1)
     ended = [
-        run_trials(felt, conditions, one.draws, one.naive, policy, stop)
+        run_trials(TabledTrials(felt, conditions, one.draws), one.naive, policy, stop)
         for one in sessions(felt, conditions, count)
     ]
     return float(np.mean([~one.correct for one in ended]))
@@ -174,7 +174,7 @@ def told(session: SimulatedSession) -> OffsetModel:
 def decided(session: SimulatedSession, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:
     """Return how a session's trials end under a filter of task ``filter``, told what the rig does."""
     model = session.naive if name == "naive" else find("filter", name).target(told(session))
-    return run_trials(session.table, session.conditions, session.draws, model, policy, rule)
+    return run_trials(session.felt, model, policy, rule)
 
 
 def miscalibrated(ended: Sequence[Outcomes]) -> float:

@@ -129,7 +129,7 @@ def _run(
 def chain_outcomes(chain: MarkovPolicy, session: SimulatedSession, design: FilterDesign) -> Outcomes:
     """Return what a chain does in a session."""
     model = session.naive if design.filter_name == "naive" else session.latent
-    return run_trials(session.table, session.conditions, session.draws, model, chain, design.stop)
+    return run_trials(session.felt, model, chain, design.stop)
 
 
 def promises(

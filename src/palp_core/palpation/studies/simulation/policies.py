@@ -31,7 +31,7 @@ from palp_core.palpation.studies.simulation.conditions import (
     train,
 )
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable
-from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
+from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials, run_trials
 from palp_core.units import Float64Array
 
 
@@ -86,6 +86,11 @@ class SimulatedSession:
     latent: latent.OffsetModel
     best_ring_m: float
     order: tuple[int, ...]
+
+    @property
+    def felt(self) -> TabledTrials:
+        """Its trials."""
+        return TabledTrials(self.table, self.conditions, self.draws)
 
 
 def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[int]) -> SimulatedSession:
@@ -231,7 +236,7 @@ def run_policy(
     model = session.naive if filter_name == "naive" else known(session.latent)
     chosen = policy(name, session, per_second=per_second)
     rule = FixedNumber(1) if name == "best_single_probe" else stop
-    return run_trials(session.table, session.conditions, session.draws, model, chosen, rule)
+    return run_trials(session.felt, model, chosen, rule)
 
 
 def chance(session: SimulatedSession) -> Outcomes:

@@ -211,7 +211,12 @@ def scene_of(gel: Gel, depth_m: float) -> Scene:
 
 
 def tabulate_traces(
-    gel: Gel, *, forward: bool = True, run_in: bool = True, width_m: float = 0.002
+    gel: Gel,
+    *,
+    forward: bool = True,
+    run_in: bool = True,
+    width_m: float = 0.002,
+    path_m: tuple[float, float] = (FROM_M, TO_M),
 ) -> TraceTable:
     """Solve sweeps of every cell all over the latents' reach and fit the polynomials.
 
@@ -220,6 +225,7 @@ def tabulate_traces(
         forward: Whether the stage goes towards +Y.
         run_in: Whether a sweep begins upright, with a tip that sticks.
         width_m: Of a bin.
+        path_m: Ends of the path, the lower first.
 
     Raises:
         MethodError: No contact model vouches for the peak in this gel.
@@ -228,12 +234,14 @@ def tabulate_traces(
     """
     if not 0.5e-3 <= width_m <= 0.02:
         raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")
-    return _tabulated(gel, forward, run_in, width_m)
+    return _tabulated(gel, forward, run_in, width_m, path_m)
 
 
 @functools.lru_cache(maxsize=16)
-def _tabulated(gel: Gel, forward: bool, run_in: bool, width_m: float) -> TraceTable:
-    bins = bins_of(bin_edges_m(FROM_M, TO_M, width_m), forward=forward)
+def _tabulated(
+    gel: Gel, forward: bool, run_in: bool, width_m: float, path_m: tuple[float, float]
+) -> TraceTable:
+    bins = bins_of(bin_edges_m(*path_m, width_m), forward=forward)
     rows = _design()
     basis = _basis(rows)
     solver = np.linalg.pinv(basis)
@@ -287,6 +295,8 @@ def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -
     return TraceSlopes(
         np.concatenate([one.mean_n_m for one in found]),
         np.concatenate([one.slope for one in found]),
+        np.concatenate([one.bend for one in found]),
+        np.concatenate([one.place_m for one in found]),
         found[0].centre_m,
         tuple(one.rungs[0] for one in found),
     )

@@ -1,6 +1,7 @@
 """Decide many trials at once: probe, update, stop or go on, all policies and filters by the same lines."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,92 @@ class Outcomes:
         return np.asarray(self.estimate == self.depth)
 
 
+class FeltTrials(Protocol):
+    """Trials of a session, before anything was chosen: what each would feel, whatever is done.
+
+    Attributes:
+        depths_m: Depth of each class.
+        rings_m: Trained positions of the ring.
+        depth: True class of each trial, shape (n,).
+        uniforms: For the policy, shape (n, most probes).
+        repeats: Whether later probes repeat the first reading wherever the ring is the same.
+    """
+
+    @property
+    def depths_m(self) -> tuple[float, ...]: ...
+    @property
+    def rings_m(self) -> tuple[float, ...]: ...
+    @property
+    def depth(self) -> NDArray[np.int64]: ...
+    @property
+    def uniforms(self) -> Float64Array: ...
+    @property
+    def repeats(self) -> bool: ...
+
+    def landing_m(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
+    ) -> Float64Array:
+        """Return where the ring would land, as an error; ``fixed``: by a policy that never moves it."""
+
+    def reading(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
+        """Return the reading of a probe, N m."""
+
+
+@dataclass(frozen=True, eq=False)
+class TabledTrials:
+    """Trials on the rig of the paper: one feature, tabulated over landing and height.
+
+    Attributes:
+        table: What is felt.
+        conditions: The rig and the experiment.
+        draws: The trials' luck.
+    """
+
+    table: ReadingTable
+    conditions: Conditions
+    draws: Draws
+
+    @property
+    def depths_m(self) -> tuple[float, ...]:
+        return self.table.gel.depths_m
+
+    @property
+    def rings_m(self) -> tuple[float, ...]:
+        return self.table.gel.rings_m
+
+    @property
+    def depth(self) -> NDArray[np.int64]:
+        return self.draws.depth
+
+    @property
+    def uniforms(self) -> Float64Array:
+        return self.draws.uniforms
+
+    @property
+    def repeats(self) -> bool:
+        return self.conditions.same_reading
+
+    def landing_m(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
+    ) -> Float64Array:
+        if self.conditions.landing == "level":
+            return self.draws.level_landing_m[ring]
+        # a fixed ring lands before its first probe only
+        return self.draws.fixed_landing_m[trials] if fixed else self.draws.landing_m[trials, probe]
+
+    def reading(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
+        draws = self.draws
+        return draws.bias_n_m + self.table.reading(
+            draws.depth[trials], ring, error_m, draws.height_m[trials], draws.noise[trials, probe]
+        )
+
+
 def run_trials(
-    table: ReadingTable,
-    conditions: Conditions,
-    draws: Draws,
+    felt_trials: FeltTrials,
     model: latent.OffsetModel,
     policy: StiffnessPolicy,
     stop: StopRule,
@@ -60,9 +143,7 @@ def run_trials(
     """Run every trial to its verdict.
 
     Args:
-        table: What is felt.
-        conditions: The rig and the experiment.
-        draws: The trials' luck.
+        felt_trials: The trials.
         model: The filter: readings and what it knows to stay.
         policy: Where to probe. One that knows offsets keeps a belief of its own.
         stop: When to stop.
@@ -73,15 +154,16 @@ def run_trials(
         PerceptionError: The stop rule cannot decide among so few classes.
     """
     timing = timing or Timing()
-    slot = _slots(policy, table)
-    count, most = draws.landing_m.shape
-    rings_m, depths_m = np.asarray(table.gel.rings_m), np.asarray(table.gel.depths_m)
+    slot = _slots(policy, felt_trials.rings_m)
+    uniforms = felt_trials.uniforms
+    count, most = uniforms.shape
+    rings_m, depths_m = np.asarray(felt_trials.rings_m), np.asarray(felt_trials.depths_m)
     prior = np.full(len(depths_m), 1.0 / len(depths_m))
     active = np.arange(count)
     belief = latent.start(model, count)
     knows = isinstance(policy, InformationGainLatent) and policy.model is not model
     own = latent.start(policy.model, count) if isinstance(policy, InformationGainLatent) else belief
-    at = policy.start(given(draws.uniforms[:, 0]), count)
+    at = policy.start(given(uniforms[:, 0]), count)
     end_posterior = np.tile(prior, (count, 1))
     posteriors = np.zeros((most, count, len(depths_m)))
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
@@ -94,17 +176,10 @@ def run_trials(
         moved = (ring != here) | at.renew
         seconds[active] += timing.sweep_s + _travel_s(timing, rings_m, here, ring, at.renew)
         moves[active] += moved & (here >= 0)
-        if conditions.landing == "level":
-            landing = draws.level_landing_m[ring]
-        else:  # a fixed ring lands before its first probe only
-            landing = (
-                draws.fixed_landing_m[active] if isinstance(policy, FixedRing) else draws.landing_m[active, t]
-            )
+        landing = felt_trials.landing_m(active, ring, t, fixed=isinstance(policy, FixedRing))
         error_m[active] = np.where(moved, landing, error_m[active])
-        felt = draws.bias_n_m + table.reading(
-            draws.depth[active], ring, error_m[active], draws.height_m[active], draws.noise[active, t]
-        )
-        if conditions.same_reading:
+        felt = felt_trials.reading(active, ring, error_m[active], t)
+        if felt_trials.repeats:
             felt = np.where(moved, felt, reading[active])
         reading[active], before_ring[active] = felt, ring
         belief = latent.update(model, belief, felt[:, None], ring, moved)
@@ -122,10 +197,10 @@ def run_trials(
             posteriors[t + 1 :] = end_posterior
             break
         active, belief, own = active[going], belief[going], own[going]
-        at = policy.step(at[going], own, given(draws.uniforms[active, t + 1]))
+        at = policy.step(at[going], own, given(uniforms[active, t + 1]))
     estimate = np.argmax(end_posterior, axis=1)
     return Outcomes(
-        draws.depth,
+        felt_trials.depth,
         estimate,
         end_posterior.max(axis=1),
         probes,
@@ -133,15 +208,15 @@ def run_trials(
         seconds,
         decided,
         np.transpose(posteriors @ depths_m),
-        np.transpose(np.argmax(posteriors, axis=2) == draws.depth),
+        np.transpose(np.argmax(posteriors, axis=2) == felt_trials.depth),
     )
 
 
-def _slots(policy: StiffnessPolicy, table: ReadingTable) -> NDArray[np.int64]:
+def _slots(policy: StiffnessPolicy, trained_m: tuple[float, ...]) -> NDArray[np.int64]:
     """Return the trained setting of each level of the policy."""
-    away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(table.gel.rings_m))
+    away = np.abs(np.asarray(policy.rings_m)[:, None] - np.asarray(trained_m))
     if (away.min(axis=1) > 1e-9).any():
-        raise PalpError(f"the policy uses rings {policy.rings_m} m; trained are {table.gel.rings_m}")
+        raise PalpError(f"the policy uses rings {policy.rings_m} m; trained are {trained_m}")
     slots: NDArray[np.int64] = np.argmin(away, axis=1)
     return slots
 
