@@ -58,6 +58,20 @@ def test_a_person_reads_a_row_per_method_with_its_mark() -> None:
     assert "chosen: is the cheapest within 2.0%" in rows["l2"]
     assert "is a reference: for teaching" in rows["l1"]
     assert rows["l2"].rstrip().endswith("l4")
+    assert "  l2: Hertz with the bonded layer's correction;" in result.output
+
+
+def test_every_method_says_what_it_is_in_plain_words() -> None:
+    for one in (one for one in listed() if one["module"].startswith("palp_core.")):
+        assert len(one["what"]) > 10, f"{one['task']}: {one['name']} has no docstring"
+        assert ":`" not in one["what"]
+
+
+def test_a_scene_for_which_none_is_good_enough_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "hard.yaml"
+    file.write_text("phantom: {poisson: 0.5}\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["methods", "contact", "--scene", str(file)])
+    assert "None is good enough here" in result.output
 
 
 @pytest.mark.parametrize(

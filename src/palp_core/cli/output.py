@@ -41,10 +41,16 @@ def make_folder(out: Path) -> None:
     """Make the folder that ``--out`` names, and those above it, before hours of work rather than after.
 
     Raises:
-        PalpError: It cannot be made.
+        PalpError: It cannot be made, or nothing can be written there.
     """
+    import tempfile
+
     try:
         out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except FileExistsError as error:
+        raise PalpError(f"--out {out}: is a file, not a folder") from error
     except OSError as error:
         raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
 

@@ -8,10 +8,10 @@ way as soon as it is measured, the cheap ones first, so that whoever asks may st
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from palp_core.errors import MethodError
+from palp_core.errors import MethodError, PalpError
 
 GROUP = "palp.measures"
 """Entry points by task: the functions that measure its methods."""
@@ -62,14 +62,26 @@ def measure_of(task: str) -> list[Measure]:
     """Return the functions that measure a task's methods.
 
     Raises:
-        MethodError: There is none.
+        MethodError: There is none, or a package's cannot be loaded.
     """
-    found: list[Measure] = [point.load() for point in entry_points(group=GROUP) if point.name == task]
+    found = [_loaded(point) for point in entry_points(group=GROUP) if point.name == task]
     if not found:
         raise MethodError(
             f"nothing measures the methods of task '{task}'; measured are {', '.join(measured_tasks())}"
         )
     return found
+
+
+def _loaded(point: EntryPoint) -> Measure:
+    try:
+        measure: Measure = point.load()
+    except Exception as error:
+        of = f" of package '{point.dist.name}'" if point.dist else ""
+        kind = "" if isinstance(error, PalpError) else f"{type(error).__name__}: "
+        raise MethodError(
+            f"what measures task '{point.name}', {point.value}{of}, cannot be loaded: {kind}{error}"
+        ) from error
+    return measure
 
 
 def cpu_s(

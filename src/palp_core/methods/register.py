@@ -1,6 +1,7 @@
 """What there is to choose from: tasks, and the methods declared for each."""
 
 import importlib
+import inspect
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,6 +22,8 @@ GROUP = "palp.methods"
 
 # A parameter's `auto` leaves it to the register, and a colon parts a name from its module.
 _NAME = re.compile(r"(?!auto$)\w[\w.-]*")
+
+_ROLE = re.compile(r":\w+:`[.~]*([^`]*)`|``")  # of a docstring's words, not for people
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,12 @@ class Method:
         strays = [_strays(one.within, scene) for one in coarsest_first if one.output == output]
         nearest = sorted(strays, key=len)[0] if strays else []
         return ", ".join(_strays(self.valid, scene) or nearest)
+
+    @property
+    def what(self) -> str:
+        """What it is, in words: the first line of what its code says of itself."""
+        first = (inspect.getdoc(self.target) or "").partition("\n")[0]
+        return _ROLE.sub(r"\1", first)
 
     @property
     def module(self) -> str:

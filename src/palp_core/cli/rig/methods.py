@@ -32,7 +32,8 @@ def methods(
     """List the methods of every task, cheapest first, and which of them a scene gets.
 
     Costs are seconds of one core on the machine where they were measured, errors relative unless the output
-    is a time. The choice is the one that runs obey.
+    is a time. A method is chosen, valid (good enough, but dearer), refused, or a reference (to compare with,
+    never chosen). The choice is the one that runs obey. Of one task it also says what each method is.
     """
     from palp_core.methods import task as task_of
     from palp_core.methods import tasks
@@ -55,6 +56,12 @@ def methods(
             _print_wrapped(one)
         else:
             print_table([_HEAD, *(cells for cells, _ in _rows(one))])
+        if one.chosen is None:
+            print_text("None is good enough here: relax the tolerance, or declare a finer method.")
+        if task:
+            print_text("")
+            for declared, _ in one.declared():
+                print_text(f"  {declared.name}: {declared.what}")
         print_text("")
     note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
 
@@ -90,6 +97,7 @@ def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str,
     return {
         "task": declared.task,
         "name": declared.name,
+        "what": declared.what,
         "cost_s": declared.cost_s,
         "per": choice.task.per,
         "output": choice.output,

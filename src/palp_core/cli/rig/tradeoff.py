@@ -74,7 +74,10 @@ def tradeoff(
     make_folder(out)
     with told() as tell:
         survey = take(given, choices, budget_s=budget_s, tell=tell)
-    page = write_tradeoff(survey, out)
+    if survey.ended == "interrupted":
+        note("interrupted: the page is made of what there is; Ctrl-C again leaves it")
+    with until_ctrl_c():
+        page = write_tradeoff(survey, out)
     if survey.left_out:
         why = {"budget": "time was up", "interrupted": "interrupted"}.get(survey.ended, "not complete")
         note(f"{why}, and the page has what there was; left out: {survey.left_out}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib
+import math
 import os
 import signal
 import subprocess
@@ -139,6 +140,73 @@ def test_a_measure_that_fails_leaves_the_page_what_there_was(
     assert done.exit_code == 1
     assert "toy: its measure failed: ZeroDivisionError: by nothing" in done.stderr
     assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"wrong", "quick"}
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("wrong", math.nan, 0.1), "it gave 'wrong' a cost of nan s"),
+        (("wrong", math.inf, 0.1), "it gave 'wrong' a cost of inf s"),
+        (("wrong", -1.0, 0.1), "it gave 'wrong' a cost of -1 s"),
+        (("wrong", 0.0, 0.1), "it gave 'wrong' a cost of 0 s"),
+        (("unheard", 1.0, 0.1), "it measured 'unheard', of which task 'toy' has no method"),
+    ],
+)
+def test_a_point_that_is_none_is_said_and_the_others_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, float, float], words: str
+) -> None:
+    toy = importlib.import_module("toy_task")
+
+    def measure(_: Scene) -> Iterator[measured.Measured]:
+        yield toy.point("quick", 0.1, 0.04, condition="a price of $3 or $5 _{")
+        yield toy.point(*given)
+
+    monkeypatch.setattr(toy, "measure", measure)
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)], catch_exceptions=False)
+    assert (done.exit_code, f"toy: its measure failed: {words}" in done.stderr) == (1, True)
+    assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"quick"}
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_measure_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = EntryPoint("toy", "toy_task:nothing", measured.GROUP)
+    monkeypatch.setattr(measured, "entry_points", lambda group: [lost] if group == measured.GROUP else [])
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path / "out")])
+    assert "what measures task 'toy', toy_task:nothing, cannot be loaded: AttributeError" in str(
+        done.exception
+    )
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("toys")
+def test_no_chart_of_an_earlier_survey_stays_beside_a_page_that_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    toy = importlib.import_module("toy_task")
+    assert CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)]).exit_code == 0
+    assert (tmp_path / "tradeoff_toy.png").exists()
+    monkeypatch.setattr(toy, "measure", lambda _: iter(()))
+    assert CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)]).exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"index.html", "tradeoff.json"}
+
+
+@pytest.mark.usefixtures("toys")
+def test_where_nothing_can_be_written_is_said_before_anything_is_measured(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for out, words in (
+        (tmp_path / "file", "is a file, not a folder"),
+        (Path("/proc/self"), "cannot be written"),
+    ):
+        done = CliRunner().invoke(app, ["tradeoff", "--out", str(out)])
+        assert words in str(done.exception)
+        assert "--out" in str(done.exception)
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_budget_beyond_any_clock_is_one_without_end(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "99999999999h"])
+    assert done.exit_code == 0, done.output
 
 
 @pytest.mark.usefixtures("toys")

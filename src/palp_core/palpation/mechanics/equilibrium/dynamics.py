@@ -220,7 +220,7 @@ declare_task(
     fails="seconds of CPU a sweep; the gel's own inertia is left out",
 )
 class Dynamic:
-    """Marker of :func:`simulate` in the register."""
+    """The joint's inertia, stepped in time with implicit friction: :func:`simulate`."""
 
 
 @method(
@@ -240,4 +240,4 @@ class Dynamic:
     survivor="dynamic",
 )
 class QuasiStatic:
-    """Marker of :func:`palp_core.palpation.mechanics.sweep` in the register."""
+    """The joint at rest at every position, inertia left out: :func:`palp_core.palpation.mechanics.sweep`."""

@@ -42,6 +42,11 @@ _PANELS, _LABELLED = 4, 16
 Place = Callable[[Judgement], tuple[float, float]]
 
 
+def chart_name(choice: TaskChoice) -> str:
+    """Return the stem of the files of a task's chart."""
+    return f"tradeoff_{choice.task.name}"
+
+
 def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
     """Return the chart of a task.
 
@@ -59,12 +64,12 @@ def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
         for axes in grid[len(shown) :]:
             axes.set_axis_off()
         for axes, panel in zip(grid, shown, strict=False):
-            title = panel.title if len(every) > 1 else ""
+            title = panel.title.replace("$", r"\$") if len(every) > 1 else ""
             tidy(axes, title, f"CPU, s: {choice.task.per}", f"error: {panel.output}")
             draw_panel(axes, panel.found, styles, choice.tolerance if panel.output == choice.output else None)
 
     return Chart(
-        f"tradeoff_{choice.task.name}",
+        chart_name(choice),
         f"{choice.task.name}: {choice.task.question}",
         KEY,
         (7.0 if columns == 1 else 10.0, 4.2 * lines),
@@ -100,8 +105,11 @@ def draw_panel(
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(low, high)
-    costs = [one.point.cost_s for one in found]
-    axes.set_xlim(min(costs) / 3.0, max(costs) * 5.0)
+    axes.set_xlim(*_time_span([one.point.cost_s for one in found]))
+    axes.xaxis.set_minor_formatter("")  # words for 2, 3, 4 and 6 would lie on each other
+    if none:
+        axes.set_yticks([tick for tick in axes.get_yticks() if 4.0 * low < tick <= high])  # "0" is below
+        axes.set_ylim(low, high)
     labels = Labels(axes)
 
     def place(one: Judgement) -> tuple[float, float]:
@@ -125,7 +133,7 @@ def draw_panel(
     )
     for one in found:
         if one.fails:
-            _hatch(axes, *place(one), high)
+            hatch_point(axes, *place(one))
     for one in found:
         colour, marker = styles.get(one.point.method, (INK, "o"))
         size = 42 if one.point.usual else 20
@@ -141,6 +149,13 @@ def draw_panel(
             labels.write(_label(one), *place(one), bold=one.chosen, small=not one.point.usual)
 
 
+def _time_span(costs_s: Sequence[float]) -> tuple[float, float]:
+    """Return limits that leave room for words, and hold two powers of ten."""
+    low, high = min(costs_s) / 3.0, max(costs_s) * 5.0
+    wider = max(1.0, math.sqrt(100.0 * low / high))
+    return low / wider, high * wider
+
+
 def _label(one: Judgement) -> str:
     point = one.point
     parts = [point.method, point.setting if not point.usual or point.condition == REFERENCE else ""]
@@ -150,10 +165,11 @@ def _label(one: Judgement) -> str:
     return " ".join(part for part in parts if part)
 
 
-def _hatch(axes: Axes, x: float, y: float, top: float) -> None:
-    axes.fill_between(
-        [x / 1.3, x * 1.3], [y / 1.6] * 2, [top] * 2, facecolor="none", edgecolor=VERMILION, hatch="////",
-        linewidth=0.0, alpha=0.55, zorder=0,
+def hatch_point(axes: Axes, x: float, y: float) -> None:
+    """Hatch the place of a point that is not to be trusted, and of no other."""
+    axes.scatter(
+        x, y, s=340, marker="s", facecolor="none", edgecolor=VERMILION, hatch="//////", linewidth=0.0,
+        alpha=0.55, zorder=0,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ class Labels:
         self._taken.append(boxes[best])
         self._axes.annotate(
             text, (x, y), xytext=(dx, dy), textcoords="offset points", fontsize=size, ha=align, va="bottom",
-            fontweight="bold" if bold else "normal", zorder=6, annotation_clip=False,
+            fontweight="bold" if bold else "normal", zorder=6, annotation_clip=False, parse_math=False,
             path_effects=[withStroke(linewidth=2.0, foreground="white")],
         )  # fmt: skip
 

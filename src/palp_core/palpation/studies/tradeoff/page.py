@@ -17,7 +17,7 @@ from palp_core.methods.machine import UNIT_S, unit_s
 from palp_core.methods.measured import Measured
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 from palp_core.palpation.studies.contact.case import FailureCase
-from palp_core.palpation.studies.tradeoff.chart import KEY, task_chart
+from palp_core.palpation.studies.tradeoff.chart import KEY, chart_name, task_chart
 from palp_core.palpation.studies.tradeoff.judge import Judgement, panels
 from palp_core.palpation.studies.tradeoff.source import method_digest
 from palp_core.palpation.studies.tradeoff.survey import Survey, TaskSurvey
@@ -89,6 +89,9 @@ def scene_words(survey: Survey) -> str:
 
 def _section(one: TaskSurvey, out: Path) -> TaskSection:
     drawn = picture(task_chart(one.choice, one.points), out) if one.points else None
+    if drawn is None:
+        for kind in ("png", "svg", "csv"):  # of an earlier survey: beside this page they would be its own
+            (out / f"{chart_name(one.choice)}.{kind}").unlink(missing_ok=True)
     head = ("method", "setting", "cost", "error", "bound", "mark", "evidence", "fails", "survivor")
     return TaskSection(one, drawn, head, _rows(one), [_case(case) for case in one.cases])
 

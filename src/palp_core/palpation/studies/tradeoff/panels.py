@@ -21,7 +21,7 @@ from palp_core.palpation.reporting.charts import (
 )
 from palp_core.palpation.studies.simulation.policies import fixed_name
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
-from palp_core.palpation.studies.tradeoff.chart import draw_panel
+from palp_core.palpation.studies.tradeoff.chart import draw_panel, hatch_point
 from palp_core.palpation.studies.tradeoff.judge import Judgement
 from palp_core.palpation.studies.tradeoff.labels import Labels
 
@@ -130,11 +130,7 @@ def draw_rungs(axes: Axes, rows: Sequence[Row]) -> None:
         colour, marker = _RUNGS[row["rung"]]
         spot = (row["cpu_s_per_trial"], row["agreement"])
         if row["unstable"]:
-            x, y = spot
-            axes.fill_between(
-                [x / 1.15, x * 1.15], [0.0] * 2, [y] * 2, facecolor="none", edgecolor=VERMILION, hatch="////",
-                linewidth=0.0, alpha=0.55, zorder=0,
-            )  # fmt: skip
+            hatch_point(axes, *spot)
         axes.scatter(*spot, marker=marker, s=42, color=colour, zorder=3)
         labels.keep_free(*spot)
         if row["chosen"]:

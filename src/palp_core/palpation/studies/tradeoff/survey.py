@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
 
-from palp_core.errors import PalpError
+from palp_core.errors import MethodError, PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods.measured import REFERENCE, Measured, measure_of
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -17,6 +18,7 @@ from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.tradeoff.cases import cases_of
 
 _DRAWING_S = 0.5  # that a task's chart and table take of the budget; no more than a quarter of it in all
+_LONGEST_S = 1e9  # an alarm knows no more than its clock
 _AGAIN_S = 2.0  # an alarm that came where exceptions are swallowed comes again
 
 
@@ -45,12 +47,26 @@ class TaskSurvey:
     broken: bool = False
 
     def add(self, found: Measured | FailureCase) -> None:
-        """Add what was found; a point replaces what was measured of the same method at the same setting."""
+        """Add what was found; a point replaces what was measured of the same method at the same setting.
+
+        Raises:
+            MethodError: It is of another task, of no method of this one, or has no cost.
+        """
         if isinstance(found, FailureCase):
             self.cases.append(found)
             return
+        self._check(found)
         key = _key(found)
         self.points = [one for one in self.points if _key(one) != key] + [found]
+
+    def _check(self, found: Measured) -> None:
+        name = self.choice.task.name
+        if found.task != name:
+            raise MethodError(f"it measured '{found.method}' of task '{found.task}'")
+        if found.method not in {one.name for one in self.choice.candidates}:
+            raise MethodError(f"it measured '{found.method}', of which task '{name}' has no method")
+        if not 0.0 < found.cost_s < math.inf:
+            raise MethodError(f"it gave '{found.method}' a cost of {found.cost_s:g} s")
 
 
 def _key(one: Measured) -> tuple[str, str, str, str]:
@@ -140,10 +156,13 @@ def _step(one: TaskSurvey, found: Iterator[Measured | FailureCase]) -> bool:
         one.add(next(found))
     except StopIteration:
         return False
+    except MethodError as error:
+        one.missing, one.broken = f"its measure failed: {error}", True
+        return False
     except PalpError as error:
         one.missing = str(error)
         return False
-    except Exception as error:  # noqa: BLE001 -- a lab's own measure that fails leaves the others theirs
+    except (Exception, SystemExit) as error:  # noqa: BLE001 -- a lab's own measure that fails leaves the others theirs
         one.missing, one.broken = f"its measure failed: {type(error).__name__}: {error}", True
         return False
     finally:
@@ -176,7 +195,7 @@ def _alarm(budget_s: float | None) -> Iterator[None]:
         raise _TimeIsUp
 
     others = signal.signal(signal.SIGALRM, ring)
-    left = signal.setitimer(signal.ITIMER_REAL, budget_s, _AGAIN_S)
+    left = signal.setitimer(signal.ITIMER_REAL, min(budget_s, _LONGEST_S), _AGAIN_S)
     try:
         yield
     finally:
