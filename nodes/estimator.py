@@ -1,7 +1,8 @@
 """Infer the depth of the nodule from the torque of each sweep."""
 
-from collections.abc import Callable
+from typing import Literal
 
+import msgspec
 import numpy as np
 
 from msgs.actuator import RingState
@@ -9,54 +10,51 @@ from msgs.estimation import Belief, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from palp_core import Params, Pub, Sub, on
-from palp_core.errors import MethodError, PerceptionError
+from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.methods import find
-from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
-from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.perception.belief.rig_noise import noise_of
-from palp_core.palpation.perception.belief.stopping import Verdict, decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import (
-    NAIVE,
-    DepthCount,
-    TrialFilter,
-    TrialReading,
-    require_likelihood,
-)
+from palp_core.palpation.perception.belief.primitives import Primitives, fit_cells, quantisation_sd
+from palp_core.palpation.perception.belief.stopping import StopRule, Verdict, decide, stop_rule
+from palp_core.palpation.perception.belief.trial_filter import DepthCount, TrialFilter, TrialReading
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
-from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.trained_rings import untrained
-from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.session.filters import filter_by
 from palp_core.palpation.session.method_choices import (
-    AUTO,
     DenoiseName,
     FeatureName,
     FilterName,
     LikelihoodName,
     StopName,
-    checks_of,
-    given_by,
+    TraceFilterName,
     names_of,
 )
+from palp_core.palpation.session.methods.estimating import (
+    TRACE,
+    asked,
+    checks,
+    mistakes,
+    peak_of,
+    together,
+    uses_of,
+)
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
-from palp_core.palpation.session.methods.used import used
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.trace.reader import SweepUnderWay, TraceMemory
+from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace.watch import TraceWatch
 from palp_core.units import (
     CountPositive,
     Float64Array,
     HertzPositive,
+    Metres,
     MillimetresNonNegative,
+    MillimetresPositive,
+    NewtonMillimetresNonNegative,
     NewtonMillimetresPositive,
     RatioNonNegative,
     Seconds,
 )
-
-TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
-"""Tasks whose method is a parameter of the same name."""
 
 
 class EstimatorParams(Params):
@@ -69,7 +67,15 @@ class EstimatorParams(Params):
     what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
     ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics it knows how
     a reading answers to the height.
+
+    With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
+    told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
+    above, and by ``scene``'s mechanics height, friction, modulus, the bead's place and the ball's radius,
+    which spread as stated here (assumed), never as the simulated phantom's do. ``run_in``: whether a sweep
+    begins upright, with a tip that sticks. What is below ``from_m`` is of this reading only.
     """
+
+    reading: ReadOnly[Literal["feature", "trace"]] = "feature"
 
     wavelet: str = "db10"
     level: CountPositive = 5
@@ -89,6 +95,18 @@ class EstimatorParams(Params):
     resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3
     rate_hz: HertzPositive = 1000.0
     largest_gap_s: Seconds = 0.003
+    from_m: ReadOnly[Metres] = -0.03
+    to_m: ReadOnly[Metres] = 0.05
+    bin_mm: ReadOnly[MillimetresPositive] = 2.0
+    trace_filter: TraceFilterName = "linear"
+    trace_height_sd_mm: MillimetresNonNegative = 0.2
+    friction_sd: RatioNonNegative = 0.1
+    modulus_sd: RatioNonNegative = 0.05
+    place_sd_mm: MillimetresNonNegative = 0.3
+    tip_sd_mm: MillimetresNonNegative = 0.02
+    texture_sd_n_mm: NewtonMillimetresNonNegative = 0.05
+    texture_length_mm: MillimetresPositive = 4.0
+    run_in: bool = False
 
 
 class EstimatorState(MethodTellerState):
@@ -113,61 +131,14 @@ class EstimatorState(MethodTellerState):
     probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
-
-
-def asked(params: EstimatorParams) -> dict[str, str]:
-    """Return the method that is asked for, or ``auto``, by task."""
-    return {task: getattr(params, task) for task in TASKS}
-
-
-def checks(params: EstimatorParams) -> dict[str, Callable[[], object]]:
-    """Return what tells whether methods are known and go together, by the parameter to change."""
-    return {
-        "wavelet": lambda: edge_cone(params.level, params.wavelet),
-        **checks_of(asked(params), params),
-    }
-
-
-def together(params: EstimatorParams, used: dict[str, str]) -> dict[str, Callable[[], object]]:
-    """Return what tells whether the methods that are used go together, by the parameter to change."""
-    return {
-        "likelihood": lambda: require_likelihood(used["filter"], used["likelihood"]),
-        "stop": lambda: stop_rule(used["stop"], params.stop_value, max_probes=params.max_probes),
-    }
-
-
-def mistakes(params: EstimatorParams) -> dict[str, str]:
-    """Return what is wrong with the methods and the files that parameters name, by parameter."""
-    found = file_mistakes(params)
-    if found:  # of files by which a method is chosen
-        return found
-    _note(checks(params), found)
-    if not found:
-        _note(together(params, names_of(asked(params), params)[0]), found)
-    return found
-
-
-def _note(those: dict[str, Callable[[], object]], found: dict[str, str]) -> None:
-    for name, check in those.items():
-        try:
-            check()
-        except (MethodError, PerceptionError) as error:
-            found[name] = str(error)
-
-
-def uses_of(params: EstimatorParams) -> list[MethodUse]:
-    """Return which methods a sweep goes through, as the register weighs them with what is known here."""
-    given, names = given_by(params), asked(params)
-    scene = read_scene(params.scene) if params.scene else None
-    if names_of({"filter": params.filter}, params)[0]["filter"] != NAIVE:
-        del names["likelihood"]  # what knows what stays has its own
-    return [
-        used(task, "" if name == AUTO else name, scene=scene, given=given) for task, name in names.items()
-    ]
+    trace: TraceMemory = msgspec.field(default_factory=TraceMemory)
 
 
 class Estimator(MethodTeller):
-    """De-noise a sweep, take its peak, learn from it in training, update the belief with it in estimation."""
+    """Read a sweep, learn from it in training, update the belief with it in estimation.
+
+    Its reading is the peak of the de-noised torque, or the whole torque as it comes.
+    """
 
     examine = staticmethod(mistakes)
     params: EstimatorParams
@@ -177,6 +148,7 @@ class Estimator(MethodTeller):
     sweep = Sub(SweepStatus)
     torque = Sub(TorqueBlock)
     belief = Pub(Belief)
+    outlook = Pub(Belief)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
 
@@ -186,6 +158,8 @@ class Estimator(MethodTeller):
         self.learnt: Primitives | None = None
         self.filters: tuple[EstimatorParams, TrialFilter] | None = None
         self.used: tuple[EstimatorParams, dict[str, str]] | None = None
+        self.watch: tuple[EstimatorParams, TraceWatch] | None = None
+        self.traces = self.params.reading == TRACE
         for check in together(self.params, self._methods()).values():
             check()
 
@@ -201,10 +175,14 @@ class Estimator(MethodTeller):
     def uses(self) -> list[MethodUse]:
         return uses_of(self.params)
 
+    def on_resume(self) -> None:
+        if self.state.training:
+            self.state.trace.require(traces=self.traces)
+        super().on_resume()
+
     def on_parameters(self, params: Params) -> None:
         """Say with which methods the next sweep is read: it is the first that these are for."""
-        if isinstance(params, EstimatorParams):
-            self.tell_methods(uses_of(params))
+        self.tell_methods(uses_of(params))
 
     @on(trial)
     def note_trial(self, trial: Trial) -> None:
@@ -214,6 +192,7 @@ class Estimator(MethodTeller):
         state.trial, state.phase = trial.trial, trial.phase
         state.label_known, state.depth_m = trial.label_known, trial.depth_m
         state.probes, state.posteriors, state.gains = [], [], []
+        state.trace.begin_trial(trial.code)
 
     @on(ring)
     def note_ring(self, ring: RingState) -> None:
@@ -227,9 +206,9 @@ class Estimator(MethodTeller):
     def note_sweep(self, status: SweepStatus) -> None:
         state = self.state
         if status.status == "sweeping":
-            state.blocks, state.received_count, state.expected_count = [], 0, -1
-            if state.stream is not None:
-                state.stream.hold()
+            self._begin(status)
+        elif self.traces:
+            self._end_traced(status)
         elif status.status == "swept":
             if state.stream is not None and not status.sample_count:
                 state.stream.bound(status.enter_ns, status.leave_ns)
@@ -238,9 +217,23 @@ class Estimator(MethodTeller):
             state.expected_count = status.sample_count
             self._conclude()
         elif status.status == "cancelled":
-            state.blocks, state.received_count, state.expected_count = [], 0, -1
-            if state.stream is not None:
-                state.stream.release()
+            self._forget_sweep()
+
+    def _begin(self, status: SweepStatus) -> None:
+        state = self.state
+        state.blocks, state.received_count, state.expected_count = [], 0, -1
+        told = (status.enter_ns, status.leave_ns) if self.traces else (0, 0)
+        if self.traces:  # where the stage is follows from when it said it would be there
+            state.trace.sweep = SweepUnderWay(*told)
+        if state.stream is not None:
+            state.stream.hold(*told)
+
+    def _forget_sweep(self) -> None:
+        state = self.state
+        state.blocks, state.received_count, state.expected_count = [], 0, -1
+        state.trace.sweep = None
+        if state.stream is not None:
+            state.stream.release()
 
     @on(torque)
     def collect(self, block: TorqueBlock) -> None:
@@ -248,13 +241,22 @@ class Estimator(MethodTeller):
         if not block.over_phantom:
             state.stream = state.stream or SweepCut()
             state.stream.add(block.start_ns, block.rate_hz, block.torque_n_m)
-            self._conclude_stream()
-            return
+            if self.traces:
+                self._follow_stream(state.stream)
+            else:
+                self._conclude_stream()
+        elif not self.traces:
+            self._gather(block.start_ns, block.rate_hz, block.torque_n_m)
+            self._conclude()
+        elif state.trace.sweep is not None:
+            self._follow(block.start_ns, block.rate_hz, block.torque_n_m)
+
+    def _gather(self, start_ns: int, rate_hz: float, torque_n_m: Float64Array) -> None:
+        state = self.state
         if not state.blocks:
-            state.start_ns, state.rate_hz = block.start_ns, block.rate_hz
-        state.blocks.append(block.torque_n_m.tobytes())
-        state.received_count += len(block.torque_n_m)
-        self._conclude()
+            state.start_ns, state.rate_hz = start_ns, rate_hz
+        state.blocks.append(torque_n_m.tobytes())
+        state.received_count += len(torque_n_m)
 
     def _conclude(self) -> None:
         """Once the sweep is over and all its samples are here, make a palpation of it."""
@@ -266,9 +268,11 @@ class Estimator(MethodTeller):
                 f"{state.received_count} torque samples of a sweep of {state.expected_count} came; "
                 "one sensor may feed 'torque', and only while the stage sweeps"
             )
-        torque_n_m = np.frombuffer(b"".join(state.blocks), dtype=np.float64)
-        state.blocks, state.expected_count = [], -1
-        self._palpated(torque_n_m)
+        self._palpated(self._gathered())
+
+    def _gathered(self) -> Float64Array:
+        parts, self.state.blocks, self.state.expected_count = self.state.blocks, [], -1
+        return np.frombuffer(b"".join(parts), dtype=np.float64)
 
     def _conclude_stream(self) -> None:
         """Cut a sweep out of a stream once the stream has passed its end."""
@@ -284,11 +288,15 @@ class Estimator(MethodTeller):
 
     def _palpated(self, torque_n_m: Float64Array) -> None:
         """Take the peak of a sweep; learn from it or update the belief with it."""
-        state, params, used = self.state, self.params, self._methods()
-        clean = denoise(torque_n_m, wavelet=params.wavelet, level=params.level, rule=used["denoise"])
-        peak = find("feature", used["feature"]).target(clean, edge=edge_cone(params.level, params.wavelet))
+        state, sweep = self.state, self.state.trace.sweep
+        whole = sweep is None or sweep.whole
+        peak = peak_of(torque_n_m, self.params, self._methods(), whole=whole)
         if state.phase == "training" and state.label_known:
             state.training.append((state.depth_m, state.ring_m, peak.value_n_m))
+            if self.traces and not state.trace.teach(state.depth_m, state.ring_m, self._watch().settings):
+                self.log.warning("a sweep of training ended before the path did; its trace teaches nothing")
+        elif state.phase == "estimation" and self.traces:
+            self._update_traced(peak.value_n_m)
         elif state.phase == "estimation":
             self._update(peak.value_n_m)
         self.palpation.publish(
@@ -306,19 +314,82 @@ class Estimator(MethodTeller):
             )
         )
 
+    # The whole torque as the reading
+
+    def _watch(self) -> TraceWatch:
+        if self.watch is None or self.watch[0] != self.params:
+            self.watch = (self.params, TraceWatch(TraceSettings.of(self.params)))
+        return self.watch[1]
+
+    def _follow_stream(self, stream: SweepCut) -> None:
+        """Follow a sweep on an even grid of time, as far as a stream of torque has come."""
+        if self.state.trace.sweep is not None and stream.held and stream.enter_ns:
+            start_ns, torque_n_m = stream.since(self.params.rate_hz, self.state.received_count)
+            self._follow(start_ns, self.params.rate_hz, torque_n_m)
+
+    def _follow(self, start_ns: int, rate_hz: float, torque_n_m: Float64Array) -> None:
+        """Add samples to the sweep under way, and say what they make of the belief."""
+        state, first = self.state, self.state.received_count
+        if len(torque_n_m):
+            self._gather(start_ns, rate_hz, torque_n_m)
+            self._watch().add(state.trace, state.start_ns, state.rate_hz, first, torque_n_m)
+            if state.phase == "estimation":
+                self._look()
+        self._conclude_traced()
+
+    def _look(self) -> None:
+        state, trace = self.state, self.state.trace
+        seen = self._watch().look(trace, state.ring_m, self._rule(), state.posteriors, landed=state.landed)
+        if seen is None or trace.sweep is None:
+            return
+        word: Literal["decided", "continue"] = "decided" if seen.decided else "continue"
+        best, count = int(np.argmax(seen.posterior)), len(state.posteriors) + 1
+        verdict = Verdict(word, best, count, 0.0, gamma_defined=False)
+        self.outlook.publish(self._belief(trace.sweep.bins.done[seen.bins - 1], seen.posterior, verdict))
+
+    def _end_traced(self, status: SweepStatus) -> None:
+        """End a sweep that was swept, or that was cancelled once it was decided; forget any other."""
+        sweep = self.state.trace.sweep
+        if sweep is None or status.status not in ("swept", "cancelled"):
+            return
+        if status.status == "cancelled" and not sweep.decided:
+            self._forget_sweep()
+            return
+        sweep.over, sweep.whole = True, status.status == "swept"
+        self.state.expected_count = status.sample_count
+        self._conclude_traced()
+
+    def _conclude_traced(self) -> None:
+        """Once the sweep is over and its torque is here, make a palpation of it."""
+        state, sweep, stream = self.state, self.state.trace.sweep, self.state.stream
+        if sweep is None or not sweep.over or state.received_count < state.expected_count:
+            return
+        if stream is not None and not state.expected_count:
+            if sweep.whole and not stream.complete:
+                return
+            stream.release()
+        if not state.received_count:
+            raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
+        if sweep.whole:
+            sweep.bins.finish(self._watch().settings.bins)
+        self._palpated(self._gathered())
+        state.trace.sweep = None
+
+    def _update_traced(self, peak_n_m: float) -> None:
+        """Close a sweep of the trial: its bins up to the decision, or all, are the reading."""
+        state, watch = self.state, self._watch()
+        found = watch.close(state.trace, state.ring_m, landed=state.landed)
+        if found is None:
+            self._drop(peak_n_m, watch.reader(state.trace).rings_m)
+            return
+        state.landed, (posterior, fits) = False, found
+        self._judge(peak_n_m, posterior, outlier=not fits)
+
+    # What was learnt, and the feature as the reading
+
     def _learn(self) -> None:
         """Fit the memory primitives to the training palpations."""
-        readings = self.state.training
-        depths_m = sorted({depth_m for depth_m, _, _ in readings})
-        rings_m = sorted({ring_m for _, ring_m, _ in readings})
-        learnt = fit(
-            np.array([peak for _, _, peak in readings]),
-            [depths_m.index(depth_m) for depth_m, _, _ in readings],
-            [rings_m.index(ring_m) for _, ring_m, _ in readings],
-            depths_m=depths_m,
-            rings_m=rings_m,
-            floor=quantisation_sd(self.params.resolution_n_mm * 1e-3),
-        )
+        learnt = fit_cells(self.state.training, quantisation_sd(self.params.resolution_n_mm * 1e-3))
         self.learnt, self.filters = learnt, None
         self.state.primitives = {
             name: np.ravel(value).tolist() for name, value in learnt.to_json_dict().items()
@@ -350,17 +421,7 @@ class Estimator(MethodTeller):
         """Return the filter that the parameters describe over what was learnt."""
         memory, params = self._memory(), self.params
         if self.filters is None or self.filters[0] != params:
-            used = self._methods()
-            made = filter_of(
-                memory,
-                used["filter"],
-                likelihood=used["likelihood"],
-                depth_count=params.depths,
-                feature=used["feature"],
-                noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
-                scene=read_scene(params.scene) if params.scene else None,
-            )
-            self.filters = (params, made)
+            self.filters = (params, filter_by(params, memory, self._methods()))
         return self.filters[1]
 
     def _update(self, peak_n_m: float) -> None:
@@ -369,61 +430,70 @@ class Estimator(MethodTeller):
         memory = belief.primitives
         where = np.flatnonzero(np.isclose(memory.rings_m, state.ring_m, atol=1e-9))
         if not len(where):
-            self._drop(peak_n_m, memory)
+            self._drop(peak_n_m, memory.rings_m)
             return
         setting = int(where[0])
         landed = state.landed or not state.probes or setting != state.probes[-1][1]
         state.landed = False
         state.probes.append((peak_n_m, setting, landed))
         posterior = belief.posterior([TrialReading(*probe) for probe in state.probes])
-        gain = gain_vector(posterior, np.exp(bayes.flat_prior(len(memory.depths_m))))
+        self._judge(peak_n_m, posterior, outlier=memory.is_outlier(peak_n_m, setting))
+
+    # The belief
+
+    def _depths_m(self) -> Float64Array:
+        """Return the depths that the belief is about."""
+        if self.traces:
+            return self._watch().reader(self.state.trace).depths_m
+        return self._filter().primitives.depths_m
+
+    def _rule(self) -> StopRule:
+        return stop_rule(self._methods()["stop"], self.params.stop_value)
+
+    def _judge(self, reading_n_m: float, posterior: Float64Array, *, outlier: bool) -> None:
+        """Publish the belief after a palpation, with its gain and the stop rule's verdict."""
+        state = self.state
         state.posteriors.append(posterior.tolist())
-        state.gains.append(gain.tolist())
+        state.gains.append(_gain(posterior).tolist())
         verdict = decide(
-            stop_rule(self._methods()["stop"], self.params.stop_value),
+            self._rule(),
             [np.array(p) for p in state.posteriors],
             [np.array(g) for g in state.gains],
             max_probes=self.params.max_probes,
         )
-        outlier = memory.is_outlier(peak_n_m, setting)
-        self._publish_belief(peak_n_m, memory, posterior, gain, verdict, outlier=outlier)
+        self.belief.publish(self._belief(reading_n_m, posterior, verdict, outlier=outlier))
 
-    def _drop(self, peak_n_m: float, memory: Primitives) -> None:
+    def _drop(self, reading_n_m: float, rings_m: Float64Array) -> None:
         """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""
         state = self.state
-        self.log.warning(
-            "trial %d is dropped: %s", state.trial, untrained([state.ring_m], memory.rings_m.tolist())
-        )
-        flat = np.exp(bayes.flat_prior(len(memory.depths_m)))
+        self.log.warning("trial %d is dropped: %s", state.trial, untrained([state.ring_m], rings_m.tolist()))
+        flat = np.exp(bayes.flat_prior(len(self._depths_m())))
         posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
-        verdict = Verdict("dropped", int(np.argmax(posterior)), len(state.probes), 0.0, gamma_defined=False)
-        self._publish_belief(peak_n_m, memory, posterior, gain_vector(posterior, flat), verdict)
+        count = len(state.posteriors)
+        verdict = Verdict("dropped", int(np.argmax(posterior)), count, 0.0, gamma_defined=False)
+        self.belief.publish(self._belief(reading_n_m, posterior, verdict))
 
-    def _publish_belief(
-        self,
-        peak_n_m: float,
-        memory: Primitives,
-        posterior: Float64Array,
-        gain: Float64Array,
-        verdict: Verdict,
-        *,
-        outlier: bool = False,
-    ) -> None:
-        state = self.state
-        self.belief.publish(
-            Belief(
-                stamp_ns=self.now_ns(),
-                trial=state.trial,
-                iteration=state.ring_iteration,
-                depths_m=memory.depths_m,
-                posterior=posterior,
-                gain=gain,
-                gamma=verdict.gamma,
-                gamma_defined=verdict.gamma_defined,
-                verdict=verdict.word,
-                estimate_m=float(memory.depths_m[verdict.class_index]),
-                confidence=float(posterior[verdict.class_index]),
-                outlier=outlier,
-                reading_n_m=peak_n_m,
-            )
+    def _belief(
+        self, reading_n_m: float, posterior: Float64Array, verdict: Verdict, *, outlier: bool = False
+    ) -> Belief:
+        state, depths_m = self.state, self._depths_m()
+        return Belief(
+            stamp_ns=self.now_ns(),
+            trial=state.trial,
+            iteration=state.ring_iteration,
+            depths_m=depths_m,
+            posterior=posterior,
+            gain=_gain(posterior),
+            gamma=verdict.gamma,
+            gamma_defined=verdict.gamma_defined,
+            verdict=verdict.word,
+            estimate_m=float(depths_m[verdict.class_index]),
+            confidence=float(posterior[verdict.class_index]),
+            outlier=outlier,
+            reading_n_m=reading_n_m,
         )
+
+
+def _gain(posterior: Float64Array) -> Float64Array:
+    """Return the gain of eq. (8) over the flat prior, nats."""
+    return gain_vector(posterior, np.exp(bayes.flat_prior(len(posterior))))

@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 import yaml
 
-from nodes.estimator import TASKS, EstimatorParams
+from nodes.estimator import EstimatorParams
 from nodes.policy_information import InformationParams
 from palp_core.graph.launch.graph import Graph
 from palp_core.methods import find, methods, names, tasks
 from palp_core.methods.register import Method
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, chosen_method
+from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
 from palp_core.palpation.studies.perception import trials

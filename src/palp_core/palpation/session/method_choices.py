@@ -164,6 +164,7 @@ DenoiseName = Annotated[str, _of("denoise")]
 FeatureName = Annotated[str, _of("feature")]
 LikelihoodName = Annotated[str, _of("likelihood")]
 FilterName = Annotated[str, _of("filter")]
+TraceFilterName = Annotated[str, _of("trace_filter")]
 StopName = Annotated[str, _of("stop")]
 """A stop rule by its name in the register, or ``auto``; a lab's own as ``package.module:name``."""
 

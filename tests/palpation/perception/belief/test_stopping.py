@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import correlation
 
-from nodes.estimator import EstimatorParams, mistakes
+from nodes.estimator import EstimatorParams
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.node.params import describe_params
 from palp_core.methods import methods
@@ -27,6 +27,7 @@ from palp_core.palpation.perception.belief.stopping import (
     stop_rule,
     total_variation,
 )
+from palp_core.palpation.session.methods.estimating import mistakes
 from palp_core.palpation.session.reanalysis import Methods as DecisionMethods
 
 FLAT = np.full(3, 1 / 3)

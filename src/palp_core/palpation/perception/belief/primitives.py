@@ -162,6 +162,20 @@ class Primitives:
         return cls(**data)
 
 
+def fit_cells(readings: Sequence[tuple[float, float, float]], floor: float) -> Primitives:
+    """Fit as :func:`fit` does, to readings as (depth in m, ring in m, value); errors as there."""
+    depths_m = sorted({depth_m for depth_m, _, _ in readings})
+    rings_m = sorted({ring_m for _, ring_m, _ in readings})
+    return fit(
+        np.array([value for _, _, value in readings]),
+        [depths_m.index(depth_m) for depth_m, _, _ in readings],
+        [rings_m.index(ring_m) for _, ring_m, _ in readings],
+        depths_m=depths_m,
+        rings_m=rings_m,
+        floor=floor,
+    )
+
+
 def fit(
     readings: Float64Array,
     class_index: Sequence[int],

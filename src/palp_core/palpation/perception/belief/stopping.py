@@ -113,9 +113,11 @@ class StopRule(ABC):
 
     Attributes:
         largest: Largest value that its own number may have.
+        within_a_sweep: Whether it may be asked before a probe is over: it goes by the belief alone.
     """
 
     largest: ClassVar[float] = np.inf
+    within_a_sweep: ClassVar[bool] = False
 
     @property
     def fewest_probes(self) -> int:
@@ -253,6 +255,7 @@ class PosteriorThreshold(StopRule):
     """
 
     largest: ClassVar[float] = 1.0
+    within_a_sweep: ClassVar[bool] = True
     level: float = 0.95
 
     def check(self, step: BeliefStep) -> StopState:

@@ -57,9 +57,9 @@ class SweepCut(msgspec.Struct):
         while not self.held and len(self.blocks) > 1 and self.starts_ns[0] < self.last_ns - _KEEP_NS:
             del self.starts_ns[0], self.rates_hz[0], self.blocks[0]
 
-    def hold(self) -> None:
-        """Begin a sweep: keep everything from now on, and the second before."""
-        self.held, self.enter_ns, self.leave_ns = True, 0, 0
+    def hold(self, enter_ns: int = 0, leave_ns: int = 0) -> None:
+        """Begin a sweep: keep everything from now on, and the second before; its times may be foretold."""
+        self.held, self.enter_ns, self.leave_ns = True, enter_ns, leave_ns
 
     def release(self) -> None:
         """End a sweep."""
@@ -73,6 +73,22 @@ class SweepCut(msgspec.Struct):
     def complete(self) -> bool:
         """Whether the stream has passed the end of the interval."""
         return 0 < self.leave_ns <= self.last_ns
+
+    def since(self, rate_hz: float, count: int) -> tuple[int, Float64Array]:
+        """Return the time of the grid's first sample, and its samples after the first ``count``, so far.
+
+        A sample is there once the stream has one at or beyond it, and is what :meth:`cut` will give.
+        """
+        first = int(-(-self.enter_ns * rate_hz // 1e9))
+        last = int(min(self.leave_ns, self.last_ns) * rate_hz // 1e9)
+        start_ns = self.enter_ns + round((first / rate_hz - self.enter_ns * 1e-9) * 1e9)
+        if last < first + count:
+            return start_ns, np.empty(0)
+        times_s, torque_n_m = self._samples()
+        grid_s = np.arange(first + count, last + 1) / rate_hz - self.enter_ns * 1e-9
+        if times_s[0] > grid_s[0]:
+            raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
+        return start_ns, np.interp(grid_s, times_s, torque_n_m)
 
     def cut(self, rate_hz: float) -> Cut:
         """Return the samples between entering and leaving, linear between those of the stream.

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
+
+Int64Array = NDArray[np.int64]
 
 _MOST = 10_000
 
@@ -51,7 +54,7 @@ class PositionBins:
         """Stage position in the middle of each, shape (count,)."""
         return np.asarray(self.from_m + self.width_m * (np.arange(self.count) + 0.5))
 
-    def index(self, position_m: Float64Array) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+    def index(self, position_m: Float64Array) -> Int64Array:
         """Return the bin of each position, below 0 or ``count`` and more for those outside."""
         found = np.floor((np.asarray(position_m) - self.from_m) / self.width_m + 1e-9)
         return np.clip(found, -1, self.count).astype(np.int64)
@@ -107,6 +110,12 @@ class BinnedSweep(msgspec.Struct):
         values = self.open_n_m or [0.5 * (self.last_n_m + next_n_m)]
         self.done.append(float(np.mean(np.array(values))))
         self.open_n_m = []
+
+
+def sample_times_ns(start_ns: int, rate_hz: float, first: int, count: int) -> Int64Array:
+    """Return the times of samples ``first`` and on, shape (count,), of a sweep begun at ``start_ns``."""
+    since = np.rint(np.arange(first, first + count) * (1e9 / rate_hz)).astype(np.int64)
+    return np.asarray(start_ns + since)
 
 
 def binned(bins: PositionBins, position_m: Float64Array, torque_n_m: Float64Array) -> Float64Array:

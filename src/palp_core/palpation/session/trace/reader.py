@@ -1,0 +1,263 @@
+"""A trial's sweeps read bin by bin, and the decision within a sweep: the same live and in a re-analysis.
+
+What was felt is kept as bins, plain data; a belief is always that of these bins, whoever makes it and however
+many at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.belief.information import gain_vector
+from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
+from palp_core.palpation.perception.belief.trial_filter import classes_of
+from palp_core.palpation.perception.trace import belief as trace_belief
+from palp_core.palpation.perception.trace.bins import BinnedSweep, Int64Array
+from palp_core.palpation.perception.trace.model import TraceModel
+from palp_core.palpation.perception.trace.training import TrainedTraces, learn
+from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.units import Float64Array
+
+STRANGE = 0.01
+"""Torques that fit no worse are more probable than this; others are said not to fit."""
+
+
+class TaughtSweep(msgspec.Struct, frozen=True):
+    """A sweep of training: where it was, in which mounting, and the torque of its bins, N m."""
+
+    depth_m: float
+    ring_m: float
+    mounting: int
+    torque_n_m: list[float]
+
+
+class FeltSweep(msgspec.Struct, frozen=True):
+    """A sweep of a trial.
+
+    Attributes:
+        setting: Index of its ring position.
+        landed: Whether the ring was moved, or re-homed, since the sweep before.
+        torque_n_m: Mean torque of each bin that counts, N m.
+    """
+
+    setting: int
+    landed: bool
+    torque_n_m: list[float]
+
+
+class SweepUnderWay(msgspec.Struct):
+    """A sweep that is being felt; plain data for a successor.
+
+    Attributes:
+        enter_ns: When the stage comes over the path, as told when the sweep began.
+        leave_ns: When it leaves it.
+        bins: The torque so far.
+        seen: Bins after which the belief was asked.
+        decided: Bins after which the stop rule was passed; 0: it was not.
+        over: Whether stage or experiment have ended it.
+        whole: Whether it was swept to its end.
+    """
+
+    enter_ns: int
+    leave_ns: int
+    bins: BinnedSweep = msgspec.field(default_factory=BinnedSweep)
+    seen: int = 0
+    decided: int = 0
+    over: bool = False
+    whole: bool = False
+
+    def add(self, settings: TraceSettings, times_ns: Int64Array, torque_n_m: Float64Array) -> None:
+        """Take samples in their order: the stage goes at constant speed between the two times.
+
+        Raises:
+            PerceptionError: A torque is not a number, or the sweep takes no time.
+        """
+        if self.leave_ns <= self.enter_ns:
+            raise PerceptionError("a sweep over the path takes no time; the stage must tell when it is there")
+        done = (times_ns - self.enter_ns) / (self.leave_ns - self.enter_ns)
+        self.bins.add(settings.bins, settings.from_m + (settings.to_m - settings.from_m) * done, torque_n_m)
+
+    @property
+    def felt(self) -> list[float]:
+        """The bins that count: those up to the decision, or all."""
+        return self.bins.done[: self.decided or None]
+
+
+class TraceMemory(msgspec.Struct):
+    """What a node that reads traces hands over: training, this trial's sweeps, the sweep under way.
+
+    Training's mountings are told apart by the phantom's code: one that is put on again right after itself
+    counts as the same mounting.
+    """
+
+    training: list[TaughtSweep] = []
+    mounting: int = 0
+    code: str = ""
+    felt: list[FeltSweep] = []
+    sweep: SweepUnderWay | None = None
+
+    def require(self, *, traces: bool) -> None:
+        """Refuse a reading that training, which there was, was not read with.
+
+        Raises:
+            PerceptionError: It is not the same.
+        """
+        if traces != bool(self.training):
+            raise PerceptionError("training was read otherwise (reading: feature or trace); keep its reading")
+
+    def begin_trial(self, code: str) -> None:
+        """Forget what was felt; a sweep that is still under way belongs to no trial."""
+        if code and code != self.code:
+            self.mounting, self.code = self.mounting + 1, code
+        self.felt, self.sweep = [], None
+
+    def lands(self, setting: int) -> bool:
+        """Tell whether the ring comes anew to a setting, by the trial's sweeps alone."""
+        return not self.felt or self.felt[-1].setting != setting
+
+    def teach(self, depth_m: float, ring_m: float, settings: TraceSettings) -> bool:
+        """Keep the sweep under way as one of training; return whether it reached the path's end."""
+        done = self.sweep.bins.done if self.sweep is not None else []
+        if len(done) < settings.bins.count:
+            return False
+        self.training.append(TaughtSweep(depth_m, ring_m, self.mounting, done))
+        return True
+
+
+def trained_traces(training: Sequence[TaughtSweep], settings: TraceSettings) -> TrainedTraces:
+    """Return what the sweeps of training teach.
+
+    Raises:
+        PerceptionError: There are none, or a cell has none.
+    """
+    if not training:
+        raise PerceptionError("no whole sweep of training is known by its trace; train with reading: trace")
+    return learn(
+        np.array([one.torque_n_m for one in training]),
+        [one.depth_m for one in training],
+        [one.ring_m for one in training],
+        [one.mounting for one in training],
+        floor_n_m=settings.floor_n_m,
+    )
+
+
+def reader_of(training: Sequence[TaughtSweep], settings: TraceSettings) -> TraceReader:
+    """Return what reads trials as training and settings have it.
+
+    Raises:
+        PerceptionError: As of :func:`trained_traces` and :meth:`TraceSettings.model`.
+        MethodError: As of the latter.
+    """
+    trained = trained_traces(training, settings)
+    depths_m = classes_of(trained.depths_m.tolist(), settings.depths)
+    return TraceReader(settings.model(trained), depths_m, trained.rings_m)
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What the torque so far says.
+
+    Attributes:
+        posterior: Of the classes, shape (m,).
+        bins: How many of the sweep's bins it is from.
+        decided: Whether the stop rule is passed there.
+    """
+
+    posterior: Float64Array
+    bins: int
+    decided: bool
+
+
+@dataclass(eq=False)
+class TraceReader:
+    """Beliefs of a trial's bins under a model; what it remembers saves time and changes nothing.
+
+    Attributes:
+        model: What sweeps look like.
+        depths_m: Of the classes.
+        rings_m: Of the settings.
+    """
+
+    model: TraceModel
+    depths_m: Float64Array
+    rings_m: Float64Array
+    _last: tuple[list[FeltSweep], trace_belief.TraceBelief] | None = field(default=None, init=False)
+
+    def setting(self, ring_m: float) -> int | None:
+        """Return the index of a ring position, or None if it was not trained."""
+        found = np.flatnonzero(np.isclose(self.rings_m, ring_m, atol=1e-9))
+        return int(found[0]) if len(found) else None
+
+    def belief(self, felt: Sequence[FeltSweep]) -> trace_belief.TraceBelief:
+        """Return the belief of the bins of a trial's sweeps.
+
+        Raises:
+            PerceptionError: There are more bins than the model knows, or a torque is not finite.
+        """
+        found, done = self._resumed(felt)
+        for number, sweep in enumerate(felt):
+            known = done[number] if number < len(done) else -1
+            if known < 0:
+                found, known = trace_belief.begin_sweep(found, sweep.setting, landed=sweep.landed), 0
+            if rest := sweep.torque_n_m[known:]:
+                found = trace_belief.observe(self.model, found, rest)
+        self._last = (list(felt), found)
+        return found
+
+    def _resumed(self, felt: Sequence[FeltSweep]) -> tuple[trace_belief.TraceBelief, list[int]]:
+        """Return the last belief and how many bins of each sweep it has, if these go on from there."""
+        fresh = trace_belief.start(self.model)
+        if self._last is None:
+            return fresh, []
+        before, found = self._last
+        if not before or len(felt) < len(before) or list(felt[: len(before) - 1]) != before[:-1]:
+            return fresh, []
+        *earlier, last = before
+        same, count = felt[len(earlier)], len(last.torque_n_m)
+        if (same.setting, same.landed) != (last.setting, last.landed) or same.torque_n_m[
+            :count
+        ] != last.torque_n_m:
+            return fresh, []
+        return found, [len(one.torque_n_m) for one in before]
+
+    def posterior(self, felt: Sequence[FeltSweep]) -> Float64Array:
+        """Return the probabilities of the classes, shape (m,); errors as of :meth:`belief`."""
+        return np.asarray(trace_belief.classes(self.model, self.belief(felt).log_density)[0])
+
+    def fits(self, felt: Sequence[FeltSweep]) -> bool:
+        """Tell whether the best class explains the torques; errors as of :meth:`belief`."""
+        return bool(trace_belief.fit_probability(self.model, self.belief(felt))[0] >= STRANGE)
+
+    def look(
+        self,
+        earlier: Sequence[FeltSweep],
+        sweep: FeltSweep,
+        seen: int,
+        rule: StopRule,
+        posteriors: Sequence[Float64Array],
+    ) -> Outlook:
+        """Return what a sweep says after the bins that nobody has looked at yet, or after that which decides.
+
+        Args:
+            earlier: Sweeps of the trial before it.
+            sweep: It, as far as it is felt.
+            seen: How many of its bins were looked at before.
+            rule: The stop rule; one that counts probes is asked when a sweep is over only.
+            posteriors: After each of the sweeps before it.
+        """
+        found = np.full(len(self.depths_m), 1.0 / len(self.depths_m))
+        flat, count = found, len(sweep.torque_n_m)
+        for bins in range(min(seen + 1, count) if rule.within_a_sweep else count, count + 1):
+            so_far = FeltSweep(sweep.setting, sweep.landed, sweep.torque_n_m[:bins])
+            found = self.posterior([*earlier, so_far])
+            if rule.within_a_sweep:
+                history = [*posteriors, found]
+                step = BeliefStep.last(history, [gain_vector(one, flat) for one in history])
+                if bool(rule.check(step).converged):
+                    return Outlook(found, bins, decided=True)
+        return Outlook(found, count, decided=False)

@@ -1,0 +1,300 @@
+"""The estimator that reads whole traces: a belief within the sweep, the same whoever follows it."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs.actuator import RingState
+from msgs.estimation import Belief
+from msgs.experiment import Trial
+from msgs.stage import SweepStatus
+from msgs.torque import TorqueBlock
+from nodes.estimator import Estimator
+from palp_core import Bench
+from palp_core.errors import NodeError
+from palp_core.units import Float64Array
+from tests.nodes.conftest import replace, sent_bytes
+
+DEPTHS_M, RINGS_M = (0.002, 0.004, 0.008), (0.008, 0.016)
+FROM_M, TO_M, SPEED = -0.02, 0.03, 0.02
+COUNT = 2500
+PARAMS: dict[str, Any] = {
+    "reading": "trace",
+    "stop": "posterior_threshold",
+    "stop_value": 0.99,
+    "from_m": FROM_M,
+    "to_m": TO_M,
+}
+CLEAN: dict[tuple[float, float], Float64Array] = {}
+
+
+def touched(depth_m: float, ring_m: float) -> Float64Array:
+    """Torque of a sweep, by a formula: a rise and a fall, higher the shallower and the stiffer."""
+    stage_m = FROM_M + SPEED * 1e-3 * np.arange(COUNT)
+    over = np.exp(-(((stage_m - 0.008) / 0.007) ** 2))
+    return np.asarray(ring_m * (0.9 + 0.3 * over * (1.0 - depth_m / 0.010)))
+
+
+def felt(depth_m: float, ring_m: float = 0.016, seed: int = 1) -> Float64Array:
+    return touched(depth_m, ring_m) + np.random.default_rng(seed).normal(0.0, 2e-5, COUNT)
+
+
+def trial(number: int, phase: str, depth_m: float = 0.0) -> Trial:
+    known = phase == "training"
+    code = f"{depth_m}" if known else ""
+    return Trial(stamp_ns=0, trial=number, phase=phase, code=code, label_known=known, depth_m=depth_m)
+
+
+def ring(ring_m: float, number: int, iteration: int = 1) -> RingState:
+    return RingState(
+        stamp_ns=0, trial=number, iteration=iteration, rehome=False, target_m=ring_m, measured_m=ring_m,
+        settled=True,
+    )  # fmt: skip
+
+
+def status(word: str, count: int = 0, start_ns: int = 0) -> SweepStatus:
+    leave_ns = start_ns + COUNT * 1_000_000
+    return SweepStatus(
+        stamp_ns=0, goal_id=1, status=word, enter_ns=start_ns, leave_ns=leave_ns, sample_count=count
+    )
+
+
+def block(
+    torque_n_m: Float64Array, start: int = 0, *, first_ns: int | None = None, over_phantom: bool = True
+) -> TorqueBlock:
+    return TorqueBlock(
+        stamp_ns=0,
+        start_ns=start * 1_000_000 if first_ns is None else first_ns,
+        rate_hz=1000.0,
+        over_phantom=over_phantom,
+        saturated_count=0,
+        torque_n_m=torque_n_m,
+    )
+
+
+def palpate(bench: Bench[Estimator], torque_n_m: Float64Array) -> None:
+    bench.feed(Estimator.sweep, status("sweeping"))
+    bench.feed(Estimator.torque, block(torque_n_m))
+    bench.feed(Estimator.sweep, status("swept", len(torque_n_m)))
+
+
+@cache
+def taught() -> Bench[Estimator]:
+    """Return a bench that has felt every cell of training; the tests go on from what it hands over."""
+    bench = Bench(Estimator, PARAMS)
+    for number, (depth_m, ring_m, repeat) in enumerate(itertools.product(DEPTHS_M, RINGS_M, range(4))):
+        bench.feed(Estimator.trial, trial(number, "training", depth_m))
+        bench.feed(Estimator.ring, ring(ring_m, number))
+        palpate(bench, felt(depth_m, ring_m, 1000 * number + repeat))
+    return bench
+
+
+def trained(**params: object) -> Bench[Estimator]:
+    """Return a bench at the start of a trial at the stiffest ring."""
+    bench: Bench[Estimator] = replace(taught())
+    bench.set_parameters(**params)
+    begin(bench)
+    return bench
+
+
+def begin(bench: Bench[Estimator], number: int = 500, iteration: int = 1, ring_m: float = 0.016) -> None:
+    bench.feed(Estimator.trial, trial(number, "estimation"))
+    bench.feed(Estimator.ring, ring(ring_m, number, iteration))
+
+
+def blocks(torque_n_m: Float64Array, size: int = 50) -> list[TorqueBlock]:
+    return [block(torque_n_m[at : at + size], at) for at in range(0, len(torque_n_m), size)]
+
+
+def until_decided(bench: Bench[Estimator], torque_n_m: Float64Array) -> int:
+    """Feed a sweep block by block until it is decided; return how many samples that took."""
+    bench.feed(Estimator.sweep, status("sweeping"))
+    before = len(outlooks(bench))
+    for number, one in enumerate(blocks(torque_n_m)):
+        bench.feed(Estimator.torque, one)
+        if len(outlooks(bench)) > before and outlooks(bench)[-1].verdict == "decided":
+            return 50 * (number + 1)
+    return len(torque_n_m)
+
+
+def outlooks(bench: Bench[Estimator]) -> list[Belief]:
+    return bench.sent(Estimator.outlook)
+
+
+@pytest.mark.parametrize("depth_m", DEPTHS_M)
+def test_it_decides_within_the_sweep_and_the_trial_ends_with_that_reading(depth_m: float) -> None:
+    bench = trained()
+    count = until_decided(bench, felt(depth_m))
+    assert 0 < count < COUNT
+    decided = outlooks(bench)[-1]
+    assert decided.estimate_m == depth_m
+    assert decided.confidence >= 0.99
+    assert [one.verdict for one in outlooks(bench)[:-1]] == ["continue"] * (len(outlooks(bench)) - 1)
+    assert bench.sent(Estimator.belief) == []
+    bench.feed(Estimator.sweep, status("cancelled", count))
+    (belief,) = bench.sent(Estimator.belief)
+    np.testing.assert_array_equal(belief.posterior, decided.posterior)
+    assert (belief.verdict, belief.trial, belief.iteration) == ("decided", 500, 1)
+    palpation = bench.sent(Estimator.palpation)[-1]
+    np.testing.assert_array_equal(palpation.torque_n_m, felt(depth_m)[:count])
+
+
+@settings(max_examples=4, deadline=None)
+@given(cuts=st.lists(st.integers(1, COUNT - 1), unique=True, max_size=9))
+def test_the_belief_does_not_depend_on_the_blocks(cuts: list[int]) -> None:
+    bench, whole = trained(), trained()
+    torque_n_m = felt(0.004)
+    bench.feed(Estimator.sweep, status("sweeping"))
+    for low, high in itertools.pairwise([0, *sorted(cuts), COUNT]):
+        bench.feed(Estimator.torque, block(torque_n_m[low:high], low))
+    bench.feed(Estimator.sweep, status("swept", COUNT))
+    palpate(whole, torque_n_m)
+    (one,), (other,) = bench.sent(Estimator.belief), whole.sent(Estimator.belief)
+    np.testing.assert_array_equal(one.posterior, other.posterior)
+    assert one.verdict == other.verdict == "decided"
+
+
+def test_a_sweep_that_decides_nothing_goes_on_with_the_next() -> None:
+    bench = trained(stop_value=0.999999999999, texture_sd_n_mm=3.0)
+    assert until_decided(bench, felt(0.004)) == COUNT
+    bench.feed(Estimator.sweep, status("swept", COUNT))
+    first = bench.sent(Estimator.belief)[-1]
+    assert first.verdict == "continue"
+    bench.feed(Estimator.ring, ring(0.008, 500, 2))
+    palpate(bench, felt(0.004, 0.008))
+    second = bench.sent(Estimator.belief)[-1]
+    assert second.iteration == 2
+    assert second.posterior[1] > first.posterior[1]
+
+
+def test_a_rule_that_counts_probes_is_asked_at_the_end_of_a_sweep_only() -> None:
+    bench = trained(stop="fixed_number", stop_value=1.0)
+    assert until_decided(bench, felt(0.002)) == COUNT
+    assert outlooks(bench)[-1].confidence > 0.9
+    bench.feed(Estimator.sweep, status("swept", COUNT))
+    assert bench.sent(Estimator.belief)[-1].verdict == "decided"
+
+
+def test_a_decision_that_the_sweeps_end_overtakes_is_the_reading_all_the_same() -> None:
+    bench = trained()
+    count = until_decided(bench, felt(0.002))
+    decided = outlooks(bench)[-1]
+    for one in blocks(felt(0.002))[count // 50 :]:
+        bench.feed(Estimator.torque, one)
+    bench.feed(Estimator.sweep, status("swept", COUNT))
+    bench.feed(Estimator.sweep, status("cancelled", COUNT))  # the experiment's cancel came too late
+    (belief,) = bench.sent(Estimator.belief)
+    np.testing.assert_array_equal(belief.posterior, decided.posterior)
+    assert len(bench.sent(Estimator.palpation)[-1].torque_n_m) == COUNT
+    assert outlooks(bench)[-1].stamp_ns == decided.stamp_ns
+    assert [one.verdict for one in outlooks(bench)].count("decided") == 1
+
+
+def test_a_sweep_that_is_cancelled_undecided_is_felt_again_from_its_beginning() -> None:
+    bench, fresh = trained(), trained()
+    bench.feed(Estimator.sweep, status("sweeping"))
+    for one in blocks(felt(0.008))[:10]:
+        bench.feed(Estimator.torque, one)
+    bench.feed(Estimator.sweep, status("cancelled", 500))
+    bench.feed(Estimator.torque, block(felt(0.008)[500:550], 500))  # that was under way
+    for each in (bench, fresh):
+        until_decided(each, felt(0.002))
+    np.testing.assert_array_equal(outlooks(bench)[-1].posterior, outlooks(fresh)[-1].posterior)
+    assert bench.sent(Estimator.belief) == []
+
+
+def test_a_sweep_of_the_trial_before_says_nothing_of_the_next() -> None:
+    bench, fresh = trained(), trained()
+    count = until_decided(bench, felt(0.008))
+    begin(bench, 501)
+    bench.feed(Estimator.torque, block(felt(0.008)[count : count + 50], count))
+    bench.feed(Estimator.sweep, status("cancelled", count))
+    assert bench.sent(Estimator.belief) == []
+    before = len(outlooks(bench))
+    for each in (bench, fresh):
+        until_decided(each, felt(0.002))
+    assert [b.posterior.tolist() for b in outlooks(bench)[before:]] == [
+        b.posterior.tolist() for b in outlooks(fresh)
+    ]
+
+
+@pytest.mark.parametrize("at", [0, 7, 12, 17, 60])
+def test_a_replacement_goes_on_in_the_middle_of_a_sweep_to_the_same_bytes(at: int) -> None:
+    whole, first = trained(), trained()
+    for bench in (whole, first):
+        bench.feed(Estimator.sweep, status("sweeping"))
+    feed = blocks(felt(0.004))
+    for one in feed[:at]:
+        first.feed(Estimator.torque, one)
+    second = replace(first)
+    for one in feed:
+        whole.feed(Estimator.torque, one)
+    for one in feed[at:]:
+        second.feed(Estimator.torque, one)
+    for bench in (whole, second):
+        bench.feed(Estimator.sweep, status("cancelled", COUNT))
+    assert sent_bytes(first) + sent_bytes(second) == sent_bytes(whole)
+    assert second.sent(Estimator.belief)[-1].verdict == "decided"
+
+
+def test_who_reads_otherwise_cannot_take_over() -> None:
+    with pytest.raises((NodeError, ValueError), match="training was read otherwise"):
+        replace(trained(), Estimator, reading="feature")
+
+
+def test_an_untrained_ring_ends_the_trial() -> None:
+    bench = trained()
+    begin(bench, 501, ring_m=0.010)
+    palpate(bench, felt(0.002))
+    assert bench.sent(Estimator.belief)[-1].verdict == "dropped"
+    assert outlooks(bench) == []
+
+
+def test_a_torque_that_fits_no_class_is_said() -> None:
+    bench = trained()
+    palpate(bench, felt(0.004))
+    assert not bench.sent(Estimator.belief)[-1].outlier
+    begin(bench, 501)
+    strange = felt(0.004)
+    strange[300:500] += 3e-3
+    palpate(bench, strange)
+    assert bench.sent(Estimator.belief)[-1].outlier
+
+
+def streamed(
+    bench: Bench[Estimator], torque_n_m: Float64Array, size: int = 20, offset_ns: int = 300_000
+) -> None:
+    """Feed a stream whose samples lie between those of the grid, from half a second before the sweep on."""
+    before = np.full(500, torque_n_m[0])
+    stream = np.concatenate([before, torque_n_m, np.full(200, torque_n_m[-1])])
+    start_ns = 10**9
+    for at in range(0, len(stream), size):
+        if at == 500:
+            bench.feed(Estimator.sweep, status("sweeping", start_ns=start_ns + 500_000_000))
+        first_ns = start_ns + at * 1_000_000 + offset_ns
+        bench.feed(Estimator.torque, block(stream[at : at + size], first_ns=first_ns, over_phantom=False))
+
+
+def test_a_stream_is_followed_as_it_comes() -> None:
+    bench = Bench(Estimator, PARAMS)
+    for number, (depth_m, ring_m) in enumerate(itertools.product(DEPTHS_M, RINGS_M)):
+        bench.feed(Estimator.trial, trial(number, "training", depth_m))
+        bench.feed(Estimator.ring, ring(ring_m, number))
+        streamed(bench, felt(depth_m, ring_m, number))
+        bench.feed(Estimator.sweep, status("swept", start_ns=1_500_000_000))
+    assert [len(p.torque_n_m) for p in bench.sent(Estimator.palpation)] == [COUNT + 1] * 6
+    bench.set_parameters(stop_value=0.9)  # training had one landing a cell
+    begin(bench)
+    streamed(bench, felt(0.004, seed=9))
+    assert outlooks(bench)[-1].verdict == "decided"
+    assert outlooks(bench)[-1].estimate_m == 0.004
+    bench.feed(Estimator.sweep, status("cancelled", start_ns=1_500_000_000))
+    (belief,) = bench.sent(Estimator.belief)
+    np.testing.assert_array_equal(belief.posterior, outlooks(bench)[-1].posterior)
