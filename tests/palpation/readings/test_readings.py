@@ -37,6 +37,33 @@ def test_a_note_names_eight_rows_at_most() -> None:
     assert "rows 0, 1, 2, 3, 4, 5, 6, 7 and 12 more" in note
 
 
+def test_single_readings_are_dealt_into_trials_each_into_one() -> None:
+    """Seven and four readings of a, five and five of b: two trials each, of two a setting or more."""
+    settings = ["x"] * 7 + ["y"] * 4 + ["x"] * 5 + ["y"] * 5
+    of = Readings.of(np.arange(21.0), ["a"] * 11 + ["b"] * 10, settings=settings)
+    dealt = of.dealt(2)
+    assert np.array_equal(dealt.values, of.values)
+    assert len(dealt.trials) == 4
+    for c in (0, 1):
+        own = set(dealt.trial_index[dealt.class_index == c].tolist())
+        assert own == {2 * c, 2 * c + 1}
+        for trial in own:
+            counts = dealt.counts(dealt.trial_index == trial)[c]
+            assert counts.min() >= 2
+    assert "4 trials were made up" in dealt.notes[-1]
+    assert not np.array_equal(of.dealt(2, seed=2).trial_index, dealt.trial_index)
+    with pytest.raises(PerceptionError, match="class 'a' has 4 readings at a setting; trials of 5"):
+        of.dealt(5)
+
+
+@pytest.mark.parametrize("nothing", [None, "", float("nan"), np.float64("nan")])
+def test_a_row_without_a_name_is_an_error(nothing: object) -> None:
+    with pytest.raises(PerceptionError, match="row 1 has no class"):
+        Readings.of([1.0, 2.0], ["a", nothing])
+    with pytest.raises(PerceptionError, match="row 0 has no trial"):
+        Readings.of([1.0, 2.0], ["a", "b"], trials=[nothing, 1])
+
+
 def test_what_does_not_fit_is_said() -> None:
     with pytest.raises(PerceptionError, match="3 readings of 1 columns, but 2 classes"):
         Readings.of([1.0, 2.0, 3.0], ["a", "b"])

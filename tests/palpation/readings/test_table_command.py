@@ -68,6 +68,17 @@ def test_a_table_needs_no_setting_and_no_trial(tmp_path: Path) -> None:
     assert found["results"][0]["readings_a_trial"] == 1.0
 
 
+def test_readings_without_trials_are_dealt_into_some(table: Path) -> None:
+    """Twelve a cell, two a setting: six trials a material."""
+    named = [one for one in NAMED if one not in ("--trial", "trial")]
+    found = json.loads(run(table, *named, "--deal", 2, "--policy", "all", "--json").stdout)
+    assert found["trials"] == 18
+    assert "18 trials were made up" in found["notes"][0]
+    assert {line["policy"]: line["trials"] for line in found["results"]}["information_gain"] == 18
+    with pytest.raises(PalpError, match="makes trials where there are none"):
+        run(table, *NAMED, "--deal", 2)
+
+
 def test_semicolons_a_byte_order_mark_and_empty_cells_are_read(tmp_path: Path) -> None:
     path = tmp_path / "sheet.csv"
     rows = [f"{name};{at + step}" for name, at in (("x", 0), ("y", 30)) for step in (0, 4, 11, 17)]

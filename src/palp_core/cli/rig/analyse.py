@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from palp_core.palpation.readings.analysis import Plan
 
 _OF_SESSIONS = ("smoother", "feature", "filter", "depths", "noise", "scene")
-_OF_TABLES = ("class", "reading", "setting", "trial", "policy", "covariance", "folds", "seed")
+_OF_TABLES = ("class", "reading", "setting", "trial", "policy", "deal", "covariance", "folds", "seed")
 
 
 def analyse(
@@ -75,6 +75,13 @@ def analyse(
             help="Of a table, which setting next: recorded, fixed, uniform, information_gain; or all."
         ),
     ] = "recorded",
+    deal: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Of a table without trials: deal its readings into some, so many a setting; 0: do not.",
+        ),
+    ] = 0,
     covariance: Annotated[
         Literal["auto", "full", "diagonal"],
         typer.Option(help="Of a table's readings: full, diagonal, or auto by how many there are."),
@@ -82,7 +89,7 @@ def analyse(
     folds: Annotated[
         int, typer.Option(min=0, help="Of a table: parts in which trials are left out; 0: one by one.")
     ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Of a table: of parts, and of the policy uniform.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of a table: of parts, of what is dealt, of uniform.")] = 1,
     out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), table (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -126,7 +133,7 @@ def analyse(
         fold_count=folds,
         seed=seed,
     )
-    _analyse_table(tables[0], columns, plan, out=out, as_json=as_json)
+    _analyse_table(tables[0], columns, plan, deal=deal, out=out, as_json=as_json)
 
 
 def _refuse_foreign(context: typer.Context, tables: Sequence[Path]) -> None:
@@ -178,7 +185,7 @@ def _analyse_sessions(
 
 
 def _analyse_table(
-    path: Path, columns: dict[str, str], plan: Plan, *, out: Path | None, as_json: bool
+    path: Path, columns: dict[str, str], plan: Plan, *, deal: int, out: Path | None, as_json: bool
 ) -> None:
     from palp_core.palpation.readings import page
     from palp_core.palpation.readings.analysis import analyse
@@ -196,6 +203,10 @@ def _analyse_table(
         settings=_words(columns["setting"]),
         trials=_words(columns["trial"]),
     )
+    if deal:
+        if columns["trial"]:
+            raise PalpError("--deal: makes trials where there are none; leave it out, or --trial")
+        readings = readings.dealt(deal, seed=plan.seed)
     found = analyse(readings, plan)
     if as_json:
         print_json({"source": str(path)} | found.record)

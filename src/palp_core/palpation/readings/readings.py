@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,9 @@ class Readings:
             raise PerceptionError(
                 f"{count} readings of {table.shape[1]} columns, but {', '.join(wrong) or f'names {names}'}"
             )
+        for what, given in (("class", classes), ("setting", how), ("trial", when)):
+            if unnamed := [number for number, one in zip(numbers, given, strict=True) if _is_no_name(one)]:
+                raise PerceptionError(f"row {unnamed[0]} has no {what}; name it, or leave the row out")
         kept: NDArray[np.bool_] = np.asarray(np.isfinite(table).all(axis=1))
         notes = _left_out(table, kept, names, numbers)
         if not kept.any():
@@ -112,6 +115,34 @@ class Readings:
             shape
         )
 
+    def dealt(self, repeats: int, *, seed: int = 1) -> Readings:
+        """Return the readings dealt at random into made-up trials of ``repeats`` a setting or a few more.
+
+        For readings that were each taken by themselves: a policy then has something to choose from. Every
+        reading is in one trial. What stayed in a real trial is dealt over many, and noted.
+
+        Raises:
+            PerceptionError: A class has not so many readings at a setting where it was felt.
+        """
+        rng, counts = np.random.default_rng(seed), self.counts()
+        trial, named = np.zeros(len(self.values), dtype=np.int64), 0
+        for c, name in enumerate(self.classes):
+            least = int(counts[c][counts[c] > 0].min())
+            if repeats < 1 or least < repeats:
+                raise PerceptionError(
+                    f"class '{name}' has {least} readings at a setting; trials of {repeats} cannot be dealt"
+                )
+            for k in range(len(self.settings)):
+                rows = np.flatnonzero((self.class_index == c) & (self.setting_index == k))
+                trial[rng.permutation(rows)] = named + np.arange(rows.size) % (least // repeats)
+            named += least // repeats
+        note = (
+            f"{named} trials were made up: readings were dealt at random, {repeats} a setting or a few more; "
+            "what stays in a real trial is not in them, so that beliefs look surer than they may be"
+        )
+        names = tuple(map(str, range(named)))
+        return replace(self, trial_index=trial, trials=names, notes=(*self.notes, note))
+
     def at_settings(self, kept: Sequence[int], note: str) -> Readings:
         """Return the readings taken at some settings, with a note of why the others were left out."""
         order = np.full(len(self.settings), -1)
@@ -128,6 +159,10 @@ class Readings:
             self.trials,
             (*self.notes, note),
         )
+
+
+def _is_no_name(name: Any) -> bool:
+    return name is None or name == "" or (isinstance(name, float) and np.isnan(name))
 
 
 def _left_out(
