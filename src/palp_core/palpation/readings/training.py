@@ -27,9 +27,9 @@ With a full covariance so many a column.
 PER_COLUMN = 10
 """Readings a column that the poorest cell must have for a full covariance.
 
-With as many, of two to six columns and classes that overlap, it costs at most two points of accuracy where
-the columns are independent, and brings five to seven where they are correlated by 0.8. With half as many it
-costs six.
+With as many, of two to six columns and classes that overlap, it costs one to three points of accuracy where
+the columns are independent, and brings four to six where they are correlated by 0.8. With half as many it
+costs two to five.
 """
 _FEWEST = 2  # readings of a cell: one has no spread
 

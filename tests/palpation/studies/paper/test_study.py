@@ -134,6 +134,17 @@ def test_that_deeper_takes_more_iterations_must_be_sure_to_agree(more: int, agre
     assert first["agrees"] is agrees
 
 
+def test_that_deeper_takes_more_iterations_in_a_few_sessions_only_does_not_agree() -> None:
+    """Three sessions with two more for each depth and three with one fewer: more on average, and unsure."""
+    sessions = [took_iterations(6, more, seed) for seed, more in enumerate((2, -1) * 3)]
+    found = words.iterations(sessions, (0.002, 0.004, 0.008))
+    assert found["deepest_minus_shallowest"]["value"] == 1.0
+    first, _ = words.beside_ours(
+        found, {FIXED_DEPTH_AND_RING: {"bonferroni": {}}, THREE_EXPERIMENTS: {"bonferroni": {}}}
+    )
+    assert first["agrees"] is False
+
+
 @pytest.mark.parametrize(
     ("p", "agrees"), [(1e-9, [False, False]), (0.5, [True, False]), (None, [None, False])]
 )
