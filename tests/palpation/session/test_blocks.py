@@ -81,6 +81,13 @@ def test_no_sweep_waits_longer_for_its_last_block_than_is_stated(length: Any) ->
     assert waits_s <= length.length_s
 
 
+@pytest.mark.parametrize("rate_hz", [30.0, 535.447, 932.857, 1000.0, 1500.0, 17871.2])
+def test_no_block_is_longer_than_its_length_says_at_any_rate(rate_hz: float) -> None:
+    for one in methods("block"):
+        if not one.reference and not one.strayed({"sample_hz": rate_hz}):
+            assert LENGTH[one.name].samples(rate_hz) / rate_hz <= LENGTH[one.name].length_s * (1.0 + 1e-9)
+
+
 def test_blocks_of_more_than_a_second_are_refused_in_words() -> None:
     assert block_mistakes(1000, 1000.0) == {}
     said = block_mistakes(1500, 1000.0)["block_samples"]

@@ -28,8 +28,8 @@ class Length(NamedTuple):
     survivor: str = ""
 
     def samples(self, rate_hz: float) -> int:
-        """Return how many samples a block has."""
-        return max(1, round(self.length_s * rate_hz))
+        """Return how many samples a block has: as many as its time has, so that it is no longer."""
+        return max(1, int(self.length_s * rate_hz * (1.0 + 1e-9)))
 
 
 _WAITS = "what a sample says is known {} ms later"

@@ -93,9 +93,17 @@ _FLOOR_SD, _MOST, _LEVEL = 0.05, 15, 0.95
 
 
 def overtrust(
-    name: str, count: int, gap_sd: float, outlier_share: float, trials: int, *, probes: int = _MOST
+    name: str,
+    count: int,
+    gap_sd: float,
+    outlier_share: float,
+    trials: int,
+    *,
+    probes: int = _MOST,
+    classes: int = 3,
+    seed: Sequence[int] = (),
 ) -> float:
-    """Return the calibration error of trials that end at a probability of 0.95, three classes, synthetic.
+    """Return the calibration error of trials that end at a probability of 0.95, synthetic.
 
     Each trial has a training of its own, so the error is the mean over trainings.
 
@@ -106,14 +114,16 @@ def overtrust(
         outlier_share: Share of readings that are off by 5 to 20 gaps.
         trials: How many.
         probes: After how many readings a trial ends in any case.
+        classes: How many there are.
+        seed: Of the trials, if others than those that the bounds were measured on.
     """
-    rng = np.random.default_rng((_SEED, count, round(gap_sd * 100)))
-    centre = gap_sd * np.arange(3.0)
-    taught = rng.standard_normal((trials, 3, count)) + centre[:, None]
+    rng = np.random.default_rng(seed or (_SEED, count, round(gap_sd * 100)))
+    centre = gap_sd * np.arange(float(classes))
+    taught = rng.standard_normal((trials, classes, count)) + centre[:, None]
     sd = np.maximum(taught.std(axis=-1, ddof=1), _FLOOR_SD)
     cells = Cells(taught.mean(axis=-1), sd, np.full(sd.shape, float(count)), _FLOOR_SD)
     density: Callable[[Float64Array, Cells], Float64Array] = find("likelihood", name).target
-    truth = rng.integers(0, 3, trials)
+    truth = rng.integers(0, classes, trials)
     log, posterior, ended = np.zeros(sd.shape), np.zeros(sd.shape), np.zeros(trials, dtype=bool)
     for _ in range(probes):
         reading = rng.standard_normal(trials) + centre[truth]
