@@ -103,6 +103,12 @@ def test_a_few_scenes_keep_their_tolerance_and_are_the_same_again(bench: ModuleT
     assert {path.name for path in tmp_path.iterdir()} >= {"choices.json", "scenes.csv", "choices.png"}
 
 
+@pytest.mark.nightly
+def test_more_tasks_keep_their_tolerance_and_their_bounds(bench: ModuleType) -> None:
+    outcome = bench.run(["friction", "motion", "feature", "filter", "stop", "policy", "smoother"], 6, 8)
+    assert [one.words for one in outcome.verdicts if one.kept == "no" or one.broken] == []
+
+
 def test_an_interrupt_keeps_what_there_is(bench: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     draws: Callable[..., Any] = bench.CONTESTS["block"]
 

@@ -213,9 +213,14 @@ declare_task(
     task="motion",
     name="dynamic",
     cost_s=1.9,
-    bounds=[Bound("peak", 0.005), Bound("contrast", 0.01)],
+    bounds=[
+        Bound("peak", 0.005),
+        Bound("contrast", 0.01, within={"speed_m_s": (0.0, 0.02)}),
+        Bound("contrast", 0.024, within={"speed_m_s": (0.0, 0.1)}),
+        Bound("contrast", 0.1, within={"speed_m_s": (0.0, 0.5)}),
+    ],
     evidence="tests/palpation/mechanics/equilibrium/test_dynamics.py: "
-    "step halved, and the quasi-static limit",
+    "step halved, and the quasi-static limit; benchmarks/choices.py: against SciPy's LSODA",
     valid={"speed_m_s": (1e-4, 2.0)},
     fails="seconds of CPU a sweep; the gel's own inertia is left out",
 )

@@ -56,8 +56,8 @@ class Slip:
     task="friction",
     name="coulomb_implicit",
     cost_s=4.3e-6,
-    bounds=[Bound("torque", 0.01)],
-    evidence=_EVIDENCE,
+    bounds=[Bound("torque", 0.01, within={"speed_m_s": (0.002, 0.02)}), Bound("torque", 0.028)],
+    evidence=f"{_EVIDENCE}; benchmarks/choices.py: against SciPy's Radau",
     fails="nothing known: the law is solved with the step, so it neither chatters nor creeps",
 )
 def coulomb_implicit(slip: Slip) -> Float64Array:
