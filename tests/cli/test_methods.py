@@ -10,7 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app
+from palp_core.cli.rig.methods import _print_wrapped as print_wrapped
 from palp_core.methods import methods, tasks
+from palp_core.methods import task as task_of
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.session.method_choices import choose_for
 
 PROMISED = {"task", "name", "cost_s", "error", "valid", "evidence", "fails", "survivor"}
 
@@ -81,3 +85,18 @@ def test_what_is_not_there_is_said(call: list[str], words: str) -> None:
     result = CliRunner().invoke(app, ["methods", *call])
     assert result.exit_code != 0
     assert words in str(result.exception)
+
+
+@pytest.mark.parametrize("width", [30, 60, 80, 100, 160])
+@pytest.mark.parametrize("task", ["contact", "stop", "policy"])
+def test_no_word_is_lost_in_a_terminal_however_narrow(
+    width: int, task: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    print_wrapped(choose_for(task_of(task), Scene()))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    shown = set(" ".join(lines).split())
+    said = " ".join(f"{one.name} {one.fails} {one.survivor}" for one in methods(task))
+    assert "\u2026" not in "".join(lines)
+    assert {word for word in said.split() if len(word) < width - 4} <= shown

@@ -8,14 +8,18 @@ import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 from typer.testing import CliRunner
 
+from palp_core.cli import running
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import Graph
+from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.launch.summary import summary_of
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
@@ -23,7 +27,7 @@ from palp_core.methods import find
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.trials_csv import read_rows
-from tests.support.palp import SIM
+from tests.support.palp import CHAIN, SIM
 from tests.support.rig_session import RigSession
 
 PHANTOMS = "A: {bead: {depth_m: 0.002}}\nB: {bead: {depth_m: 0.004}}\nC: {bead: {depth_m: 0.008}}\n"
@@ -89,7 +93,10 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
     folder = told(tmp_path / "out")
     assert [folder, folder] == [told(tmp_path / "bag"), live[0]]
     assert live[1] == folder  # of a run that goes on its folder is asked for by the graph
-    assert folder == json.loads((tmp_path / "out/result.json").read_text())["methods"]
+    result = json.loads((tmp_path / "out/result.json").read_text())
+    assert folder == [*result["methods"], *result["deliveries"]]
+    (delivery,) = result["deliveries"]
+    assert (delivery["method"], delivery["asked"], delivery["of"]) == ("composed", False, "")
 
     rungs = of_task(folder, "contact")
     assert [(one["of"], one["method"], one["asked"]) for one in rungs] == [
@@ -113,7 +120,7 @@ def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSess
     record = told(rig_session.out)
     assert [one["task"] for one in record] == [
         *("contact", "contact", "contact", "motion", "equilibrium", "denoise", "feature", "likelihood"),
-        *("filter", "stop", "policy", "block", "block", "burst", "codec"),
+        *("filter", "stop", "policy", "block", "block", "burst", "codec", "delivery"),
     ]
     for one in record:
         declared = find(one["task"], one["method"])
@@ -170,7 +177,7 @@ def test_a_run_that_is_older_than_the_record_says_so_and_what_its_parameters_tel
     old = tmp_path / "old"
     shutil.copytree(rig_session.out, old)
     note = json.loads((old / "run.json").read_text())
-    for name in ("methods", "cpu_s"):
+    for name in ("methods", "cpu_s", "deliveries"):
         note.pop(name)
     (old / "run.json").write_text(json.dumps(note), encoding="utf-8")
     done = CliRunner().invoke(app, ["why", str(old)], catch_exceptions=False)
@@ -217,3 +224,11 @@ def test_what_is_no_run_is_said(
     with pytest.raises(PalpError) as refused:
         CliRunner().invoke(app, ["why", *([name] if name else [])], catch_exceptions=False)
     assert words in str(refused.value)
+
+
+def test_a_running_graph_that_is_no_session_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    summary = {"summary": msgspec.to_builtins(summary_of(check_file(CHAIN), CHAIN))}
+    monkeypatch.setattr(running, "find_graph", lambda _: SimpleNamespace(ask=lambda *_: summary))
+    words = "graph 'chain' runs, but is no session: .*no node publishes TrialResult"
+    with pytest.raises(PalpError, match=words):
+        CliRunner().invoke(app, ["why", "chain"], catch_exceptions=False)

@@ -11,13 +11,16 @@ from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
+from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import save
+from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.training_charts import primitives_chart
@@ -236,3 +239,14 @@ def test_charts_are_the_same_bytes_every_time(record: Writer, summary: Summarise
 def test_importing_the_report_does_not_load_matplotlib() -> None:
     check = "import sys, palp_core.palpation.session.report; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
+    record: Writer, summary: Summariser
+) -> None:
+    chosen = MethodTold(node="estimator", at_s=0.0, use=used("denoise"))
+    out = record(trials=TRIALS)
+    session(summary(out, denoise=chosen.use.name))
+    by_name = numbers(out, "sweeps")
+    session(msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]))
+    assert numbers(out, "sweeps") == by_name

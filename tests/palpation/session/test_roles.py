@@ -52,7 +52,7 @@ def renamed(folder: Path) -> Path:
 
 def run_of(file: Path, out: Path) -> RunSummary:
     checked = check_file(file, [f"out:={out}", "policy:=fixed"])
-    outcome = {"composed": False, "exit_code": 0, "clock_s": 1.0, "wall_s": 1.0, "activation_count": 1}
+    outcome = {"exit_code": 0, "clock_s": 1.0, "wall_s": 1.0, "activation_count": 1}
     return msgspec.structs.replace(summary_of(checked, file, **outcome), file="launch file")
 
 
@@ -64,7 +64,7 @@ def reported(summary: RunSummary, out: Path) -> tuple[dict[str, Any], str]:
 @pytest.mark.parametrize("name", ["sim", "emulated", "rig"])
 def test_the_rigs_launch_files_have_every_role(name: str, tmp_path: Path) -> None:
     checked = check_file(ROOT / "launch" / f"{name}.yaml", [f"out:={tmp_path}"])
-    outcome = {"composed": False, "exit_code": 0, "clock_s": 1.0, "wall_s": 1.0, "activation_count": 1}
+    outcome = {"exit_code": 0, "clock_s": 1.0, "wall_s": 1.0, "activation_count": 1}
     roles = roles_of(summary_of(checked, Path(name), **outcome))
     assert set(roles.node) == set(PUBLISHED)
     assert roles.touch_simulated is (name != "rig")

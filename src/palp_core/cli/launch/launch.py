@@ -69,7 +69,8 @@ def launch(
 
         checked = check_file(file, overrides)
         if check:
-            check_start(file, checked, name)
+            for words in check_start(file, checked, name):
+                note(f"{file}: {words}")
         _say_without_effect(file, checked)
         print_text(
             resolved_yaml(checked).rstrip()

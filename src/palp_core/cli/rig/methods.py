@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,11 +13,14 @@ from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from palp_core.methods import Candidate, Method
     from palp_core.palpation.session.method_choices import TaskChoice
 
 _HEAD = ["method", "cost", "error", "in this scene", "where it fails", "survivor"]
 _SENTENCES = ("in this scene", "where it fails")
+_LEAST_SENTENCE, _GAP = 28, 3
 _STYLES = {"chosen": "bold green", "valid": "", "refused": "dim", "reference": "dim"}
 
 
@@ -78,18 +81,36 @@ def _rows(choice: TaskChoice) -> Iterator[tuple[list[str], str]]:
 
 
 def _print_wrapped(choice: TaskChoice) -> None:
-    """Write the rows as wide as the terminal is."""
+    """Write the rows as wide as the terminal is; one below the other where sentences would have no room."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
+    console, rows = Console(highlight=False), list(_rows(choice))
+    words = [i for i, name in enumerate(_HEAD) if name not in _SENTENCES]
+    taken = sum(max(len(cells[i]) for cells, _ in [(_HEAD, ""), *rows]) + _GAP for i in words)
+    if console.width < taken + len(_SENTENCES) * _LEAST_SENTENCE:
+        _print_one_by_one(console, rows)
+        return
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for name in _HEAD:
         table.add_column(name, no_wrap=name not in _SENTENCES, ratio=3 if name in _SENTENCES else None)
-    for cells, mark in _rows(choice):
+    for cells, mark in rows:
         table.add_row(*map(escape, cells), style=_STYLES[mark])
-    Console(highlight=False).print(table)
+    console.print(table)
+
+
+def _print_one_by_one(console: Console, rows: Sequence[tuple[list[str], str]]) -> None:
+    """Write each method as a line with what is short of it, and its sentences below."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    for (name, cost, error, marked, fails, survivor), mark in rows:
+        console.print(Text(f"{name}  {cost}  {error}"), style=_STYLES[mark])
+        for words in (marked, f"fails: {fails}", f"survivor: {survivor}"):
+            if not words.endswith(": -"):
+                console.print(Padding(Text(words), (0, 0, 0, 4), expand=False), style=_STYLES[mark])
 
 
 def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:

@@ -34,11 +34,11 @@ def why(
 
     All of it is what the run itself has recorded; nothing is computed again.
     """
-    from palp_core.palpation.session.methods.record import methods_of, unsaid
+    from palp_core.palpation.session.methods.record import deliveries_of, methods_of, unsaid
     from palp_core.palpation.session.methods.text import paragraphs
 
     summary, rows = _recorded(run)
-    record = methods_of(summary, rows)
+    record = [*methods_of(summary, rows), *deliveries_of(summary, rows)]
     if summary.ended:
         note(f"not the whole run: {summary.ended}; this is of the {len(rows)} palpations that there are")
     elif not rows:
@@ -85,6 +85,7 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
     from palp_core.cli.running import find_graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.node.spec import LAUNCHER
+    from palp_core.palpation.session.roles import roles_of
     from palp_core.palpation.session.run_note import out_of, read_note
     from palp_core.palpation.session.trials_csv import read_rows
 
@@ -97,6 +98,10 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
             ) from error
         raise PalpError(f"{error}; or name a session's folder or a bag: palp why results/latest") from error
     summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
+    try:
+        roles_of(summary)
+    except PalpError as error:
+        raise PalpError(f"graph '{summary.graph}' runs, but is no session: {error}") from error
     summary = msgspec.structs.replace(summary, ended="it is still running")
     folder = Path(graph.record.launched_from, out_of(summary))
     try:

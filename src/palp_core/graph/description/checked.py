@@ -88,6 +88,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         args: Arguments of the launch file with their values.
         nodes: Nodes in the file's order, those of an included file where ``include`` stands.
         recorders: Entries of the file that record the graph.
+        composed: Whether all nodes are to run in the launcher's process.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
@@ -111,6 +112,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     report: str = ""
     listen: str = ""
     recorders: list[NodeSpec] = []
+    composed: bool = False
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -133,6 +135,16 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         return {
             node: sorted({wire.topic for wire in wires.values()}) for node, wires in self.readings.items()
         }
+
+    @property
+    def deliveries(self) -> dict[str, list[str]]:
+        """Inputs, each ``/<node>/<port>``, by how messages come to them: a name of the register's task."""
+        found: dict[str, list[str]] = {}
+        alike = "" if self.clock != "sim" else "composed" if self.composed else "lockstep"
+        for node, wires in self.readings.items():
+            for port, reading in wires.items():
+                found.setdefault(alike or reading.qos.reliability, []).append(f"/{node}/{port}")
+        return found
 
     @property
     def spawned(self) -> list[NodeSpec]:

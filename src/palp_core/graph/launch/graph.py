@@ -73,8 +73,10 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
         folder.remove()
 
 
-def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None) -> None:
+def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None) -> list[str]:
     """Check what only a start would tell: that the name is free, and that the report has where to go.
+
+    Returns what the launch file's report has to say of such a run beforehand, in words.
 
     Args:
         path: The launch file.
@@ -86,15 +88,17 @@ def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None
     """
     if name is not None:
         check_free(name)
-    _tell(checked, "prepare", summary_of(checked, Path(path)))
+    summary = summary_of(checked, Path(path))
+    _tell(checked, "prepare", summary)
+    return list(_tell(checked, "advise", summary) or ())
 
 
-def _tell(checked: CheckedGraph, stage: Literal["prepare", "begin"], summary: RunSummary) -> None:
-    """Let the launch file's report look at the run before it begins, if it wants to."""
-    if checked.report:
-        tell = getattr(report_function(checked.report, checked.workspace), stage, None)
-        if tell is not None:
-            tell(summary)
+def _tell(checked: CheckedGraph, stage: Literal["prepare", "advise", "begin"], summary: RunSummary) -> Any:
+    """Let the launch file's report look at the run before it begins, if it wants to; return what it says."""
+    if not checked.report:
+        return None
+    tell = getattr(report_function(checked.report, checked.workspace), stage, None)
+    return None if tell is None else tell(summary)
 
 
 class Graph:
@@ -172,6 +176,7 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
+                self.checked = msgspec.structs.replace(self.checked, composed=self._compose)
                 _tell(self.checked, "prepare", self._summary())
                 self.recorders = Recorders(self.checked, self._record)
                 self.diagnostics.follow(self.checked)
@@ -236,7 +241,6 @@ class Graph:
             self.checked,
             self.path,
             run=self.directory.path.name,
-            composed=self._compose,
             incidents=self.diagnostics.incidents,
             methods=self.methods.told,
             cpu_s=self._cpu_s,

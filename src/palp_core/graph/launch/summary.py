@@ -21,6 +21,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         params: Parameters of every node, by node.
         publishes: Message type of each topic that a node publishes, by node.
         listens: Topics that each node reads, by node.
+        deliveries: Inputs by how messages came to them, a name of task ``delivery``; empty where nobody noted
+            it.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep; None where nobody counted.
@@ -42,6 +44,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     params: dict[str, dict[str, Any]]
     publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]
+    deliveries: dict[str, list[str]] = {}
     exit_code: int = -1
     ended: str = "it did not say how it ended"
     clock_s: float = 0.0
@@ -70,6 +73,8 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         params={spec.name: spec.params for spec in checked.nodes},
         publishes=checked.publishes,
         listens=checked.listens,
+        deliveries=checked.deliveries,
+        composed=checked.composed,
         **outcome,
     )
 

@@ -91,6 +91,17 @@ def block_mistakes(block_samples: int, rate_hz: float) -> dict[str, str]:
     }
 
 
+def longest_s(stream: Stream, *, wall_clock: bool) -> float:
+    """Return how long a stream's blocks can be so that none is late for its reader, in s.
+
+    Args:
+        stream: What travels in them.
+        wall_clock: Whether they are under way for a time, too.
+    """
+    wanted = WANTED[stream]
+    return wanted.age_s - (wanted.under_way_s if wall_clock else 0.0)
+
+
 def late_blocks(stream: Stream, length_s: float, *, wall_clock: bool) -> str:
     """Return in words that a stream's blocks are longer than its reader can wait; "" if they are not.
 
@@ -99,11 +110,10 @@ def late_blocks(stream: Stream, length_s: float, *, wall_clock: bool) -> str:
         length_s: How long they are, in s.
         wall_clock: Whether they are under way for a time, too.
     """
-    wanted = WANTED[stream]
-    under_way_s = wanted.under_way_s if wall_clock else 0.0
-    age_s = length_s + under_way_s
-    if age_s <= wanted.age_s * (1.0 + 1e-9):
+    wanted, most_s = WANTED[stream], longest_s(stream, wall_clock=wall_clock)
+    if length_s <= most_s * (1.0 + 1e-9):
         return ""
+    age_s = wanted.age_s + length_s - most_s
     return (
         f"the {stream} comes in blocks of {length_s:.3g} s: a sample is up to {age_s:.3g} s old when it is "
         f"acted upon, and {wanted.age_s:g} s are wanted; see: palp methods block"

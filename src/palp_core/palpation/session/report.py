@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
-from palp_core.palpation.session.roles import Roles, roles_of
+from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import SWEEPS, TABLE
 
 if TYPE_CHECKING:
@@ -31,6 +31,12 @@ class SessionReport:
             PalpError: It would, or the run names no folder.
         """
         run_note.refuse_run(summary)
+
+    def advise(self, summary: RunSummary) -> list[str]:
+        """Return in words what of the parameters no method vouches for."""
+        from palp_core.palpation.session.methods.advice import advice
+
+        return advice(summary)
 
     def begin(self, summary: RunSummary) -> None:
         """Note which run the session is of.
@@ -112,7 +118,7 @@ def _write(found: RecordedSession, summary: RunSummary) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, unfinished_words(result))
-    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, roles_of(summary))]
+    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, summary)]
     write_report(found.folder / "report.html", result, pictures)
     return headline(result)
 
@@ -139,7 +145,7 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
     return f"{unfinished.capitalize()}. {said}" if unfinished else said
 
 
-def _charts(found: RecordedSession, roles: Roles) -> Iterator[Chart]:
+def _charts(found: RecordedSession, summary: RunSummary) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
     from palp_core.palpation.session.estimation_charts import (
         accuracy_chart,
@@ -149,6 +155,7 @@ def _charts(found: RecordedSession, roles: Roles) -> Iterator[Chart]:
     )
     from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
 
+    roles = roles_of(summary)
     for chart in (
         accuracy_chart(found),
         belief_chart(found),
@@ -157,10 +164,16 @@ def _charts(found: RecordedSession, roles: Roles) -> Iterator[Chart]:
         primitives_chart(found),
         sweeps_chart(
             found,
-            estimator=roles.params("estimator"),
+            estimator=_as_read(summary, roles.params("estimator")),
             from_m=roles.params("experiment").get("from_m"),
             speed_m_s=roles.params("stage").get("sweep_speed_m_s", 0.020),
         ),
     ):
         if chart is not None:
             yield chart
+
+
+def _as_read(summary: RunSummary, estimator: dict[str, Any]) -> dict[str, Any]:
+    """Return the estimator's parameters with the smoother that the register chose for it."""
+    chosen = [one.use.name for one in summary.methods if one.use.task == "denoise" and not one.use.asked]
+    return estimator | {"denoise": chosen[0]} if chosen else estimator

@@ -48,7 +48,7 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         unfinished=unfinished_words(result),
         headline=headline(result),
         pictures=pictures,
-        methods=paragraphs(result["methods"]),
+        methods=paragraphs([*result["methods"], *result["deliveries"]]),
         published=FIXED,
         human_strategy=HUMAN_STRATEGY_TEXT,
         confusion={

@@ -21,14 +21,13 @@ import palp_core
 from palp_core.errors import MechanicsError, PalpError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.methods.record import methods_of, unsaid
+from palp_core.palpation.session.methods.record import deliveries_of, methods_of, unsaid
 from palp_core.palpation.session.methods.text import reason
-from palp_core.palpation.session.methods.used import rig_uses
+from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
 
 TIME_KEYS = (
     "composed",
+    "deliveries",
     "launch_file",
     "out",
     "palpations_per_wall_s",
@@ -92,6 +92,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "stop_rule": _stop_rule(roles.params("estimator")),
         "mechanics": _mechanics(summary, roles, session) if roles.touch_simulated else None,
         "methods": methods_of(summary, session.rows),
+        "deliveries": deliveries_of(summary, session.rows),
         "methods_unsaid": unsaid(summary, session.rows),
         "roles": dict(roles.node),
         "protocol": _protocol(summary.params, roles),
@@ -283,11 +284,7 @@ def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
     said = {one.use.of: one.use for one in summary.methods if one.use.task == "contact"}
     if said:
         return said
-    phantom = roles.params("phantom")
-    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
-    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
-    given = {name: phantom[name] for name in names if name in phantom}
-    uses = rig_uses(rig(**given, indentation_m=indentation_m), None)
+    uses = rig_uses(rig_of(roles.params("phantom")), None)
     return {use.of: use for use in uses if use.task == "contact"}
 
 

@@ -9,7 +9,7 @@ from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choos
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed_share, yielding
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed
 from palp_core.palpation.mechanics.tip import TipForm
 
 
@@ -148,8 +148,6 @@ def contact_model(
     quantities: dict[str, float | tuple[float, ...]] = dict(phantom.scene(tip_radius_m))
     if indentation_m is not None:
         probe = Probe(tip_radius_m=tip_radius_m, tip=tip)
-        quantities["indentation_m"] = indentation_m
-        quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
-        quantities["pressed_share"] = tuple(pressed_share(phantom, probe, indentation_m, r) for r in RINGS_M)
+        quantities |= pressed((phantom,), probe, indentation_m, RINGS_M)
     choice = choose("contact", output, tolerance, quantities)
     return rung_model(choice.method.name, phantom, tip_radius_m, tip), choice

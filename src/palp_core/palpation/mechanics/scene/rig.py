@@ -11,10 +11,7 @@ from palp_core.palpation.mechanics.scene.choice import choose_rung, moved_by, ru
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, pressed_share, yielding
-
-FINDER = "bracketed_newton"
-"""Method of task ``equilibrium`` that a rig's sweeps are solved by."""
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, pressed
 
 
 @dataclass(frozen=True)
@@ -100,11 +97,6 @@ def rig(
             "tip_mass_kg": probe.tip_mass_kg,
         }
         if indentation_m is not None:
-            quantities["indentation_m"] = indentation_m
-            quantities["ring_m"] = RINGS_M
-            quantities["yielding"] = tuple(yielding(phantom, probe, indentation_m, r) for r in RINGS_M)
-            quantities["pressed_share"] = tuple(
-                pressed_share(phantom, probe, indentation_m, r) for r in RINGS_M
-            )
+            quantities |= pressed((phantom,), probe, indentation_m, RINGS_M)
         choices[code] = choose("contact", output, tolerance, quantities)
     return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)

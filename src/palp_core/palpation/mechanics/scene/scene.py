@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -188,18 +189,28 @@ class Scene:
         return found | {
             "friction": self.probe.friction,
             "tip_mass_kg": self.probe.tip_mass_kg,
-            "indentation_m": self.path.indentation_m,
-            "ring_m": self.ring_m,
             "margin_m": self.path.margin_m,
-            "yielding": tuple(
-                yielding(self.phantom, self.probe, self.path.indentation_m, ring_m) for ring_m in self.ring_m
-            ),
-            "pressed_share": tuple(
-                pressed_share(phantom, self.probe, self.path.indentation_m, ring_m)
-                for phantom in self.phantoms
-                for ring_m in self.ring_m
-            ),
+            **pressed(self.phantoms, self.probe, self.path.indentation_m, self.ring_m),
         }
+
+
+def pressed(
+    phantoms: Sequence[Phantom], probe: Probe, indentation_m: float, ring_m: tuple[float, ...]
+) -> dict[str, float | tuple[float, ...]]:
+    """Return the quantities of pressing by which methods are chosen, SI: how deep, and what that does.
+
+    Args:
+        phantoms: The gel, once for each bead that it may hold.
+        probe: The joint and the ball.
+        indentation_m: Nominal indentation.
+        ring_m: Positions of the anchor ring.
+    """
+    return {
+        "indentation_m": indentation_m,
+        "ring_m": ring_m,
+        "yielding": tuple(yielding(phantoms[0], probe, indentation_m, r) for r in ring_m),
+        "pressed_share": tuple(pressed_share(p, probe, indentation_m, r) for p in phantoms for r in ring_m),
+    }
 
 
 def yielding(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: float) -> float:

@@ -1,19 +1,19 @@
 """Which methods a run used and why, what they met and what they cost: from what the run has recorded.
 
-The same list is ``methods`` in ``result.json`` and what ``palp why --json`` prints. Nothing is solved or
-chosen again: the nodes have said what they use, the phantom what its sweeps met, and blocks and their
-bytes follow from parameters.
+The same list is ``methods`` in ``result.json`` and, with its ``deliveries``, what ``palp why --json`` prints.
+Nothing is solved or chosen again: the nodes have said what they use, the phantom what its sweeps met, blocks
+and their bytes follow from parameters, and deliveries from how the run was launched.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.palpation.mechanics.scene.guard import task_of
-from palp_core.palpation.session.methods.wires import wire_uses
+from palp_core.palpation.session.methods.wires import delivery_uses, wire_uses
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.trials_csv import Row
 
@@ -30,15 +30,23 @@ _TASK_OF_ROLE = {"policy": "policy", "estimator": "stop", "phantom": "contact", 
 
 
 def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return every method that a run used, by task, and of a task in time's order.
+    """Return every method that what came out of a run depends on, by task, and of a task in time's order.
 
     Args:
         summary: How the run went; it holds what nodes said of their methods.
         rows: Its palpations.
     """
+    return _entries([*summary.methods, *wire_uses(summary)], summary, rows)
+
+
+def deliveries_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return how the messages of a run came to their readers, in the form of :func:`methods_of`."""
+    return _entries(delivery_uses(summary), summary, rows)
+
+
+def _entries(told: Iterable[MethodTold], summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
     roles = roles_of(summary)
-    told = sorted([*summary.methods, *wire_uses(summary)], key=_place)
-    return [_entry(one, rows, summary, roles) for one in told]
+    return [_entry(one, rows, summary, roles) for one in sorted(told, key=_place)]
 
 
 def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:

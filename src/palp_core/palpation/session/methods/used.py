@@ -9,7 +9,7 @@ from typing import Any
 
 from palp_core.graph.messages.builtin import MethodUse, RefusedMethod
 from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
-from palp_core.palpation.mechanics.scene.rig import FINDER, Rig
+from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
@@ -68,6 +68,18 @@ def policy_use(policy: StiffnessPolicy) -> MethodUse:
     return used_of_class("policy", type(policy))
 
 
+def rig_of(phantom: Mapping[str, Any]) -> Rig:
+    """Return what a simulated phantom touches, told by its node's parameters and their files as they are now.
+
+    Raises:
+        MechanicsError: A file is wrong.
+        MethodError: No rung is good enough.
+    """
+    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
+    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
+    return rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
+
+
 def rig_uses(rig: Rig, speed_m_s: float | None) -> list[MethodUse]:
     """Return what a simulated phantom says of its mechanics: the rung of each phantom, and how it is solved.
 
@@ -87,7 +99,7 @@ def rig_uses(rig: Rig, speed_m_s: float | None) -> list[MethodUse]:
         )
         for code, choice in rig.choices.items()
     ]
-    uses.append(used("equilibrium", FINDER))
+    uses.append(used("equilibrium"))
     if speed_m_s is not None:
         uses.append(_chosen(rig.motion(speed_m_s), scene={"speed_m_s": speed_m_s}))
     return uses

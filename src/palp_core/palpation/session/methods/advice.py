@@ -1,0 +1,74 @@
+"""What of a run's parameters no method vouches for, told before it begins, with what to do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from palp_core.methods import MethodChoice
+from palp_core.palpation.devices.blocks import Stream, late_blocks, longest_s
+from palp_core.palpation.mechanics.scene.guard import speed_guard
+from palp_core.palpation.session.methods.used import rig_of
+from palp_core.palpation.session.roles import Roles, roles_of
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+
+
+def advice(summary: RunSummary) -> list[str]:
+    """Return in words which parameters of a run are beyond what its methods vouch for, and what to do.
+
+    Args:
+        summary: The run, before it begins.
+
+    Raises:
+        PalpError: A node that a session needs is missing, or a file that one names is wrong.
+    """
+    roles, wall_clock = roles_of(summary), summary.clock == "wall"
+    return [*_speed(roles), *_late(roles, wall_clock=wall_clock)]
+
+
+def _speed(roles: Roles) -> Iterator[str]:
+    """Yield that the stage sweeps faster than a computed touch without inertia is bounded for."""
+    speed_m_s = roles.params("stage").get("sweep_speed_m_s")
+    if not roles.touch_simulated or speed_m_s is None:
+        return
+    motion = rig_of(roles.params("phantom")).motion(speed_m_s)
+    for words in speed_guard(motion):
+        yield (
+            f"/{roles.node['stage']}: sweep_speed_m_s: {speed_m_s:g}: {words}; every palpation will be "
+            f"marked so; sweep at {_fastest(motion):g} m/s or slower"
+        )
+
+
+def _fastest(motion: MethodChoice) -> float:
+    """Return the largest speed at which a method is good enough, in m/s."""
+    return max(
+        (
+            bound.within["speed_m_s"][1]
+            for bound in motion.method.bounds
+            if bound.output == motion.output and bound.error <= motion.tolerance
+        ),
+        default=0.0,
+    )
+
+
+def _late(roles: Roles, *, wall_clock: bool) -> Iterator[str]:
+    """Yield which samples come later than their reader wants them."""
+    torque = (
+        "torque" if "block_samples" in roles.params("torque") else "stage"
+    )  # simulated: as its poses come
+    streams: Mapping[str, Stream] = {torque: "torque", "emg": "emg"}
+    for role, stream in streams.items():
+        params = roles.params(role)
+        if "block_samples" not in params:
+            continue
+        rate_hz, most_s = params["rate_hz"], longest_s(stream, wall_clock=wall_clock)
+        if late := late_blocks(stream, params["block_samples"] / rate_hz, wall_clock=wall_clock):
+            most = f"give {int(most_s * rate_hz * (1.0 + 1e-9))} at most, at {rate_hz:g} Hz"
+            yield f"/{roles.node[role]}: block_samples: {params['block_samples']}: {late}; {most}"
+    load_hz = roles.params("torque").get("load_hz")
+    if load_hz and (late := late_blocks("load", 1.0 / load_hz, wall_clock=wall_clock)):
+        least_hz = math.ceil(1.0 / longest_s("load", wall_clock=wall_clock))
+        yield f"/{roles.node['torque']}: load_hz: {load_hz:g}: {late}; give {least_hz} at least"
