@@ -32,7 +32,7 @@ class EmgReport(Message):
 
 
 class CoContraction(Message):
-    """Normalised co-contraction s_CC^N, eq. (3), and the level of the latest burst.
+    """Normalised co-contraction s_CC^N, eq. (3), bursts that have ended, and the level of the latest peak.
 
     ``level`` is an index into 0.1 .. 0.5 and counts only where ``level_defined``.
     """

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 from msgs.emg import CoContraction, EmgBlock
-from nodes.cocontraction import Cocontraction
+from nodes.cocontraction import Cocontraction, CoContractionParams
 from nodes.emg import Emg
 from palp_core import Bench
-from palp_core.palpation.perception.emg.bursts import BurstFinder, BurstState
-from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset, reference
+from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
+from palp_core.palpation.perception.emg.calibration import Calibration, calibrate
+from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.strategy.figure5 import matrices
 from palp_core.units import Float64Array
@@ -29,49 +28,80 @@ def recording() -> list[EmgBlock]:
     return bench.sent(Emg.block)
 
 
-def processed(blocks: list[EmgBlock], **params: float) -> list[CoContraction]:
+def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
     bench = Bench(Cocontraction, params)
     bench.feed(Cocontraction.emg, *blocks)
     return bench.sent(Cocontraction.cocontraction)
 
 
-def offline(blocks: list[EmgBlock]) -> Float64Array:
-    """Equations (1) to (3) on the whole recording at once."""
+def offline(blocks: list[EmgBlock]) -> tuple[Float64Array, Calibration]:
+    """Equations (1) to (3) on the whole recording at once, and what it is measured against."""
     raw = [np.concatenate([b.fds_v for b in blocks]), np.concatenate([b.edc_v for b in blocks])]
-    rest = (blocks[0].fds_v, blocks[0].edc_v)
-    chains = [EmgChain(find_offset(r), RATE_HZ, window_s=WINDOW_S) for r in rest]
+    first = (blocks[0].fds_v, blocks[0].edc_v)
+    chains = [EmgChain(find_offset(r), RATE_HZ, window_s=WINDOW_S) for r in first]
     envelopes = np.array([chain.envelope(v) for chain, v in zip(chains, raw, strict=True)])
     phases = np.concatenate([np.full(len(b.fds_v), b.phase) for b in blocks])
-    value = cocontraction(envelopes, reference(envelopes[:, phases == "mvc"]))
-    return np.asarray(value[phases == "palpation"])
+    first_rest, second_rest = envelopes[:, : 2 * 1500], envelopes[:, phases == "rest"][:, 2 * 1500 :]
+    looks = [one[:, ::15] for one in (first_rest, second_rest, envelopes[:, phases == "mvc"])]
+    rest = np.concatenate(looks[:2], axis=1)[:, 15:]
+    known = calibrate(looks[2], rest, rate_hz=100.0, window_s=WINDOW_S)
+    return cocontraction(envelopes, known.reference)[phases == "palpation"], known
 
 
-def test_the_stream_gives_the_offline_values(recording: list[EmgBlock]) -> None:
-    value = np.concatenate([c.value for c in processed(recording)])
-    np.testing.assert_allclose(value, offline(recording), rtol=1e-9)
+def test_the_stream_gives_the_offline_values_to_the_bit(recording: list[EmgBlock]) -> None:
+    stream, (value, known) = processed(recording), offline(recording)
+    assert {c.reference_v for c in stream} == {known.reference}
+    assert np.array_equal(np.concatenate([c.value for c in stream]), value)
 
 
-def test_bursts_and_their_levels_are_those_of_the_whole_recording(recording: list[EmgBlock]) -> None:
-    rule = BurstFinder(RATE_HZ, 0.05, 0.4)
+def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgBlock]) -> None:
+    value, known = offline(recording)
+    _, whole = BurstRule.of(RATE_HZ, known).step(BurstState(), value)
+    assert len(whole.peaks) > 20
     stream = processed(recording)
-    _, whole = rule.step(BurstState(), np.concatenate([c.value for c in stream]))
-    assert stream[-1].burst_count == len(whole)
     ends = np.cumsum([len(c.value) for c in stream])
     for message, end in zip(stream, ends.tolist(), strict=True):
-        known = [burst.value for burst in whole if burst.known_at < end]
-        assert message.burst_count == len(known)
-        if known:
-            assert message.level == to_levels(np.array(known)).index[-1]
+        assert message.burst_count == sum(one.known_at < end for one in whole.bursts)
+        peaks = [one.level for one in whole.peaks if one.known_at < end]
+        assert message.level_defined == bool(peaks)
+        if peaks:
+            assert message.level == to_levels(np.array(peaks)).index[-1]
 
 
-def test_it_counts_about_as_many_bursts_as_the_muscles_made(recording: list[EmgBlock]) -> None:
-    """The simulated subject holds each level for 1 s on average: 60 levels in 60 s."""
-    assert 45 <= processed(recording)[-1].burst_count <= 75
+def test_levels_are_read_as_printed_where_that_is_asked_for(recording: list[EmgBlock]) -> None:
+    some = [b for b in recording if b.start_ns < 12e9]
+    printed = processed(some, mvc_rule="sum_of_maxima", level_rule="peak")
+    assert printed[0].reference_v > 1.05 * processed(some)[0].reference_v
+
+
+def test_thresholds_that_do_not_fit_together_are_refused() -> None:
+    assert (
+        "off at 0.2 and on at 0.1"
+        in Cocontraction.examine(CoContractionParams(on_share=0.1, off_share=0.2))["on_share"]
+    )
+    assert Cocontraction.examine(CoContractionParams()) == {}
+
+
+def levels_of(blocks: list[EmgBlock]) -> list[int]:
+    """Return the level of every peak."""
+    bench = Bench(Cocontraction)
+    found, before = [], 0
+    for block in blocks:
+        bench.feed(Cocontraction.emg, block)
+        state = bench.node.state
+        found += [state.level] * (state.peak_count - before)
+        before = state.peak_count
+    return found
+
+
+def test_it_sees_about_as_many_peaks_as_the_muscles_made(recording: list[EmgBlock]) -> None:
+    """The simulated subject holds each level for 1 s on average: 60 levels in 60 s, with no rest between."""
+    assert 45 <= len(levels_of(recording)) <= 75
+    assert processed(recording)[-1].burst_count <= 1
 
 
 def test_the_levels_are_as_frequent_as_in_the_chain(recording: list[EmgBlock]) -> None:
-    stream = processed(recording)
-    seen = [b.level for a, b in itertools.pairwise(stream) if b.burst_count > a.burst_count]
+    seen = levels_of(recording)
     values, vectors = np.linalg.eig(matrices().mean(axis=0))
     law = np.real(vectors[:, int(np.argmax(np.real(values)))])
     law = law / law.sum()
@@ -80,8 +110,23 @@ def test_the_levels_are_as_frequent_as_in_the_chain(recording: list[EmgBlock]) -
 
 
 def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock]) -> None:
-    counts = [c.burst_count for c in processed(recording)]
-    assert counts == sorted(counts)
+    relaxing = [b for b in recording if b.start_ns < 20e9]
+    idle = np.concatenate([b.fds_v for b in recording if b.phase == "rest"])[:75]
+    for _ in range(20):
+        last = relaxing[-1]
+        relaxing.append(
+            EmgBlock(
+                stamp_ns=last.stamp_ns + 50_000_000,
+                start_ns=last.start_ns + 50_000_000,
+                rate_hz=RATE_HZ,
+                phase="palpation",
+                fds_v=idle,
+                edc_v=idle,
+            )
+        )
+    counts = [c.burst_count for c in processed(relaxing)]
+    assert counts == [0] * counts.index(1) + [1] * counts.count(1)
+    assert counts.index(1) * 0.05 > 11.0  # as long as the subject does not relax, it goes on
     first = processed(recording)[0]
     assert (first.burst_count, first.level_defined) == (0, False)
 

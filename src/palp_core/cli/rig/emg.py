@@ -7,6 +7,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
+from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, LevelRule, MvcRule
 
 app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
 
@@ -17,7 +18,10 @@ FdsOption = Annotated[
     str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: name, or number from 0.")
 ]
 EdcOption = Annotated[
-    str | None, typer.Option("--edc", metavar="COL", help="Extensor's column: name, or number from 0.")
+    str | None,
+    typer.Option(
+        "--edc", metavar="COL", help="Extensor's column: name, or number from 0; none: one muscle only."
+    ),
 ]
 UnitOption = Annotated[
     str | None,
@@ -25,6 +29,31 @@ UnitOption = Annotated[
         metavar="UNIT",
         help="V, mV, uV, nV or counts, of every file; default: what each states, else a guess.",
     ),
+]
+WindowOption = Annotated[float, typer.Option("--window-ms", help="RMS window, 20 to 200 ms.")]
+MvcRuleOption = Annotated[
+    MvcRule,
+    typer.Option(
+        help="What levels are held against: of each muscle the median of its best half second, less what "
+        "choosing it gains; the largest sum; the sum of each muscle's largest, as eq. (3) is printed.",
+    ),
+]
+LevelRuleOption = Annotated[
+    LevelRule,
+    typer.Option(help="Level of a peak: the median of its top without the power of rest, or its largest."),
+]
+OnOption = Annotated[float, typer.Option("--on", help="A burst begins so far above rest, of rest to MVC.")]
+OffOption = Annotated[float, typer.Option("--off", help="It ends below that, likewise.")]
+SpreadsOption = Annotated[
+    float, typer.Option("--rest-spreads", help="Both at least so many (off: half) sd of rest above it.")
+]
+GapOption = Annotated[float, typer.Option("--gap-s", help="Shorter gaps, s, are joined.")]
+LeastOption = Annotated[float, typer.Option("--least-s", help="Shorter bursts, s, are dropped.")]
+ValleyOption = Annotated[
+    float, typer.Option("--valley", help="A peak ends below this share of it, above rest.")
+]
+TopOption = Annotated[
+    float, typer.Option("--top", help="Its level is the median of what is above this share of it.")
 ]
 
 
@@ -44,15 +73,22 @@ def analyse(
     rest: Annotated[
         Path | None, typer.Option(help="Recording at rest; default: the quietest twentieth.")
     ] = None,
-    window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 50.0,
-    prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
-    distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.2,
+    window_ms: WindowOption = 1e3 * WINDOW_S,
+    mvc_rule: MvcRuleOption = "plateau",
+    level_rule: LevelRuleOption = "plateau",
+    on: OnOption = BURSTS.on_share,
+    off: OffOption = BURSTS.off_share,
+    rest_spreads: SpreadsOption = BURSTS.rest_spreads,
+    gap_s: GapOption = BURSTS.gap_s,
+    least_s: LeastOption = BURSTS.least_s,
+    valley: ValleyOption = BURSTS.valley_share,
+    top: TopOption = BURSTS.top_share,
     band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
     rails: Annotated[
         tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
     ] = None,
     swept: Annotated[
-        bool, typer.Option("--sweep", help="Bursts and lambda_2 over windows, prominences and distances.")
+        bool, typer.Option("--sweep", help="Bursts, peaks and lambda_2 over windows, thresholds and valleys.")
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
@@ -63,13 +99,15 @@ def analyse(
     from palp_core.palpation.identification.emg.files import is_recording
     from palp_core.palpation.identification.emg.trial import Choices, run_trial, trial_record
     from palp_core.palpation.perception.emg.analysis import EmgSettings
+    from palp_core.palpation.perception.emg.settings import BurstSettings
 
     settings = EmgSettings(
         low_hz=band_hz[0],
         high_hz=band_hz[1],
         window_s=window_ms / 1e3,
-        prominence=prominence,
-        distance_s=distance_s,
+        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top),
+        mvc_rule=mvc_rule,
+        level_rule=level_rule,
         rails=rails,
     )
     choices = Choices(fs, fds, edc, unit)
@@ -83,7 +121,7 @@ def analyse(
         if as_json:
             print_json(result)
         else:
-            names = ("subject", "phase", "trial", "burst_count", "flags")
+            names = ("subject", "phase", "trial", "burst_count", "peak_count", "flags")
             print_table([names, *([_text(one.get(name)) for name in names] for one in records)])
         _note_written(out)
         if any(one["error"] for one in records):
@@ -106,6 +144,7 @@ def analyse(
             "duration_s",
             "cocontraction_mean",
             "burst_count",
+            "peak_count",
             "lambda_2",
             "mvc_ratio",
             "clipped",

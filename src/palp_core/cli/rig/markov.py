@@ -7,7 +7,23 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.cli.rig.emg import EdcOption, FdsOption, FsOption, UnitOption
+from palp_core.cli.rig.emg import (
+    EdcOption,
+    FdsOption,
+    FsOption,
+    GapOption,
+    LeastOption,
+    LevelRuleOption,
+    MvcRuleOption,
+    OffOption,
+    OnOption,
+    SpreadsOption,
+    TopOption,
+    UnitOption,
+    ValleyOption,
+    WindowOption,
+)
+from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S
 
 app = typer.Typer(help="Strategies of stiffness levels, learnt from EMG.", no_args_is_help=True)
 
@@ -33,9 +49,16 @@ def fit(
     fds: FdsOption = None,
     edc: EdcOption = None,
     unit: UnitOption = None,
-    window_ms: Annotated[float, typer.Option(help="RMS window, 20 to 200 ms.")] = 150.0,
-    prominence: Annotated[float, typer.Option(help="Least prominence of a burst, of MVC.")] = 0.05,
-    distance_s: Annotated[float, typer.Option(help="Least time between bursts.")] = 0.4,
+    window_ms: WindowOption = 1e3 * WINDOW_S,
+    mvc_rule: MvcRuleOption = "plateau",
+    level_rule: LevelRuleOption = "plateau",
+    on: OnOption = BURSTS.on_share,
+    off: OffOption = BURSTS.off_share,
+    rest_spreads: SpreadsOption = BURSTS.rest_spreads,
+    gap_s: GapOption = BURSTS.gap_s,
+    least_s: LeastOption = BURSTS.least_s,
+    valley: ValleyOption = BURSTS.valley_share,
+    top: TopOption = BURSTS.top_share,
     prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
     mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
     seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
@@ -45,15 +68,18 @@ def fit(
     as_json: JsonOption = False,
 ) -> None:
     """Learn the chain of co-contraction levels, with intervals; exit status 1 if a trial failed."""
-    from dataclasses import replace
-
     import numpy as np
 
     from palp_core.palpation.identification.emg import markov_fit
     from palp_core.palpation.identification.emg.trial import Choices
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
+    from palp_core.palpation.perception.emg.settings import BurstSettings
 
-    settings = replace(
-        markov_fit.SETTINGS, window_s=window_ms / 1e3, prominence=prominence, distance_s=distance_s
+    settings = EmgSettings(
+        window_s=window_ms / 1e3,
+        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top),
+        mvc_rule=mvc_rule,
+        level_rule=level_rule,
     )
     if out is not None:
         make_folder(out)

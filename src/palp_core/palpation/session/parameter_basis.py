@@ -100,8 +100,15 @@ BASIS = {
     "emg.mvc_s": "not published; assumed",
     "emg.palpation_s": "published: at most 60 s",
     "cocontraction.window_s": "not published; assumed",
-    "cocontraction.prominence": "not published; assumed",
-    "cocontraction.distance_s": "not published; assumed",
+    "cocontraction.mvc_rule": "choice: published is the sum of maxima, which their scatter makes too large",
+    "cocontraction.level_rule": "choice: published is the largest value of a peak",
+    "cocontraction.on_share": "not published; assumed: half the lowest level",
+    "cocontraction.off_share": "not published; assumed",
+    "cocontraction.rest_spreads": "not published; assumed",
+    "cocontraction.gap_s": "not published; assumed",
+    "cocontraction.least_s": "not published; assumed: longer than the RMS window",
+    "cocontraction.valley_share": "not published; assumed",
+    "cocontraction.top_share": "not published; assumed",
 }
 
 

@@ -1,6 +1,8 @@
 import csv
+import inspect
 import json
 import shutil
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from msgs.emg import EmgBlock
+from palp_core.cli.rig import emg
 from palp_core.cli.rig.emg import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.recorder import BagRecorder
@@ -76,7 +79,8 @@ def test_a_trial_is_analysed_as_the_library_does(recording: tuple[Path, Path], t
     effort, samples = subject(0)
     expected = analyse(samples, effort, EmgSettings())
     assert found["flags"] == list(expected.flags)
-    assert found["burst_count"] == len(expected.bursts) > 5
+    assert found["burst_count"] == len(expected.bursts) >= 1
+    assert found["peak_count"] == len(expected.peaks) > 5
     assert found["reference"] == pytest.approx(expected.reference, rel=1e-6)
     assert found["cocontraction_mean"] == pytest.approx(expected.cocontraction.mean(), rel=1e-6)
     names = {one.name for one in (tmp_path / "o").iterdir()}
@@ -94,10 +98,10 @@ def test_a_trial_is_analysed_as_the_library_does(recording: tuple[Path, Path], t
 
 def test_the_simulated_subject_is_seen_as_it_is() -> None:
     mvc, trial = subject(1)
-    found = analyse(trial, mvc, EmgSettings(window_s=0.15, distance_s=0.4))
+    found = analyse(trial, mvc, EmgSettings())
     assert "mvc_too_small" not in found.flags
     assert 0.15 < found.cocontraction.mean() < 0.45
-    assert TRIAL_S / 2.5 < len(found.bursts) < TRIAL_S / 0.5  # a level lasts a second in the mean
+    assert TRIAL_S / 2.5 < len(found.peaks) < TRIAL_S / 0.5  # a level lasts a second in the mean
 
 
 def test_without_an_mvc_it_is_asked_for(recording: tuple[Path, Path]) -> None:
@@ -337,3 +341,42 @@ def test_rates_that_rounded_times_tell_need_not_be_the_same(tmp_path: Path) -> N
         files.append(tmp_path / name)
     found = json.loads(run("analyse", files[0], "--mvc", files[1], "--json").stdout)
     assert found["rate_hz"] == pytest.approx(RATE_HZ, rel=1e-3)
+
+
+def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Path]) -> None:
+    trial, mvc = recording
+    asked = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--json"]
+    found = {
+        rule: json.loads(run(*asked, "--mvc-rule", rule).stdout)
+        for rule in ("plateau", "maximum_of_sum", "sum_of_maxima")
+    }
+    scales = [one["reference"] for one in found.values()]
+    assert scales == sorted(scales)
+    assert [one["settings"]["mvc_rule"] for one in found.values()] == list(found)
+    peak = json.loads(run(*asked, "--level-rule", "peak").stdout)["peaks"]
+    assert [one["strength"] for one in peak] == [one["value"] for one in peak]
+    stricter = json.loads(run(*asked, "--on", 0.4, "--off", 0.3, "--gap-s", 0, "--least-s", 0.3).stdout)
+    assert stricter["burst_count"] > found["plateau"]["burst_count"]
+    with pytest.raises(PalpError, match=r"off at 0\.3 and on at 0\.05"):
+        run(*asked, "--off", 0.3)
+
+
+def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
+    from nodes.cocontraction import CoContractionParams
+    from palp_core.cli.rig import markov
+
+    params = CoContractionParams()
+    assert params.bursts == EmgSettings().bursts
+    assert (params.window_s, params.mvc_rule, params.level_rule) == (
+        EmgSettings().window_s,
+        EmgSettings().mvc_rule,
+        EmgSettings().level_rule,
+    )
+    shared = {one.name: one.default for one in inspect.signature(markov.fit).parameters.values()}
+    own = {one.name: one.default for one in inspect.signature(emg.analyse).parameters.values()}
+    for name in ("window_ms", "mvc_rule", "level_rule", "on", "off", "rest_spreads", "gap_s", "least_s"):
+        assert shared[name] == own[name]
+    bursts = EmgSettings().bursts
+    assert [own[name] for name in ("on", "off", "rest_spreads", "gap_s", "least_s", "valley", "top")] == [
+        *(getattr(bursts, one.name) for one in fields(bursts))
+    ]

@@ -1,95 +1,176 @@
+"""Bursts by two thresholds with hysteresis, and the peaks within them."""
+
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import find_peaks
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import methods
-from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstState, distance_first
+from palp_core.methods import find
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
+from palp_core.palpation.perception.emg.peaks import EmgPeak
+from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
+
+RATE_HZ = 1000.0
 
 
-def _signal(seed: int, n: int) -> np.ndarray:
-    rough = np.random.default_rng(seed).normal(size=n + 20)
-    return np.asarray(0.3 + 0.2 * np.convolve(rough, np.ones(20) / 20, mode="valid")[:n])
+def pieces(*parts: tuple[float, float], rate_hz: float = RATE_HZ) -> np.ndarray:
+    """Return co-contraction that stays at each value for its seconds."""
+    return np.concatenate([np.full(round(seconds * rate_hz), value) for value, seconds in parts])
 
 
-def _in_blocks(finder: BurstFinder, values: np.ndarray, sizes: list[int]) -> list[Burst]:
-    state, found, seen = BurstState(), list[Burst](), 0
+def rough(seed: int, n: int) -> np.ndarray:
+    """Return co-contraction that comes and goes."""
+    rng = np.random.default_rng(seed)
+    slow = np.convolve(rng.normal(size=n + 400), np.ones(400) / 20.0, mode="valid")[:n]
+    return np.asarray(np.maximum(0.0, 0.15 * slow) * (1.0 + 0.1 * rng.normal(size=n)) + 0.01)
+
+
+def in_blocks(rule: BurstRule, values: np.ndarray, sizes: list[int]) -> Found:
+    state, seen = BurstState(), 0
+    peaks: tuple[EmgPeak, ...] = ()
+    bursts: tuple[Burst, ...] = ()
     for block in np.split(values, np.cumsum(sizes)):
         state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=BurstState)  # a hand-over
-        state, new = finder.step(state, block)
-        assert all(seen <= burst.known_at < seen + len(block) for burst in new)
-        seen += len(block)
-        found += new
-    return found + finder.finish(state)
+        state, found = rule.step(state, block)
+        known_at = [one.known_at for one in found.peaks] + [one.known_at for one in found.bursts]
+        assert all(seen <= one < seen + len(block) for one in known_at)
+        seen, peaks, bursts = seen + len(block), peaks + found.peaks, bursts + found.bursts
+    last = rule.finish(state)
+    return Found(peaks + last.peaks, bursts + last.bursts)
 
 
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 10_000), st.lists(st.integers(0, 300), max_size=10), st.floats(0.01, 0.1))
-def test_streaming_finds_the_bursts_of_the_whole_whatever_the_blocks(
-    seed: int, sizes: list[int], prominence: float
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 3000), max_size=10), st.floats(500.0, 3000.0))
+def test_streaming_finds_the_bursts_of_the_whole_to_the_bit_whatever_the_blocks(
+    seed: int, sizes: list[int], rate_hz: float
 ) -> None:
-    finder = BurstFinder(100.0, prominence, 0.3)
-    values = _signal(seed, sum(sizes) + 50)
-    assert _in_blocks(finder, values, sizes) == finder.whole(values)
+    rule = BurstRule(rate_hz, 0.01, 0.001)
+    values = rough(seed, sum(sizes) + 2000)
+    assert in_blocks(rule, values, sizes) == rule.whole(values)
 
 
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 10_000), st.floats(0.01, 0.1))
-def test_peaks_far_apart_are_scipys_prominent_peaks(seed: int, prominence: float) -> None:
-    values = _signal(seed, 800)
-    expected, _ = find_peaks(values, prominence=prominence, plateau_size=1)
-    found = BurstFinder(1.0, prominence, 1.0).whole(values)
-    assert [burst.index for burst in found] == expected.tolist()
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 10_000))
+def test_bursts_are_apart_long_enough_and_hold_the_peaks(seed: int) -> None:
+    rule = BurstRule(RATE_HZ, 0.01, 0.001)
+    values = rough(seed, 10_000)
+    found = rule.whole(values)
+    assert tuple(peak for burst in found.bursts for peak in burst.peaks) == found.peaks
+    for burst in found.bursts:
+        assert burst.end - burst.begin >= 200
+        assert values[burst.begin] >= rule.on
+        assert all(burst.begin <= peak.index <= burst.end for peak in burst.peaks)
+    for first, second in zip(found.bursts, found.bursts[1:], strict=False):
+        assert second.begin - first.end >= 100
 
 
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 10_000), st.integers(2, 80))
-def test_bursts_keep_their_distance_and_the_highest_stays(seed: int, distance: int) -> None:
-    values = _signal(seed, 800)
-    every = BurstFinder(1.0, 0.02, 1.0).whole(values)
-    kept = BurstFinder(1.0, 0.02, float(distance)).whole(values)
-    assert np.diff([burst.index for burst in kept]).min(initial=distance) >= distance
-    indices = {burst.index for burst in kept}
-    for burst in every:  # what was dropped has a higher one that was kept within the distance
-        assert burst.index in indices or any(
-            abs(other.index - burst.index) < distance and other.value >= burst.value for other in kept
-        )
+def test_a_contraction_that_is_held_is_one_burst_with_one_peak_however_long() -> None:
+    rng = np.random.default_rng(0)
+    held = pieces((0.0, 1.0), (0.3, 120.0), (0.0, 1.0))
+    window = np.ones(150) / 150.0
+    noisy = np.sqrt(np.convolve((held * (1.0 + 0.8 * rng.normal(size=held.size))) ** 2, window, mode="same"))
+    found = BurstRule(RATE_HZ).whole(noisy)
+    assert [len(one.peaks) for one in found.bursts] == [1]
+    (burst,) = found.bursts
+    assert burst.end - burst.begin == pytest.approx(120_000, abs=200)
+    state, _ = BurstRule(RATE_HZ).step(BurstState(), noisy[:-1500])
+    assert state.hump is not None
+    assert len(state.hump.looks) <= 4096  # and what is remembered of it stays small
 
 
-def test_a_burst_states_its_lag() -> None:
-    values = np.concatenate(
-        [np.zeros(50), np.linspace(0.0, 0.5, 50), np.linspace(0.5, 0.0, 50), np.zeros(100)]
-    )
-    (burst,) = BurstFinder(100.0, 0.05, 0.2).whole(values)
-    assert burst.value == 0.5
-    assert burst.known_at == 99 + 20  # the distance; the fall by the prominence came earlier
+def test_it_ends_below_the_lower_threshold_only() -> None:
+    rule = BurstRule(RATE_HZ)
+    assert (rule.on, rule.off) == (0.05, 0.025)
+    wavering = pieces((0.0, 0.5), (0.06, 0.5), (0.03, 0.5), (0.06, 0.5), (0.03, 0.5), (0.0, 0.5))
+    (burst,) = rule.whole(wavering).bursts
+    assert (burst.begin, burst.end) == (500, 2500)
+    single = BurstSettings(off_share=0.05)
+    assert len(BurstRule(RATE_HZ, settings=single).whole(wavering).bursts) == 2
+    assert rule.whole(pieces((0.0, 0.5), (0.045, 2.0), (0.0, 0.5))) == Found((), ())
 
 
-def test_a_flat_top_counts_once_at_its_middle() -> None:
-    values = np.array([0.0, 0.3, 0.3, 0.3, 0.0])
-    assert [burst.index for burst in BurstFinder(1.0).whole(values)] == [2]
+@pytest.mark.parametrize(("gap_s", "count"), [(0.09, 1), (0.12, 2)])
+def test_a_short_gap_is_joined(gap_s: float, count: int) -> None:
+    values = pieces((0.0, 0.5), (0.3, 0.5), (0.0, gap_s), (0.3, 0.5), (0.0, 0.5))
+    assert len(BurstRule(RATE_HZ).whole(values).bursts) == count
 
 
-def test_the_ends_of_a_recording_are_no_bursts() -> None:
-    assert BurstFinder(1.0).whole(np.array([0.5, 0.2, 0.0, 0.2, 0.5])) == []
-    assert BurstFinder(1.0).whole(np.array([])) == []
+@pytest.mark.parametrize(("least_s", "count"), [(0.17, 0), (0.23, 1)])
+def test_a_short_burst_is_dropped_with_its_peaks(least_s: float, count: int) -> None:
+    found = BurstRule(RATE_HZ).whole(pieces((0.0, 0.5), (0.3, least_s), (0.0, 0.5)))
+    assert (len(found.bursts), len(found.peaks)) == (count, count)
 
 
-def test_both_rules_are_in_the_register_and_agree_on_clear_bursts() -> None:
-    assert [one.name for one in methods("burst")] == ["distance_first", "prominence_first"]
-    t = np.arange(600) / 100.0
-    values = 0.3 * np.sin(np.pi * t) ** 2
-    rule = BurstFinder(100.0)
-    assert [b.index for b in distance_first(rule, values)] == [b.index for b in rule.whole(values)]
+def test_peaks_within_a_burst_are_told_apart_by_valleys_in_proportion() -> None:
+    parts = [(0.0, 0.5), (0.4, 0.6), (0.2, 0.2), (0.1, 0.1), (0.2, 0.6), (0.16, 0.2), (0.3, 0.6), (0.0, 0.5)]
+    found = BurstRule(RATE_HZ).whole(pieces(*parts))
+    assert [one.level for one in found.peaks] == pytest.approx([0.4, 0.3])  # 0.16 is no valley of 0.2
+    deeper = BurstSettings(valley_share=0.9)
+    found = BurstRule(RATE_HZ, settings=deeper).whole(pieces(*parts))
+    assert [one.level for one in found.peaks] == pytest.approx([0.4, 0.2, 0.3])
+    assert len(found.bursts) == 1
 
 
-def test_bad_settings_and_values_are_refused() -> None:
-    with pytest.raises(PerceptionError, match="prominence"):
-        BurstFinder(1500.0, prominence=0.0)
-    with pytest.raises(PerceptionError, match="distance_s"):
-        BurstFinder(1500.0, distance_s=float("nan"))
+def test_a_peak_is_told_before_its_burst_ends() -> None:
+    values = pieces((0.0, 0.5), (0.4, 0.6), (0.1, 0.3), (0.4, 5.0), (0.0, 0.5))
+    found = BurstRule(RATE_HZ).whole(values)
+    assert found.peaks[0].known_at == 1100
+    assert found.bursts[0].known_at > 6000
+
+
+def test_a_level_is_the_median_of_the_top_without_the_power_of_rest() -> None:
+    rest = 0.1
+    strength = pieces((0.0, 1.0), (0.2, 1.0), (0.0, 1.0))
+    read = np.sqrt((1.0 - rest**2) * strength**2 + rest**2)
+    read[1500:1520] *= 1.15  # an outlier of the scatter
+    (peak,) = BurstRule(RATE_HZ, rest).whole(read).peaks
+    assert peak.value == read.max()
+    assert peak.level == pytest.approx(0.2, rel=1e-6)
+
+
+def test_rest_and_its_scatter_raise_both_thresholds() -> None:
+    rule = BurstRule(RATE_HZ, rest=0.2, rest_sd=0.002)
+    assert (rule.on, rule.off) == pytest.approx((0.24, 0.22))
+    noisy = BurstRule(RATE_HZ, rest=0.2, rest_sd=0.02)
+    assert (noisy.on, noisy.off) == pytest.approx((0.3, 0.25))
+    calm = 0.2 + 0.02 * np.random.default_rng(0).normal(size=60_000)
+    assert noisy.whole(calm).bursts == ()
+
+
+def test_a_burst_that_is_open_at_either_end_counts_and_an_empty_recording_has_none() -> None:
+    rule = BurstRule(RATE_HZ)
+    (burst,) = rule.whole(np.full(1000, 0.3)).bursts
+    assert (burst.begin, burst.end) == (0, 999)
+    assert rule.whole(np.array([])) == Found((), ())
+    assert rule.whole(np.full(1000, 0.01)) == Found((), ())
+
+
+def test_the_rule_is_in_the_register() -> None:
+    assert find("burst", "two_thresholds").target is BurstRule
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"off_share": 0.06}, "off at 0.06 and on at 0.05"),
+        ({"on_share": 1.0}, "need 0 < off <= on < 1"),
+        ({"gap_s": float("nan")}, "gap_s is nan"),
+        ({"least_s": -1.0}, "least_s is -1"),
+        ({"valley_share": 1.0}, "valley_share is 1"),
+        ({"top_share": 0.0}, "top_share is 0"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(wrong: dict[str, float], said: str) -> None:
+    with pytest.raises(PerceptionError, match=said):
+        BurstSettings(**wrong)
+
+
+def test_bad_rates_rests_and_values_are_refused() -> None:
+    with pytest.raises(PerceptionError, match="rate_hz"):
+        BurstRule(0.0)
+    with pytest.raises(PerceptionError, match="record rest again"):
+        BurstRule(RATE_HZ, rest=float("nan"))
     with pytest.raises(PerceptionError, match="NaN"):
-        BurstFinder(1500.0).whole(np.array([0.1, np.nan]))
+        BurstRule(RATE_HZ, settings=BURSTS).whole(np.array([0.1, np.nan]))

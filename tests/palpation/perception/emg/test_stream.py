@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse, second_eigenvalue
-from palp_core.palpation.perception.emg.bursts import BurstFinder
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule
 from palp_core.palpation.perception.emg.emg import EmgChain
+from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 
 RATE_HZ = 1500.0
@@ -15,7 +16,7 @@ RATE_HZ = 1500.0
 
 def _stream(window_s: float = 0.05, rate_hz: float = RATE_HZ) -> CoContractionStream:
     chains = (EmgChain(3.0, rate_hz, window_s=window_s), EmgChain(-1.0, rate_hz, window_s=window_s))
-    return CoContractionStream(chains, 4.0, BurstFinder(rate_hz))
+    return CoContractionStream(chains, 4.0, BurstRule(rate_hz))
 
 
 def _modulated(seed: int, n: int) -> np.ndarray:
@@ -45,16 +46,19 @@ def test_the_stream_equals_the_recording_whatever_the_blocks(
     seed: int, sizes: list[int], window_s: float
 ) -> None:
     stream, samples = _stream(window_s), _modulated(seed, sum(sizes))
-    state, values, bursts = stream.start(), [], []
+    state, values = stream.start(), []
+    peaks: tuple[EmgPeak, ...] = ()
+    bursts: tuple[Burst, ...] = ()
     for block in np.split(samples, np.cumsum(sizes)[:-1], axis=1):
         state = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=StreamState)  # a hand-over
         state, out = stream.step(state, block)
         values.append(out.cocontraction)
-        bursts += out.bursts
+        peaks, bursts = peaks + out.peaks, bursts + out.bursts
     whole = stream.whole(samples)
-    assert np.abs(np.concatenate(values) - whole.cocontraction).max(initial=0.0) <= 1e-12
-    bursts += stream.finish(state)
-    assert [burst.index for burst in bursts] == [burst.index for burst in whole.bursts]
+    assert np.array_equal(np.concatenate(values), whole.cocontraction)  # to the bit
+    last = stream.finish(state)
+    assert peaks + last.peaks == whole.peaks
+    assert bursts + last.bursts == whole.bursts
 
 
 @settings(deadline=None, max_examples=20)
@@ -76,19 +80,19 @@ def test_the_delay_is_half_the_window() -> None:
 
 def test_streams_of_unequal_rates_and_foreign_states_are_refused() -> None:
     with pytest.raises(PerceptionError, match="one rate"):
-        CoContractionStream((EmgChain(),), 1.0, BurstFinder(1000.0))
+        CoContractionStream((EmgChain(),), 1.0, BurstRule(1000.0))
     with pytest.raises(PerceptionError, match="shape"):
         _stream().step(_stream().start(), np.zeros((3, 5)))
-    alone = CoContractionStream((EmgChain(),), 1.0, BurstFinder(RATE_HZ))
+    alone = CoContractionStream((EmgChain(),), 1.0, BurstRule(RATE_HZ))
     with pytest.raises(PerceptionError, match="other muscles"):
         _stream().step(alone.start(), np.zeros((2, 5)))
 
 
 def test_a_trial_gives_the_bursts_a_person_sees_at_their_levels() -> None:
     heights = [0.2, 0.4, 0.3, 0.5, 0.2, 0.4]
-    found = analyse(_levels(0, heights), _mvc(), EmgSettings(window_s=0.15, distance_s=0.5))
-    assert len(found.bursts) == len(heights)
-    assert np.abs(np.array([b.value for b in found.bursts]) - heights).max() < 0.1
+    found = analyse(_levels(0, heights), _mvc(), EmgSettings())
+    assert len(found.bursts) == len(found.peaks) == len(heights)
+    assert np.abs(np.array([one.level for one in found.peaks]) - heights).max() < 0.1
     assert found.runs == [found.levels.index.tolist()]
     assert found.flags == ()
     assert found.normalised.shape == (2, found.cocontraction.size)
@@ -144,7 +148,7 @@ def test_no_transition_spans_a_gap() -> None:
     heights = [0.2, 0.4, 0.3, 0.5, 0.2, 0.4]
     trial = _levels(8, heights)
     trial[:, 4300:4700] = np.nan
-    found = analyse(trial, _mvc(), EmgSettings(window_s=0.15, distance_s=0.5))
+    found = analyse(trial, _mvc(), EmgSettings())
     assert [len(run) for run in found.runs] == [3, 3]
     assert not found.trusted[4300:4700].any()
     assert found.trusted[:4300].all()

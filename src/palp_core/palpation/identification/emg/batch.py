@@ -26,8 +26,9 @@ from palp_core.palpation.reporting.table import write_csv, write_records
 from palp_core.whole_file import write_whole
 
 COLUMNS = (
-    "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "cocontraction_mean",
-    "lambda_2", "mvc_ratio", "clipped", "lost", "longest_gap_s", "above_mvc", "clamped", "flags", "error",
+    "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "peak_count",
+    "cocontraction_mean", "lambda_2", "mvc_ratio", "clipped", "lost", "longest_gap_s", "above_mvc", "clamped",
+    "flags", "error",
 )  # fmt: skip
 _LEVEL_COUNT = 5
 _SPECIAL = ("mvc", "rest")

@@ -1,4 +1,4 @@
-"""Learn the strategy from recordings of EMG: bursts to levels, levels to a chain per depth and one of all."""
+"""Learn the strategy from recordings of EMG: peaks to levels, levels to a chain per depth and one of all."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.batch import run_folder
 from palp_core.palpation.identification.emg.files import is_recording
-from palp_core.palpation.identification.emg.trial import Choices, run_trial, trial_record
+from palp_core.palpation.identification.emg.trial import Choices, run_trial, settings_record, trial_record
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
@@ -22,9 +22,6 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     summarise,
 )
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
-
-SETTINGS = EmgSettings(window_s=0.15, distance_s=0.4)
-"""Settings for counting bursts: a shorter window's scatter (8 % of the value at 50 ms) counts as bursts."""
 
 _LEAST_SD = 0.01
 
@@ -49,26 +46,26 @@ class FittedChain:
     Attributes:
         depth_m: Depth of its trials; None: all trials.
         trial_count: Trials behind it.
-        bursts: Co-contraction of their bursts, dimensionless.
-        clamped_count: Bursts outside the scale of levels.
+        peaks: Strength of the peaks of co-contraction, dimensionless.
+        clamped_count: Peaks outside the scale of levels.
         summary: What the chain's posterior says.
     """
 
     depth_m: float | None
     trial_count: int
-    bursts: tuple[float, ...]
+    peaks: tuple[float, ...]
     clamped_count: int
     summary: ChainSummary
 
     @property
     def mean_level(self) -> float:
-        """Mean of the bursts: of P_{S,1}."""
-        return float(np.mean(self.bursts))
+        """Mean of the peaks: of P_{S,1}."""
+        return float(np.mean(self.peaks))
 
     @property
     def sd_level(self) -> float:
-        """Standard deviation of the bursts: sigma_S; at least 0.01, so that it stays a density."""
-        return max(float(np.std(self.bursts)), _LEAST_SD)
+        """Standard deviation of the peaks: sigma_S; at least 0.01, so that it stays a density."""
+        return max(float(np.std(self.peaks)), _LEAST_SD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +107,7 @@ def fit(
         sources: Recordings.
         mvc: MVC of all; None: each file's or subject's own.
         choices: What the user states of the files.
-        settings: How bursts are found.
+        settings: How bursts, peaks and levels are found.
         rng: Draws the intervals' matrices.
         prior_count: Pseudo-count of the Dirichlet prior.
         mass: Probability inside the intervals.
@@ -166,7 +163,7 @@ def _chain(
     return FittedChain(
         depth_m,
         len(records),
-        tuple(burst["value"] for one in records for burst in one["bursts"]),
+        tuple(peak["strength"] for one in records for peak in one["peaks"]),
         sum(one["clamped"] for one in records),
         summarise(posterior, rng, mass=mass),
     )
@@ -196,14 +193,12 @@ def fit_record(found: StrategyFit) -> dict[str, Any]:
     return {
         "levels": list(LEVELS),
         "settings": {
-            "window_s": settings.window_s,
-            "prominence": settings.prominence,
-            "distance_s": settings.distance_s,
+            **settings_record(settings),
             "prior_count": found.prior_count,
             "interval_mass": found.chains[0].summary.mass,
         },
         "trials": [
-            {key: one.get(key) for key in ("file", "depth_m", "burst_count", "flags", "error")}
+            {key: one.get(key) for key in ("file", "depth_m", "burst_count", "peak_count", "flags", "error")}
             for one in found.records
         ],
         "chains": [_chain_record(one) for one in found.chains],
@@ -216,7 +211,7 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
     return {
         "depth_mm": None if one.depth_m is None else round(one.depth_m * 1e3, 6),
         "trials": one.trial_count,
-        "bursts": len(one.bursts),
+        "peaks": len(one.peaks),
         "clamped": one.clamped_count,
         "mean_level": one.mean_level,
         "sd_level": one.sd_level,

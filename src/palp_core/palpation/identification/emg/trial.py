@@ -1,7 +1,7 @@
 """A recorded trial with its MVC, from files to numbers, and what is written of it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings
 from palp_core.units import Float64Array
 
 MUSCLES = ("fds", "edc")
+"""Names of the muscles; of one alone the first."""
 _STATED = ("the file", "--unit")
 # An MVC is at most 1000 times an idle muscle, and no trial 50 times its MVC; units differ by a thousand.
 _MOST_OVER, _MOST_UNDER = 1000.0, 50.0
@@ -47,8 +48,8 @@ class EmgTrial:
         mvc_path: The MVC's file; the trial's own where it has that phase.
         guess: What the trial's columns were taken for.
         settings: How it was analysed.
-        samples: Raw EMG of the trial, shape (2, n), NaN where lost.
-        effort: Raw EMG of the MVC, shape (2, m), the same unit.
+        samples: Raw EMG of the trial, shape (muscles, n), NaN where lost; one muscle or two.
+        effort: Raw EMG of the MVC, shape (muscles, m), the same unit.
         analysis: What came out.
         notes: What a reader ought to know.
     """
@@ -117,6 +118,11 @@ def _phase(file: EmgFile, both: Float64Array, name: str) -> Float64Array | None:
 def _alike(file: EmgFile, choices: Choices, trial: Guess, phase: str) -> Float64Array:
     """Return another recording of the same muscles, in the trial's unit; the rate must be the trial's."""
     found, both = _load(file, choices)
+    if bool(found.edc) != bool(trial.edc):
+        raise PalpError(
+            f"{file.path}: has {'two muscles' if found.edc else 'one muscle'}, the trial "
+            f"{'two' if trial.edc else 'one'}; name them with --fds and --edc (--edc none: one muscle)"
+        )
     if abs(float(found.rate_hz or 0.0) / float(trial.rate_hz or 1.0) - 1.0) > _RATES_ALIKE:
         raise PalpError(f"{file.path}: {found.rate_hz:g} Hz, the trial {trial.rate_hz:g} Hz; resample one")
     if found.unit_why not in _STATED:  # a guess from another strength may differ; one amplifier wrote both
@@ -177,7 +183,7 @@ def import_report(path: Path, choices: Choices) -> dict[str, Any]:
         return report
     report["guess"] = {
         "fds": found.fds,
-        "edc": found.edc,
+        "edc": found.edc or None,
         "columns_why": found.columns_why,
         "time": found.time or None,
         "rate_hz": found.rate_hz,
@@ -199,7 +205,7 @@ def trial_record(trial: EmgTrial) -> dict[str, Any]:
         "file": str(trial.path),
         "mvc": str(trial.mvc_path),
         "fds": trial.guess.fds,
-        "edc": trial.guess.edc,
+        "edc": trial.guess.edc or None,
         "rate_hz": rate_hz,
         "unit": unit,
         "basis": {
@@ -208,35 +214,52 @@ def trial_record(trial: EmgTrial) -> dict[str, Any]:
             "unit": trial.guess.unit_why,
         },
         "duration_s": result.cocontraction.size / rate_hz,
-        "settings": {
-            "low_hz": trial.settings.low_hz,
-            "high_hz": trial.settings.high_hz,
-            "window_s": trial.settings.window_s,
-            "prominence": trial.settings.prominence,
-            "distance_s": trial.settings.distance_s,
-            "denominator": trial.settings.denominator,
-        },
-        "maxima": dict(zip(MUSCLES, result.maxima, strict=True)),
+        "settings": settings_record(trial.settings),
+        "maxima": dict(zip(MUSCLES, result.maxima, strict=False)),
         "reference": result.reference,
         "mvc_ratio": _finite(result.mvc_ratio),
         "cocontraction_mean": _finite(result.cocontraction[result.trusted].mean())
         if result.trusted.any()
         else None,
+        "on": result.on,
+        "off": result.off,
         "burst_count": len(result.bursts),
         "bursts": [
-            {"time_s": burst.index / rate_hz, "value": burst.value, "level": int(level) + 1}
-            for burst, level in zip(result.bursts, result.levels.index, strict=True)
+            {"begin_s": one.begin / rate_hz, "end_s": one.end / rate_hz, "peaks": len(one.peaks)}
+            for one in result.bursts
+        ],
+        "peak_count": len(result.peaks),
+        "peaks": [
+            {
+                "time_s": peak.index / rate_hz,
+                "value": peak.value,
+                "strength": trial.settings.level_of(peak),
+                "level": int(level) + 1,
+            }
+            for peak, level in zip(result.peaks, result.levels.index, strict=True)
         ],
         "runs": result.runs,
         "lambda_2": _finite(second_eigenvalue(result.runs)),
         "clipped": sum(one.clipped_count for one in result.quality),
         "lost": sum(one.lost_count for one in result.quality),
         "longest_gap_s": max(one.longest_gap_s for one in result.quality),
-        "offset": dict(zip(MUSCLES, (one.offset for one in result.quality), strict=True)),
+        "offset": dict(zip(MUSCLES, (one.offset for one in result.quality), strict=False)),
         "above_mvc": result.above_mvc_count,
         "clamped": result.levels.clamped_low_count + result.levels.clamped_high_count,
         "flags": list(result.flags),
         "notes": list(trial.notes),
+    }
+
+
+def settings_record(settings: EmgSettings) -> dict[str, Any]:
+    """Return settings that shape bursts and levels, ready for JSON."""
+    return {
+        "low_hz": settings.low_hz,
+        "high_hz": settings.high_hz,
+        "window_s": settings.window_s,
+        "mvc_rule": settings.mvc_rule,
+        "level_rule": settings.level_rule,
+        **asdict(settings.bursts),
     }
 
 
@@ -246,7 +269,8 @@ def series_rows(trial: EmgTrial) -> tuple[list[str], list[list[float]]]:
     times_s = np.arange(result.cocontraction.size) / trial.settings.rate_hz
     shown = np.where(result.trusted, result.cocontraction, np.nan)
     table = np.column_stack([times_s, *result.normalised, shown])
-    return ["time_s", "fds_of_mvc", "edc_of_mvc", "cocontraction"], table.tolist()
+    muscles_named = [f"{name}_of_mvc" for name in MUSCLES[: len(result.normalised)]]
+    return ["time_s", *muscles_named, "cocontraction"], table.tolist()
 
 
 def _finite(value: Any) -> float | None:

@@ -1,15 +1,17 @@
 """A recorded trial against its MVC: envelopes, co-contraction, bursts, levels, and how far to trust them."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder
-from palp_core.palpation.perception.emg.emg import EmgChain, normalise, reference
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule
+from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
+from palp_core.palpation.perception.emg.emg import EmgChain, normalise
 from palp_core.palpation.perception.emg.levels import Levels, to_levels
+from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
+from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, BurstSettings, LevelRule, MvcRule
 from palp_core.palpation.perception.emg.stream import CoContractionStream
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
@@ -26,9 +28,10 @@ class EmgSettings:
         low_hz: Lower edge of the band-pass.
         high_hz: Upper edge of the band-pass.
         window_s: RMS window, 0.02 to 0.2.
-        prominence: As of :class:`BurstFinder`.
-        distance_s: As of :class:`BurstFinder`.
-        denominator: Which denominator of eq. (3), as of :func:`.reference`.
+        bursts: What is a burst and a peak.
+        mvc_rule: What the MVC comes to, as of :func:`.calibration.calibrate`; ``sum_of_maxima`` as printed.
+        level_rule: Where a peak's level is read: ``plateau``, the median of its top without the power of
+            rest; ``peak``, its largest value.
         rails: Least and largest value the converter gives; None: found from the samples.
         least_mvc_ratio: Least ratio of the envelope at MVC to that at rest.
         held_s: Least stay at one value that counts as lost samples; longer for a coarse converter, whose rest
@@ -41,10 +44,10 @@ class EmgSettings:
     rate_hz: float = 1500.0
     low_hz: float = 20.0
     high_hz: float = 450.0
-    window_s: float = 0.05
-    prominence: float = 0.05
-    distance_s: float = 0.2
-    denominator: Literal["sum_of_maxima", "maximum_of_sum"] = "sum_of_maxima"
+    window_s: float = WINDOW_S
+    bursts: BurstSettings = BURSTS
+    mvc_rule: MvcRule = "plateau"
+    level_rule: LevelRule = "plateau"
     rails: tuple[float, float] | None = None
     least_mvc_ratio: float = 5.0
     held_s: float = 0.01
@@ -61,9 +64,9 @@ class EmgSettings:
         """Return the chain of a muscle with this offset."""
         return EmgChain(offset, self.rate_hz, self.low_hz, self.high_hz, window_s=self.window_s)
 
-    def rule(self) -> BurstFinder:
-        """Return the rule for bursts."""
-        return BurstFinder(self.rate_hz, self.prominence, self.distance_s)
+    def level_of(self, peak: EmgPeak) -> float:
+        """Return what a peak is rounded to a level from, dimensionless."""
+        return peak.level if self.level_rule == "plateau" else peak.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +78,14 @@ class EmgAnalysis:
         normalised: s_i^N of eq. (1), dimensionless, shape (muscles, n).
         cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
         trusted: Where no sample of the RMS window was lost, shape (n,).
-        bursts: Bursts in trusted parts.
-        levels: Level of each burst.
+        bursts: Contractions with a peak in a trusted part.
+        peaks: Peaks in trusted parts.
+        levels: Level of each peak.
         runs: Levels in order, split where samples were lost, so that no transition spans a gap.
         maxima: s_i^max, the samples' unit.
         reference: Denominator of eq. (3), the samples' unit.
+        on: Co-contraction at which a burst begins, dimensionless.
+        off: Below which it ends.
         mvc_ratio: Envelope at MVC over that at rest, of the muscle where it is least.
         above_mvc_count: Trusted values of co-contraction above 1.
         quality: Of each muscle's trial.
@@ -94,10 +100,13 @@ class EmgAnalysis:
     cocontraction: Float64Array
     trusted: BoolArray
     bursts: list[Burst]
+    peaks: list[EmgPeak]
     levels: Levels
     runs: list[list[int]]
     maxima: tuple[float, ...]
     reference: float
+    on: float
+    off: float
     mvc_ratio: float
     above_mvc_count: int
     quality: tuple[SampleQuality, ...]
@@ -141,18 +150,18 @@ def analyse(
     if not effort_trusted.any():
         raise PerceptionError("the MVC has no stretch without lost samples; record it again")
     maximum = effort[:, effort_trusted]
-    scale = reference(maximum, settings.denominator)
-    maxima = tuple(float(peak) for peak in maximum.max(axis=1))
 
     whole, lost = _bridged(samples, settings)
-    stream = CoContractionStream(
-        tuple(settings.chain(one.offset) for one in of_trial), scale, settings.rule()
-    )
-    out = stream.whole(whole)
-    trusted = ~_smeared(lost, stream.chains[0].window_samples)
-    bursts = [burst for burst in out.bursts if trusted[burst.index]]
-    levels = to_levels(np.array([burst.value for burst in bursts]))
-    ratio = _mvc_ratio(maxima, out.envelopes[:, trusted], maximum, rest, settings)
+    chains = tuple(settings.chain(one.offset) for one in of_trial)
+    trusted = ~_smeared(lost, chains[0].window_samples)
+    envelopes = np.array([chain.envelope(muscle) for chain, muscle in zip(chains, whole, strict=True)])
+    known = _calibration(envelopes[:, trusted], maximum, rest, settings)
+    rule = BurstRule.of(rate_hz, known, settings.bursts)
+    out = CoContractionStream(chains, known.reference, rule).whole(whole)
+    peaks = [one for one in out.peaks if trusted[one.index]]
+    bursts = [one for one in out.bursts if any(trusted[peak.index] for peak in one.peaks)]
+    levels = to_levels(np.array([settings.level_of(one) for one in peaks]))
+    ratio = _mvc_ratio(known.maxima, out.envelopes[:, trusted], maximum, rest, settings)
     above = int((out.cocontraction[trusted] > 1.0).sum())
     wrong = {
         **{flag: True for one in of_trial for flag in one.flags()},
@@ -164,14 +173,17 @@ def analyse(
     }
     return EmgAnalysis(
         envelopes=out.envelopes,
-        normalised=np.array([normalise(s, m) for s, m in zip(out.envelopes, maxima, strict=True)]),
+        normalised=np.array([normalise(s, m) for s, m in zip(out.envelopes, known.maxima, strict=True)]),
         cocontraction=out.cocontraction,
         trusted=trusted,
         bursts=bursts,
+        peaks=peaks,
         levels=levels,
-        runs=_runs(bursts, levels.index.tolist(), trusted),
-        maxima=maxima,
-        reference=scale,
+        runs=_runs(peaks, levels.index.tolist(), trusted),
+        maxima=known.maxima,
+        reference=known.reference,
+        on=rule.on,
+        off=rule.off,
         mvc_ratio=ratio,
         above_mvc_count=above,
         quality=of_trial,
@@ -186,6 +198,26 @@ def second_eigenvalue(runs: list[list[int]]) -> float:
     if counts.sum() == 0.0:
         return float("nan")
     return float(np.sort(np.abs(eigenvalues(transition_matrix(counts))))[-2])
+
+
+def _calibration(
+    trial: Float64Array, mvc: Float64Array, rest: Float64Array | None, settings: EmgSettings
+) -> Calibration:
+    """Return what a trial is measured against; envelopes are looked at as bursts are."""
+    step, skip = look_step(settings.rate_hz), settings.chain(0.0).window_samples
+    if rest is None:
+        quiet = np.concatenate([trial[:, skip::step], mvc[:, skip::step]], axis=1)
+    else:
+        found, trusted = _envelopes(rest, settings)
+        quiet = found[:, trusted][:, skip::step]
+    return calibrate(
+        mvc[:, ::step],
+        quiet,
+        rate_hz=settings.rate_hz / step,
+        window_s=settings.window_s,
+        rule=settings.mvc_rule,
+        rest_known=rest is not None,
+    )
 
 
 def _bridged(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Array, BoolArray]:
@@ -226,9 +258,9 @@ def _mvc_ratio(
     return min(peak / q if q > 0.0 else float("inf") for peak, q in zip(maxima, quiet.tolist(), strict=True))
 
 
-def _runs(bursts: list[Burst], levels: list[int], trusted: BoolArray) -> list[list[int]]:
+def _runs(peaks: list[EmgPeak], levels: list[int], trusted: BoolArray) -> list[list[int]]:
     gap_number = np.cumsum(~trusted)
     runs: dict[int, list[int]] = {}
-    for burst, level in zip(bursts, levels, strict=True):
-        runs.setdefault(int(gap_number[burst.index]), []).append(level)
+    for peak, level in zip(peaks, levels, strict=True):
+        runs.setdefault(int(gap_number[peak.index]), []).append(level)
     return list(runs.values())

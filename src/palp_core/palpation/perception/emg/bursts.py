@@ -1,35 +1,61 @@
-"""Bursts of co-contraction, found while it streams: the same ones whatever the blocks.
+"""Bursts of co-contraction by two thresholds, with the peaks within them, while it streams.
 
-A burst is a peak with a stated prominence; of those closer together than a stated time the highest stay. The
-prominence is judged first, so ripple on a flank never competes with a burst. (:func:`find_bursts` of
-:mod:`palp_core.palpation.perception.emg.levels` judges the distance first, which needs the whole signal.)
+A burst begins where co-contraction exceeds a threshold above rest and ends below a lower one. Short gaps are
+joined, short bursts dropped; a contraction that is held is one burst, however long. Within it peaks are told
+apart by valleys. Co-contraction is looked at every 10 ms, counted from the first sample, so the same bursts
+come out whatever the blocks, to the bit.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, declare_task, method
-from palp_core.palpation.perception.emg.levels import find_bursts
+from palp_core.methods import Bound, method
+from palp_core.palpation.perception.emg.calibration import Calibration, look_step
+from palp_core.palpation.perception.emg.peaks import EmgPeak
+from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
 from palp_core.units import Float64Array
+
+_MOST_LOOKS = 4096  # of one peak; beyond, every other one is forgotten
 
 
 @dataclass(frozen=True)
 class Burst:
-    """A peak of co-contraction.
+    """A contraction.
 
     Attributes:
-        index: Its sample; of a flat top the middle.
-        value: Co-contraction there, dimensionless.
-        known_at: The sample that settled it; ``known_at - index`` is its lag.
+        begin: Sample at which it exceeds the upper threshold.
+        end: Sample at which it sinks below the lower one.
+        peaks: Its peaks, at least one.
+        known_at: The sample that settled it.
+    """
+
+    begin: int
+    end: int
+    peaks: tuple[EmgPeak, ...]
+    known_at: int
+
+
+@dataclass(frozen=True)
+class Hump:
+    """The peak that is followed.
+
+    Attributes:
+        index: Sample of its largest value.
+        value: That value.
+        looks: What was seen of it from its begin on, or every ``stride``-th of that.
+        stride: Looks from one that is kept to the next.
+        count: Looks so far.
     """
 
     index: int
     value: float
-    known_at: int
+    looks: tuple[float, ...] = ()
+    stride: int = 1
+    count: int = 0
 
 
 @dataclass(frozen=True)
@@ -38,86 +64,97 @@ class BurstState:
 
     Attributes:
         sample_count: Samples seen.
-        rising: Whether a maximum is being followed; else a minimum.
-        extreme: The maximum or minimum so far.
-        first: First sample of the maximum.
-        last: Last sample of its flat top.
-        pending: Peaks (index, value) that a later, higher one may still displace.
+        begin: First sample of the burst that goes on; -1: there is none.
+        below: Since which sample it is below the lower threshold; -1: it is not.
+        peaks: Peaks of the burst so far.
+        told: How many of them were told.
+        hump: The peak that is followed; None: a valley is.
+        valley: Smallest value of that valley.
     """
 
     sample_count: int = 0
-    rising: bool = False
-    extreme: float = math.inf
-    first: int = 0
-    last: int = 0
-    pending: tuple[tuple[int, float], ...] = ()
+    begin: int = -1
+    below: int = -1
+    peaks: tuple[EmgPeak, ...] = ()
+    told: int = 0
+    hump: Hump | None = None
+    valley: float = math.inf
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a block settles; the peaks of a burst come before it, as soon as it is sure to be one."""
+
+    peaks: tuple[EmgPeak, ...]
+    bursts: tuple[Burst, ...]
 
 
 def _held(error: float, window_s: float, relax_share: float) -> Bound:
-    ranges = {
-        "window_s": (0.99 * window_s, 1.01 * window_s),
-        "relax_share": (relax_share, 1.0),
-        "burst_distance_s": (0.39, 0.41),
-    }
-    return Bound("bursts", error, ranges)
-
-
-_BOUNDS = [_held(0.19, 0.15, 0.5), _held(0.095, 0.15, 0.8), _held(0.52, 0.05, 0.5)]
-"""Bursts lost and invented over levels held, of simulated people who relax by so much of a level or more."""
-
-
-declare_task(
-    "burst",
-    "Where in an EMG are its bursts?",
-    per="a second of EMG",
-    output="bursts",
-    tolerance=0.2,
-)
+    """Return a bound on levels lost and invented of simulated people who relax by a share or more."""
+    return Bound(
+        "bursts", error, {"window_s": (0.99 * window_s, 1.01 * window_s), "relax_share": (relax_share, 1.0)}
+    )
 
 
 @method(
     task="burst",
-    name="prominence_first",
-    cost_s=1.1e-4,
-    bounds=_BOUNDS,
+    name="two_thresholds",
+    cost_s=1.3e-4,
+    bounds=[
+        _held(0.28, 0.15, 0.5),
+        _held(0.003, 0.15, 0.8),
+        _held(0.115, 0.05, 0.5),
+        _held(0.007, 0.05, 0.8),
+    ],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a person who hardly relaxes between two bursts; an RMS over 50 ms, whose scatter counts as bursts",
+    fails="a person who hardly relaxes between two levels, or falls to less than half: a shelf is no peak",
 )
 @dataclass(frozen=True)
-class BurstFinder:
-    """The rule for bursts. Neither number was published, and both shape the transition matrix.
-
-    A burst is known once co-contraction has fallen by the prominence and nothing higher can come within the
-    distance: its lag is at least both, and grows only while bursts follow each other closer than the
-    distance.
+class BurstRule:
+    """The rule of two thresholds.
 
     Attributes:
         rate_hz: Sampling rate of the co-contraction.
-        prominence: Least fall on both sides before anything higher comes, dimensionless (assumed: half a
-            level).
-        distance_s: Least time between two bursts; the lower one goes (assumed).
+        rest: Co-contraction at rest, dimensionless.
+        rest_sd: Standard deviation of it, dimensionless.
+        settings: Thresholds and times.
 
     Raises:
-        PerceptionError: A setting is not positive and finite.
+        PerceptionError: The rate is not positive, or rest is negative or no number.
     """
 
     rate_hz: float
-    prominence: float = 0.05
-    distance_s: float = 0.2
+    rest: float = 0.0
+    rest_sd: float = 0.0
+    settings: BurstSettings = BURSTS
 
     def __post_init__(self) -> None:
-        for name in ("rate_hz", "prominence", "distance_s"):
-            value = getattr(self, name)
-            if not (value > 0.0 and math.isfinite(value)):
-                raise PerceptionError(f"burst rule: {name} is {value}; it must be positive and finite")
+        if not (self.rate_hz > 0.0 and math.isfinite(self.rate_hz)):
+            raise PerceptionError(f"burst rule: rate_hz is {self.rate_hz}; it must be positive and finite")
+        for name in ("rest", "rest_sd"):
+            if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
+                raise PerceptionError(f"burst rule: {name} is {getattr(self, name)}; record rest again")
+
+    @classmethod
+    def of(cls, rate_hz: float, known: Calibration, settings: BurstSettings = BURSTS) -> "BurstRule":
+        """Return the rule for co-contraction that is measured against a calibration."""
+        return cls(rate_hz, known.rest, known.rest_sd, settings)
 
     @property
-    def distance_samples(self) -> int:
-        """Least number of samples between two bursts."""
-        return max(1, math.ceil(self.distance_s * self.rate_hz - 1e-9))
+    def on(self) -> float:
+        """Upper threshold, dimensionless."""
+        return self._above_rest(self.settings.on_share, self.settings.rest_spreads)
 
-    def step(self, state: BurstState, values: Float64Array) -> tuple[BurstState, list[Burst]]:
-        """Return the next state and the bursts that this block settles, in their order.
+    @property
+    def off(self) -> float:
+        """Lower threshold, dimensionless."""
+        return min(self.on, self._above_rest(self.settings.off_share, self.settings.rest_spreads / 2.0))
+
+    def _above_rest(self, share: float, spreads: float) -> float:
+        return self.rest + max(share * max(0.0, 1.0 - self.rest), spreads * self.rest_sd)
+
+    def step(self, state: BurstState, values: Float64Array) -> tuple[BurstState, Found]:
+        """Return the next state and what this block settles, in its order.
 
         Args:
             state: ``BurstState()`` at first, then what the previous block left.
@@ -128,59 +165,118 @@ class BurstFinder:
         """
         if not np.isfinite(values).all():
             raise PerceptionError("co-contraction holds NaN or infinity; bridge the gap before it gets here")
-        rising, extreme, first, last = state.rising, state.extreme, state.first, state.last
-        pending, found = state.pending, list[Burst]()
-        at = state.sample_count
-        for value in np.asarray(values, dtype=np.float64).tolist():
-            if not rising:
-                if value < extreme:
-                    extreme = value
-                elif value - extreme >= self.prominence:
-                    rising, extreme, first, last = True, value, at, at
-            elif value > extreme:
-                extreme, first, last = value, at, at
-            elif value == extreme and last == at - 1:
-                last = at
-            elif extreme - value >= self.prominence:
-                pending = (*pending, ((first + last) // 2, extreme))
-                rising, extreme = False, value
-            if pending and (first if rising else at) - pending[-1][0] >= self.distance_samples:
-                found += self._settle(pending, at)
-                pending = ()
-            at += 1
-        return BurstState(at, rising, extreme, first, last, pending), found
+        step = look_step(self.rate_hz)
+        first = -state.sample_count % step
+        machine = _Machine(self, state)
+        for at, value in zip(
+            range(state.sample_count + first, state.sample_count + len(values), step),
+            np.asarray(values[first::step], dtype=np.float64).tolist(),
+            strict=True,
+        ):
+            machine.look(at, value)
+        return machine.left(state.sample_count + len(values))
 
-    def finish(self, state: BurstState) -> list[Burst]:
-        """Return the bursts still pending at the end; a rise that never fell is none."""
-        return self._settle(state.pending, state.sample_count - 1)
+    def finish(self, state: BurstState) -> Found:
+        """Return what is still open at the end of the recording; a burst that goes on ends there."""
+        machine, last = _Machine(self, state), state.sample_count - 1
+        if state.begin >= 0:
+            machine.close(last if state.below < 0 else state.below, last)
+        return machine.left(state.sample_count)[1]
 
-    def whole(self, values: Float64Array) -> list[Burst]:
-        """Return all bursts of a recording."""
+    def whole(self, values: Float64Array) -> Found:
+        """Return all bursts and peaks of a recording."""
         state, found = self.step(BurstState(), values)
-        return found + self.finish(state)
+        last = self.finish(state)
+        return Found(found.peaks + last.peaks, found.bursts + last.bursts)
 
-    def _settle(self, peaks: Sequence[tuple[int, float]], known_at: int) -> list[Burst]:
-        """Keep the highest, drop its neighbours within the distance, and so on; of equals the earlier."""
-        kept: list[int] = []
-        for index, _ in sorted(peaks, key=lambda peak: (-peak[1], peak[0])):
-            if all(abs(index - other) >= self.distance_samples for other in kept):
-                kept.append(index)
-        return [Burst(index, value, known_at) for index, value in peaks if index in kept]
+    def level(self, value: float, looks: Sequence[float]) -> float:
+        """Return the strength of a peak: the median of its top, without the power of rest.
+
+        Noise adds to muscle in power, in the trial as in the MVC.
+
+        Args:
+            value: Largest co-contraction.
+            looks: Co-contraction from look to look.
+        """
+        top = self.rest + self.settings.top_share * (value - self.rest)
+        middle = float(np.median([one for one in looks if one >= top] or [value]))
+        return math.sqrt(max(0.0, middle**2 - self.rest**2) / max(1.0 - self.rest**2, 1e-9))
 
 
-@method(
-    task="burst",
-    name="distance_first",
-    cost_s=1.8e-5,
-    bounds=_BOUNDS,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    valid={"live": (0.0, 0.0)},
-    fails="it needs the whole signal, and ripple on a flank can displace a burst",
-    survivor="prominence_first",
-)
-def distance_first(rule: BurstFinder, values: Float64Array) -> list[Burst]:
-    """Return all bursts of a recording, the distance judged before the prominence, as SciPy does."""
-    indices = find_bursts(
-        values, rate_hz=rule.rate_hz, prominence=rule.prominence, distance_s=rule.distance_s
-    )
-    return [Burst(i, float(values[i]), len(values) - 1) for i in indices.tolist()]
+class _Machine:
+    """The rule at work on a block: the state, unpacked."""
+
+    def __init__(self, rule: BurstRule, state: BurstState) -> None:
+        self.rule, self.on, self.off = rule, rule.on, rule.off
+        self.least = rule.settings.least_s * rule.rate_hz
+        self.gap = rule.settings.gap_s * rule.rate_hz
+        self.begin, self.below = state.begin, state.below
+        self.peaks, self.told = list(state.peaks), state.told
+        self.hump, self.valley = state.hump, state.valley
+        self.looks = list(state.hump.looks) if state.hump else []
+        self.peaks_out: list[EmgPeak] = []
+        self.bursts_out: list[Burst] = []
+
+    def look(self, at: int, value: float) -> None:
+        """Take in the value at a sample."""
+        if self.begin < 0 and value < self.on:
+            return
+        if self.begin < 0:
+            self.begin, self.hump = at, Hump(at, value)
+        self.below = -1 if value >= self.off else at if self.below < 0 else self.below
+        self._follow(at, value)
+        if self.below < 0 and at - self.begin >= self.least:
+            self._tell(at)
+        elif self.below >= 0 and at - self.below >= self.gap:
+            self.close(self.below, at)
+
+    def close(self, end: int, at: int) -> None:
+        """End the burst that goes on; a short one was none."""
+        if end - self.begin >= self.least:
+            self._settle(at)
+            self._tell(at)
+            self.bursts_out.append(Burst(self.begin, end, tuple(self.peaks), at))
+        self.begin, self.below, self.peaks, self.told = -1, -1, [], 0
+        self.hump, self.looks, self.valley = None, [], math.inf
+
+    def left(self, sample_count: int) -> tuple[BurstState, Found]:
+        """Return the state after the block, and what came out."""
+        hump = replace(self.hump, looks=tuple(self.looks)) if self.hump else None
+        state = BurstState(
+            sample_count, self.begin, self.below, tuple(self.peaks), self.told, hump, self.valley
+        )
+        return state, Found(tuple(self.peaks_out), tuple(self.bursts_out))
+
+    def _follow(self, at: int, value: float) -> None:
+        """Follow the peak to its valley, or the valley to the next peak."""
+        rest, share = self.rule.rest, self.rule.settings.valley_share
+        if self.hump is None:
+            self.valley = min(self.valley, value)
+            if value < max(self.on, rest + (self.valley - rest) / share):
+                return
+            self.hump, self.looks = Hump(at, value), []
+        hump = self.hump
+        if value - rest <= share * (hump.value - rest):
+            self._settle(at)
+            self.valley = value
+            return
+        if hump.count % hump.stride == 0:
+            self.looks.append(value)
+        stride = hump.stride
+        if len(self.looks) > _MOST_LOOKS:
+            self.looks, stride = self.looks[::2], 2 * stride
+        index, top = (at, value) if value > hump.value else (hump.index, hump.value)
+        self.hump = Hump(index, top, (), stride, hump.count + 1)
+
+    def _settle(self, at: int) -> None:
+        """End the peak that is followed, if one is."""
+        if self.hump is not None:
+            level = self.rule.level(self.hump.value, self.looks)
+            self.peaks.append(EmgPeak(self.hump.index, self.hump.value, at, level))
+        self.hump, self.looks = None, []
+
+    def _tell(self, at: int) -> None:
+        """Tell the peaks that were not told yet: their burst is sure."""
+        self.peaks[self.told :] = [replace(one, known_at=at) for one in self.peaks[self.told :]]
+        self.peaks_out += self.peaks[self.told :]
+        self.told = len(self.peaks)

@@ -1,4 +1,4 @@
-"""Two muscles' raw EMG to co-contraction and bursts, block by block, equal to the whole recording at once.
+"""Muscles' raw EMG to co-contraction and bursts, block by block, equal to the whole recording at once.
 
 Co-contraction comes without lag: the value at a sample is the same as offline, to rounding. Against the
 muscle it is late by :attr:`CoContractionStream.delay_s`, offline as well, for the chain is causal. A burst
@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, BurstState
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
 from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction
+from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.units import Float64Array
 
 
@@ -37,12 +38,14 @@ class StreamBlock:
     Attributes:
         envelopes: s_i, the samples' unit, shape (muscles, n).
         cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
-        bursts: Bursts that the block settles; they may lie in earlier blocks.
+        peaks: Peaks that the block settles; they may lie in earlier blocks.
+        bursts: Bursts that it settles, likewise.
     """
 
     envelopes: Float64Array
     cocontraction: Float64Array
-    bursts: list[Burst]
+    peaks: tuple[EmgPeak, ...]
+    bursts: tuple[Burst, ...]
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class CoContractionStream:
 
     Attributes:
         chains: Chain of each muscle, with its offset.
-        reference: Denominator of eq. (3), as of :func:`palp_core.palpation.perception.emg.emg.reference`.
+        reference: Denominator of eq. (3), as of :func:`.calibration.calibrate`.
         rule: Rule for bursts.
 
     Raises:
@@ -60,7 +63,7 @@ class CoContractionStream:
 
     chains: tuple[EmgChain, ...]
     reference: float
-    rule: BurstFinder
+    rule: BurstRule
 
     def __post_init__(self) -> None:
         rates = {chain.rate_hz for chain in self.chains} | {self.rule.rate_hz}
@@ -99,17 +102,22 @@ class CoContractionStream:
         ]
         envelopes = np.array([envelope for _, envelope in steps])
         value = cocontraction(envelopes, self.reference)
-        memory, bursts = self.rule.step(state.bursts, value)
-        return _pack([after for after, _ in steps], memory), StreamBlock(envelopes, value, bursts)
+        memory, found = self.rule.step(state.bursts, value)
+        return _pack([after for after, _ in steps], memory), StreamBlock(
+            envelopes, value, found.peaks, found.bursts
+        )
 
-    def finish(self, state: StreamState) -> list[Burst]:
-        """Return the bursts still pending at the end of the recording."""
+    def finish(self, state: StreamState) -> Found:
+        """Return what is still open at the end of the recording."""
         return self.rule.finish(state.bursts)
 
     def whole(self, samples: Float64Array) -> StreamBlock:
         """Return what comes out of a whole recording, shape (muscles, n)."""
         state, block = self.step(self.start(), samples)
-        return StreamBlock(block.envelopes, block.cocontraction, block.bursts + self.finish(state))
+        last = self.finish(state)
+        return StreamBlock(
+            block.envelopes, block.cocontraction, block.peaks + last.peaks, block.bursts + last.bursts
+        )
 
 
 def _pack(muscles: list[EnvelopeState], bursts: BurstState) -> StreamState:

@@ -164,7 +164,7 @@ def fit_chain(
     counts = count_transitions(trials, level_count)
     if counts.sum() == 0.0:
         raise PerceptionError(
-            "no transition: no trial has two bursts in a row; lower the prominence or record longer"
+            "no transition: no trial has two peaks in a row; raise the share of a valley or record longer"
         )
     return ChainPosterior(counts, prior_count)
 

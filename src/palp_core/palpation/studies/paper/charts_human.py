@@ -29,12 +29,12 @@ def simulated_trial(seed: int, palpation_s: float = _SHOWN_S) -> EmgAnalysis:
     both = np.stack([block.fds_v, block.edc_v])
     low, high = (round(t * source.rate_hz / _NS) for t in source.mvc_ns(state))
     start = round(source.palpation_ns(state) * source.rate_hz / _NS)
-    settings = EmgSettings(window_s=0.15, distance_s=0.4)
+    settings = EmgSettings(mvc_rule="sum_of_maxima", level_rule="peak")  # as eqs. (1) to (3) are printed
     return analyse(both[:, start:], both[:, low:high], settings, rest=both[:, :low])
 
 
 def figure_3(seed: int) -> Chart:
-    """Normalised EMG of both muscles and their co-contraction with its bursts."""
+    """Normalised EMG of both muscles and their co-contraction with its peaks."""
     found = simulated_trial(seed)
     step = 15
     time_s = np.arange(found.cocontraction.size)[::step] / 1500.0
@@ -54,15 +54,15 @@ def figure_3(seed: int) -> Chart:
             axes.plot(time_s, values[::step], color=INK, linewidth=0.8)
             tidy(axes, f"{name}, eq. (1)", "", "share of MVC")
         panels[2].plot(time_s, found.cocontraction[::step], color=INK, linewidth=0.8)
-        at = [burst.index for burst in found.bursts]
+        at = [peak.index for peak in found.peaks]
         panels[2].plot([i / 1500.0 for i in at], found.cocontraction[at], "o", color=VERMILION, markersize=4)
-        tidy(panels[2], "co-contraction, eq. (3), and its bursts", "time, s", "share of MVC")
+        tidy(panels[2], "co-contraction, eq. (3), and its peaks", "time, s", "share of MVC")
 
     return Chart(
         "figure_03_emg",
         "Figure 3: muscle activity of a trial",
         "The paper shows a recorded trial; ours is simulated: two muscles whose envelope follows the chain "
-        "of Figure 5 at 4 mm, through rectification, RMS (150 ms), MVC normalisation and the burst finder. "
+        "of Figure 5 at 4 mm, through rectification, RMS (150 ms), MVC normalisation and the rule for peaks. "
         "The pipeline can be compared with the paper's, the signal cannot.",
         (7.5, 5.0),
         ["time_s", "fds_share", "edc_share", "cocontraction"],

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from palp_core.methods import names
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
-from palp_core.palpation.perception.emg.bursts import Burst, BurstFinder, distance_first
+from palp_core.palpation.perception.emg.bursts import BurstRule
 from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
+from palp_core.palpation.perception.emg.peaks import EmgPeak, PeakFinder, distance_first
 from palp_core.palpation.perception.statistics.anova import Anova, NotTestable, fisher, permutation, two_way
 from palp_core.palpation.perception.statistics.mixed_logit import mixed_logit
 from palp_core.palpation.perception.statistics.resampling import sign_flip
@@ -33,11 +33,13 @@ class Recording:
         value: Co-contraction, dimensionless, shape (n,).
         held: First sample of every level that is held, and the last of all, shape (k + 1,).
         rate_hz: Sampling rate.
+        rest: Co-contraction at rest, and its standard deviation, dimensionless.
     """
 
     value: Float64Array
     held: Float64Array
     rate_hz: float
+    rest: tuple[float, float]
 
 
 def recording(relax_share: float, window_s: float, seed: int, duration_s: float = 60.0) -> Recording:
@@ -72,30 +74,36 @@ def recording(relax_share: float, window_s: float, seed: int, duration_s: float 
     value = cocontraction(np.array(envelopes), reference)[first:]
     late = window_s / 2.0 * person.rate_hz + 2.0 * person.smooth_s * person.rate_hz
     ends = np.array([*held, samples.shape[1]]) - first + late
-    return Recording(value, ends, person.rate_hz)
+    quiet = cocontraction(np.array(envelopes), reference)[round(window_s * person.rate_hz) : rest.shape[1]]
+    middle = float(np.median(quiet))
+    spread = 1.4826 * float(np.median(np.abs(quiet - middle)))
+    return Recording(value, ends, person.rate_hz, (middle, spread))
 
 
-def astray(found: Sequence[Burst], of: Recording) -> float:
-    """Return the bursts lost and invented over the levels that were held."""
+def astray(found: Sequence[EmgPeak], of: Recording) -> float:
+    """Return the peaks lost and invented over the levels that were held."""
     counts, _ = np.histogram([one.index for one in found], of.held)
     return float(np.abs(counts - 1).sum() / counts.size)
 
 
+def _peaks(name: str, of: Recording) -> Sequence[EmgPeak]:
+    """Return the peaks that a declared rule finds."""
+    if name == "two_thresholds":
+        return BurstRule(of.rate_hz, *of.rest).whole(of.value).peaks
+    rule = PeakFinder(of.rate_hz, distance_s=0.4)
+    return rule.whole(of.value) if name == "prominence_first" else distance_first(rule, of.value)
+
+
 def bursts_seen(*, quick: bool = False) -> list[Seen]:
-    """Return the errors of both rules for bursts by relaxation and window; quick: one recording of each."""
+    """Return the errors of every rule for bursts by relaxation and window; quick: one recording of each."""
     found = []
     for window_s in (0.15, 0.05):
         for relax_share in (0.5, 0.8):
             minutes = [recording(relax_share, window_s, seed) for seed in range(1 if quick else 10)]
-            rule = BurstFinder(minutes[0].rate_hz, distance_s=0.4)
-            made: dict[str, Callable[[Float64Array], list[Burst]]] = {
-                "prominence_first": rule.whole,
-                "distance_first": partial(distance_first, rule),
-            }
             where = {"window_s": window_s, "relax_share": relax_share, "burst_distance_s": 0.4}
             words = f"window {window_s:g} s, relaxed by {relax_share:g}"
             for name in names("burst"):
-                error = float(np.mean([astray(made[name](one.value), one) for one in minutes]))
+                error = float(np.mean([astray(_peaks(name, one), one) for one in minutes]))
                 found.append(Seen("burst", name, "bursts", error, where, words))
     return found
 

@@ -1,0 +1,138 @@
+"""What co-contraction is measured against: the MVC, by a named rule, and rest.
+
+The envelope of EMG is noisy, so its maximum exceeds the contraction: over 5 s by 13 % of a muscle whose
+noise is white, and by 30 % of one with the spectrum of surface EMG. The levels that are held against it read
+as much too low. A plateau takes the median of the best half second, and off it what choosing the best gains.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.emg import reference
+from palp_core.palpation.perception.emg.settings import LOOK_S, MvcRule
+from palp_core.units import Float64Array
+
+PLATEAU_S = 0.5
+"""Length of a plateau."""
+
+_MAD_TO_SD = 1.4826  # of a normal law
+_MEDIAN_SD = 0.55
+"""Standard deviation of the median of a half second over that of the envelope: white noise, window 150 ms."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What co-contraction is measured against.
+
+    Attributes:
+        maxima: s_i^max of eq. (1), the samples' unit.
+        reference: Denominator of eq. (3), the samples' unit.
+        rest: Co-contraction at rest, dimensionless.
+        rest_sd: Standard deviation of it, dimensionless.
+    """
+
+    maxima: tuple[float, ...]
+    reference: float
+    rest: float
+    rest_sd: float
+
+
+def look_step(rate_hz: float) -> int:
+    """Return the samples from one look at the envelope to the next."""
+    return max(1, round(LOOK_S * rate_hz))
+
+
+def calibrate(
+    mvc: Float64Array,
+    rest: Float64Array,
+    *,
+    rate_hz: float,
+    window_s: float,
+    rule: MvcRule = "plateau",
+    rest_known: bool = True,
+) -> Calibration:
+    """Return what co-contraction is measured against.
+
+    Args:
+        mvc: Envelopes during the MVC at every look, s_i, shape (muscles, m).
+        rest: Envelopes at rest, or all there are, shape (muscles, k).
+        rate_hz: Rate of the looks.
+        window_s: RMS window.
+        rule: ``plateau``: of each muscle the median of its best half second, less what choosing the best of
+            a noisy envelope gains; ``sum_of_maxima``: of each muscle the maximum, as eq. (3) is printed;
+            ``maximum_of_sum``: the largest sum at one instant. The last two are not corrected.
+        rest_known: Whether ``rest`` was recorded at rest; otherwise its quietest twentieth stands for rest.
+
+    Raises:
+        PerceptionError: No such rule, the MVC is silent, or there is no envelope at rest.
+    """
+    if mvc.ndim != 2 or mvc.size == 0:
+        raise PerceptionError(f"MVC envelopes have shape {mvc.shape}, not (muscles, samples)")
+    if rest.shape[1] == 0:
+        raise PerceptionError("no envelope at rest; record some seconds of it")
+    if rule == "plateau":
+        maxima = tuple(plateau(one, rate_hz=rate_hz, window_s=window_s) for one in mvc)
+        whole = sum(maxima)
+        if not whole > 0.0:
+            raise PerceptionError("the MVC recording is silent; check the electrodes and repeat it")
+    else:
+        maxima = tuple(mvc.max(axis=1).tolist())
+        whole = reference(mvc, rule)
+    quiet = rest.sum(axis=0) / whole
+    if rest_known:
+        level = float(np.median(quiet))
+        spread = _MAD_TO_SD * float(np.median(np.abs(quiet - level)))
+    else:
+        level = float(np.quantile(quiet, 0.05))
+        spread = level * scatter(mvc.sum(axis=0), rate_hz=rate_hz, window_s=window_s)
+    return Calibration(maxima, whole, level, spread)
+
+
+def plateau(envelope: Float64Array, *, rate_hz: float, window_s: float) -> float:
+    """Return the strength of the best half second of a contraction, free of the gain from choosing it.
+
+    The medians of its half seconds differ because the contraction does, and by noise. The best is drawn
+    towards the middle one by the share of their variance that is noise: all the way in a contraction that
+    was held, hardly in one that fades or comes in pushes. A recording shorter than half a second counts as
+    one plateau.
+
+    Args:
+        envelope: s_i at every look, shape (m,).
+        rate_hz: Rate of the looks.
+        window_s: RMS window.
+    """
+    length = min(max(1, round(PLATEAU_S * rate_hz)), envelope.size)
+    medians = np.median(sliding_window_view(envelope, length), axis=1)
+    best = float(medians.max())
+    strong = medians[medians > 0.5 * best]
+    if strong.size == 0:
+        return best
+    middle = float(np.median(strong))
+    spread = _MAD_TO_SD * float(np.median(np.abs(strong - middle)))
+    noise = _MEDIAN_SD * scatter(envelope, rate_hz=rate_hz, window_s=window_s) * middle
+    share = min(1.0, (noise / spread) ** 2) if spread > 0.0 else 1.0
+    return best - share * (best - middle)
+
+
+def scatter(envelope: Float64Array, *, rate_hz: float, window_s: float) -> float:
+    """Return the standard deviation of a contraction's envelope over its value, dimensionless.
+
+    It is that of the steps from window to window, which do not see how the contraction itself varies; taken
+    where the envelope is above half its largest, with two windows at least, and 0 otherwise.
+
+    Args:
+        envelope: s_i, or their sum, at every look, shape (m,).
+        rate_hz: Rate of the looks.
+        window_s: RMS window.
+    """
+    apart = max(1, round(window_s * rate_hz))
+    before, after = envelope[:-apart], envelope[apart:]
+    strong = np.minimum(before, after) > 0.5 * envelope.max()
+    if not strong.any():
+        return 0.0
+    steps = np.log(after[strong] / before[strong])
+    return _MAD_TO_SD * float(np.median(np.abs(steps))) / math.sqrt(2.0)
