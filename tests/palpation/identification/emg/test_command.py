@@ -343,6 +343,31 @@ def test_rates_that_rounded_times_tell_need_not_be_the_same(tmp_path: Path) -> N
     assert found["rate_hz"] == pytest.approx(RATE_HZ, rel=1e-3)
 
 
+def test_one_muscle_is_analysed_by_itself(recording: tuple[Path, Path], tmp_path: Path) -> None:
+    trial, mvc = recording
+    files = []
+    for path in (trial, mvc):
+        both = np.loadtxt(path, delimiter=",", skiprows=1)
+        files.append(tmp_path / path.name)
+        np.savetxt(files[-1], both[:, 0], header="Labels:= EMG\nengineering units: uV")
+    asked = ["analyse", files[0], "--fs", 1500, "--mvc", files[1]]
+    found = json.loads(run(*asked, "--out", tmp_path / "o", "--json").stdout)
+    effort, samples = subject(0)
+    expected = analyse(samples[:1], effort[:1], EmgSettings())
+    assert found["edc"] is None
+    assert list(found["maxima"]) == ["fds"]
+    assert found["reference"] == pytest.approx(expected.reference, rel=1e-6)
+    assert found["peak_count"] == len(expected.peaks) > 5
+    assert (tmp_path / "o" / "series.csv").read_text().startswith("time_s,fds_of_mvc,cocontraction\n")
+    assert "one muscle only" in run(*asked).stdout
+    with pytest.raises(PalpError, match="has two muscles, the trial one"):
+        run("analyse", files[0], "--fs", 1500, "--mvc", mvc)
+    run("import", files[0], "--fs", 1500, "--out", tmp_path / "plain.csv")
+    assert (tmp_path / "plain.csv").read_text().startswith("time_s,fds_v\n")
+    again = json.loads(run("analyse", trial, "--fs", 1500, "--mvc", mvc, "--edc", "none", "--json").stdout)
+    assert again["peak_count"] == found["peak_count"]
+
+
 def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Path]) -> None:
     trial, mvc = recording
     asked = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--json"]

@@ -321,3 +321,102 @@ def test_a_rounded_time_column_tells_the_rate_all_the_same(tmp_path: Path, decim
     path = tmp_path / "trial.csv"
     np.savetxt(path, table, delimiter=",", header="Time,FDS,EDC", comments="", fmt="%.9f")
     assert guess(read_emg(path)).rate_hz == pytest.approx(1500.0, rel=1e-3)
+
+
+def preamble(path: Path, lines: list[str], table: np.ndarray, delimiter: str = "\t") -> Path:
+    with path.open("w", encoding="utf-8") as file:
+        file.write("\n".join(lines) + "\n")
+        np.savetxt(file, table, fmt="%.9g", delimiter=delimiter)
+    return path
+
+
+def test_names_and_units_that_lines_before_the_table_state(tmp_path: Path) -> None:
+    said = ["# Simple Text Format", "# Sampling Rate (Hz):= 1500.00", "# Resolution:= 12"]
+    path = preamble(
+        tmp_path / "a.txt", [*said, "# Labels:= EDC\tFDS", "# engineering units: mV"], 1e3 * EMG.T
+    )
+    found, both = read(path, None)
+    assert (found.fds, found.edc, found.rate_hz, found.unit) == ("FDS", "EDC", 1500.0, "mV")
+    assert found.unit_why == "the file"
+    assert both == pytest.approx(EMG[::-1], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("labels", "units", "delimiter"),
+    [
+        ("Labels:= flexor, extensor", "Engineering units = uV", "\t"),
+        ("Channels: flexor extensor", "units: uV uV", ";"),
+        ('Columns: ["time", "flexor", "extensor"]', "Units: s, uV, uV", ","),
+    ],
+)
+def test_a_time_column_needs_no_name_or_unit_of_its_own(
+    tmp_path: Path, labels: str, units: str, delimiter: str
+) -> None:
+    table = np.column_stack([np.arange(N) / 1500.0, *(1e6 * EMG)])
+    path = preamble(tmp_path / "a.csv", [f"# {labels}", f"# {units}"], table, delimiter)
+    found, both = read(path, None)
+    assert (found.time, found.fds, found.edc, found.unit) == ("time", "flexor", "extensor", "uV")
+    assert both == pytest.approx(EMG, abs=1e-12)
+
+
+def test_names_that_do_not_fit_the_table_are_said_and_not_used(tmp_path: Path) -> None:
+    path = preamble(tmp_path / "a.txt", ["# Labels:= a, b, c, d", "# Channels: 2"], EMG.T)
+    file = read_emg(path)
+    assert "'Labels' names 4 columns, the table has 2; not used" in file.notes
+    assert [one.name for one in file.columns] == ["column0", "column1"]
+
+
+@pytest.mark.parametrize("kind", ["text", "timed", "npy", "mat"])
+def test_a_file_of_one_muscle(tmp_path: Path, kind: str) -> None:
+    times_s = np.arange(N) / 1500.0
+    if kind == "text":
+        path = preamble(tmp_path / "a.txt", ["# Sampling Rate (Hz):= 1500.00", "# Labels:= EMG"], EMG[0])
+    elif kind == "timed":
+        path = preamble(tmp_path / "a.csv", ["seconds,biceps"], np.c_[times_s, EMG[0]], ",")
+    elif kind == "npy":
+        path = tmp_path / "a.npy"
+        np.save(path, EMG[0])
+    else:
+        path = tmp_path / "a.mat"
+        savemat(path, {"emg": EMG[0], "t": times_s})
+    found, both = read(path, 1500.0 if kind == "npy" else None)
+    assert (both.shape, found.edc, found.rate_hz) == ((1, N), "", 1500.0)
+    assert both[0] == pytest.approx(EMG[0], abs=1e-12)
+    assert found.columns_why == "one muscle, the only one"
+    assert any("one muscle only" in one for one in found.notes)
+
+
+def test_one_muscle_of_several_columns(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    np.savetxt(path, EMG.T, delimiter=",", header="biceps,triceps", comments="")
+    found = guess(read_emg(path), fs_hz=1500.0, fds="triceps", edc="none")
+    assert (found.fds, found.edc, found.columns_why) == ("triceps", "", "one muscle, named")
+    with pytest.raises(PalpError, match="--edc none"):
+        guess(read_emg(path), fs_hz=1500.0, edc="none")
+
+
+@pytest.mark.parametrize("muscle_count", [1, 2])
+def test_signals_in_a_tree_with_statistics_beside_them(tmp_path: Path, muscle_count: int) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        device = file.create_group("00:07:80:3B:46:61")
+        device.attrs["sampling rate"] = 1500
+        device.attrs["channels"] = np.arange(1, muscle_count + 1)
+        raw, digital = device.create_group("raw"), device.create_group("digital")
+        raw["nSeq"] = np.arange(N)[:, None] % 16
+        digital["digital_1"] = (np.arange(N) > 200)[:, None].astype(np.int64)
+        for channel in range(muscle_count):
+            raw[f"channel_{channel + 1}"] = EMG[channel][:, None]
+            level = device.create_group(f"support/level_10/channel_{channel + 1}")
+            for name in ("mean", "max", "min", "std"):
+                level[name] = EMG[channel].reshape(-1, 10).mean(axis=1)
+            device[f"support/rms/channel_{channel + 1}"] = np.abs(EMG[channel])
+    found, both = read(path, None)
+    assert both == pytest.approx(EMG[:muscle_count])
+    assert found.rate_hz == 1500.0
+    assert found.fds == "00:07:80:3B:46:61.raw.channel_1"
+    (note,) = [one for one in found.notes if one.startswith("left out")]
+    assert "support.level_10.channel_1.mean" in note
+    named = guess(read_emg(path), fds=f"00:07:80:3B:46:61.support.rms.channel_{muscle_count}", edc="none")
+    assert named.fds.endswith(f"rms.channel_{muscle_count}")  # who asks for it gets it

@@ -12,7 +12,7 @@ from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import Column, EmgFile, split_unit
 
 _RATE = re.compile(
-    r"(^|[._/])(fs|srate|sf|freq|frequency|(sampl\w*_?)?rate(_hz)?|samp\w*_?freq\w*)$", re.IGNORECASE
+    r"(^|[._/])(fs|srate|sf|freq|frequency|(sampl\w*[_ ]?)?rate(_hz)?|samp\w*[_ ]?freq\w*)$", re.IGNORECASE
 )
 _LABELS = re.compile(r"(^|[._/])(labels?|columns?|channels?|chan_?names?|names?|muscles?)$", re.IGNORECASE)
 _LEAST = 8  # values; what is shorter is a setting

@@ -14,6 +14,13 @@ _RATE = re.compile(
     r"(?:sampl\w*\s*(?:rate|freq\w*)|frequency|rate|\bfs\b)[^0-9\n]{0,20}([0-9]+(?:[.,][0-9]+)?)\s*(k?)",
     re.IGNORECASE,
 )
+_SAID = re.compile(
+    r"[#%;\s]*([A-Za-z][A-Za-z _-]*?)\s*(?::=|:|=)\s*(.+)"
+)  # as "# Labels:= EMG" in a preamble
+_NAMES = re.compile(
+    r"(?:(?:channel|column|signal|sensor)s? )?(?:labels?|names?)|columns|channels|signals", re.I
+)
+_UNITS = re.compile(r"(?:(?:engineering|channel|column|signal|physical)s? )?units?", re.I)
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf"}
 _PROBE = 5  # lines that must be numbers, to be the begin of the table
 _PREAMBLE = 200  # lines among which it begins
@@ -82,21 +89,67 @@ def _read(path: Path, lines: list[str], begin: int, delimiter: str, *, decimal_c
     table = _table(path, lines, begin, delimiter, decimal_comma=decimal_comma)
     if width > 1 and delimiter != " " and np.isnan(table[:, -1]).all():  # every line ends with a delimiter
         table, width = table[:, :-1], width - 1
-    above = [_cells(line, delimiter)[:width] for line in lines[max(0, begin - 2) : begin]]
+    names, preamble_units, unread = _said(lines[:begin], table)
+    above = [
+        _cells(line.lstrip("#% "), delimiter)[:width]
+        for line in lines[max(0, begin - 2) : begin]
+        if not _SAID.fullmatch(line)
+    ]
     above = [cells for cells in above if len(cells) == width]
     units: list[str] = [""] * width
     if len(above) == 2 and all(UNIT.fullmatch(cell.strip("()[]") or "s") for cell in above[-1]):
         units = [cell.strip("()[]") for cell in above.pop()]
-    headings = above[-1] if above else [f"column{i}" for i in range(width)]
+    headings = names or (above[-1] if above else [f"column{i}" for i in range(width)])
     stated = _RATE.search("\n".join(lines[:begin]))
     rate_hz = float(stated[1].replace(",", ".")) * (1e3 if stated[2] else 1.0) if stated else None
     named = [split_unit(heading or f"column{i}") for i, heading in enumerate(headings)]
     columns = tuple(
-        Column(name, table[:, i].copy(), rate_hz or None, units[i] or unit)
+        Column(name, table[:, i].copy(), rate_hz or None, units[i] or unit or preamble_units[i])
         for i, (name, unit) in enumerate(named)
     )
     how = f"delimiter {_DELIMITERS[delimiter]}" + (", decimal comma" if decimal_comma else "")
-    return EmgFile(path, "text", columns, notes=(f"{how}; the table begins at line {begin + 1} of text",))
+    notes = (f"{how}; the table begins at line {begin + 1} of text", *unread)
+    return EmgFile(path, "text", columns, notes=notes)
+
+
+def _said(preamble: list[str], table: Float64Array) -> tuple[list[str], list[str], list[str]]:
+    """Return names and units that lines before the table state, as "# Labels:= EMG", and what does not fit.
+
+    A first column that increases from row to row is a time or a counter: names may be of the others only, and
+    one unit for all is not its.
+    """
+    width = table.shape[1]
+    counted = width > 1 and bool((np.diff(table[:, 0]) > 0.0).all())
+    names: list[str] = []
+    units, unread = [""] * width, []
+    for line in preamble:
+        said = _SAID.fullmatch(line.strip())
+        if said is None or re.fullmatch(r"[\d.,]+", said[2]):
+            continue
+        words = _words(said[2], width)
+        if counted and len(words) == width - 1:
+            words = ["", *words]
+        if _NAMES.fullmatch(said[1]):
+            if len(words) == width:
+                names = ["time" if counted and not one else one for one in words]
+            else:
+                unread.append(f"'{said[1]}' names {len(words)} columns, the table has {width}; not used")
+        elif _UNITS.fullmatch(said[1]) and all(UNIT.fullmatch(one) for one in words if one):
+            if len(words) == 1:
+                words = ["" if counted and i == 0 else words[0] for i in range(width)]
+            if len(words) == width:
+                units = words
+    return names, units, unread
+
+
+def _words(text: str, width: int) -> list[str]:
+    """Split a list as it stands in a preamble: by tabs, commas, semicolons, else blanks where that fits."""
+    text = text.strip().strip("[](){}").strip()
+    for delimiter in "\t", ",", ";", "|":
+        if delimiter in text:
+            return [one.strip().strip("\"'").strip() for one in text.split(delimiter) if one.strip()]
+    blanks = text.split()
+    return blanks if len(blanks) in (width, width - 1) else [text.strip("\"'")]
 
 
 def _table(path: Path, lines: list[str], begin: int, delimiter: str, *, decimal_comma: bool) -> Float64Array:

@@ -1,7 +1,7 @@
 """Which columns are the muscles, which rate and unit: what a file states, else a guess with a reason."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,12 @@ _EDC = re.compile(r"edc|extensor|\bext", re.IGNORECASE)
 _TIME = re.compile(
     r"^(.*[._/])?(t|time|times|timestamps?|time_?(s|ms|us)|stamp_?(ns|s)?|zeit|sec(onds)?)$", re.IGNORECASE
 )
+_BESIDE = re.compile(
+    r"(^|[._/ ])(mean|average|median|std|sd|var|variance|min|max|rms|stats?|statistics?|summary|support|"
+    r"hist\w*|psd|spectr\w*|nseq|seq|sequence|counter|index|digital\w*|trigger\w*|status|markers?|events?)"
+    r"($|[._/ \d])",
+    re.IGNORECASE,
+)
 _PER_SECOND = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
 _VOLTS = {"volt": 1.0, "volts": 1.0, "v": 1.0, "mv": 1e-3, "uv": 1e-6, "µv": 1e-6, "μv": 1e-6, "nv": 1e-9}
 
@@ -29,8 +35,8 @@ class Guess:
     """What a file was taken for; each ``_why`` says on what ground.
 
     Attributes:
-        fds: Name of the flexor's column.
-        edc: Name of the extensor's column.
+        fds: Name of the flexor's column, or of the only muscle's.
+        edc: Name of the extensor's column; empty if there is one muscle only.
         time: Name of the time column; empty if there is none.
         rate_hz: Sampling rate; None if nothing tells it.
         unit: ``V`` (also where the file had mV or uV: see ``volts``), ``counts`` or another.
@@ -69,7 +75,7 @@ def guess(
         file: The file.
         fs_hz: Rate that the user states; None: ask the file.
         fds: Name, or number from 0, of the flexor's column; None: guess.
-        edc: The same of the extensor's.
+        edc: The same of the extensor's; ``none``: there is one muscle only.
         unit: Unit that the user states; None: ask the file, else guess.
 
     Raises:
@@ -77,29 +83,37 @@ def guess(
             no EMG is that strong or weak.
     """
     time = next((one for one in file.columns if _TIME.match(one.name) and _is_time(one.samples)), None)
-    if time is None and len(file.columns) > 2 and _is_time(file.columns[0].samples):
+    if time is None and len(file.columns) > 1 and _is_time(file.columns[0].samples):
         time = file.columns[0]
     others = [one for one in file.columns if one is not time]
-    flexor, extensor, why = _muscles(file, others, fds, edc)
+    signals, left_out = _signals(others)
+    flexor, extensor, why = _muscles(file, others, signals, fds, edc)
+    if time is not None and time.samples.size != flexor.samples.size:
+        time = None  # of something else in the file
     rate_hz, rate_why, scale = _rate(flexor, time)
     notes = []
+    if left_out:
+        notes.append(f"left out as no signals: {', '.join(one.name for one in left_out)}")
+    if extensor is None:
+        notes.append("one muscle only: what is called co-contraction is its own activity")
     if fs_hz is not None:
         if rate_hz is not None and abs(rate_hz / fs_hz - 1.0) > 0.01:
             notes.append(f"--fs says {fs_hz:g} Hz, but {rate_why} says {rate_hz:g} Hz")
         rate_hz, rate_why = fs_hz, "--fs"
     if scale is None:
         scale = 1.0 / (rate_hz or 1.0)
-    if flexor.rate_hz != extensor.rate_hz or flexor.samples.size != extensor.samples.size:
+    both = [flexor] if extensor is None else [flexor, extensor]
+    if extensor and (flexor.rate_hz != extensor.rate_hz or flexor.samples.size != extensor.samples.size):
         raise PalpError(
             f"{file.path}: {flexor.name} has {flexor.samples.size} samples, {extensor.name} has "
             f"{extensor.samples.size}; the muscles need one rate and length"
         )
-    unit, unit_why, note = _unit(file, flexor, extensor, unit)
+    unit, unit_why, note = _unit(file, both, unit)
     notes += [note] if note else []
     volts = _VOLTS.get(unit.lower())
     return Guess(
         flexor.name,
-        extensor.name,
+        extensor.name if extensor else "",
         time.name if time else "",
         rate_hz,
         unit,
@@ -115,6 +129,8 @@ def guess(
 def muscles(file: EmgFile, found: Guess) -> Float64Array:
     """Return FDS and EDC in volts (or what is no voltage as it is), NaN where lost, shape (2, n).
 
+    The shape is (1, n) where there is one muscle only.
+
     Raises:
         PalpError: No rate is known.
         PerceptionError: The time column does not fit the rate.
@@ -122,7 +138,7 @@ def muscles(file: EmgFile, found: Guess) -> Float64Array:
     if found.rate_hz is None:
         raise PalpError(f"{file.path}: nothing tells the sampling rate; state it with --fs")
     by_name = {one.name: one.samples for one in file.columns}
-    both = np.array([by_name[found.fds], by_name[found.edc]]) * found.volts
+    both = np.array([by_name[name] for name in (found.fds, found.edc) if name]) * found.volts
     if not found.time:
         return both
     times_s = by_name[found.time] * found.seconds_per_time
@@ -149,25 +165,48 @@ def is_voltage(unit: str) -> bool:
     return unit.lower() in _VOLTS
 
 
+def _signals(others: Sequence[Column]) -> tuple[list[Column], list[Column]]:
+    """Return the columns that may be a muscle, and what stands beside them in a tree of arrays or a table.
+
+    That is what is shorter than the longest (statistics, slower sensors), what is named as a statistic or a
+    counter, and what has two values at most (digital lines); unless nothing would remain.
+    """
+    longest = max((one.samples.size for one in others), default=0)
+    tests: tuple[Callable[[Column], bool], ...] = (
+        lambda one: one.samples.size == longest,
+        lambda one: not _BESIDE.search(one.name),
+        lambda one: np.unique(one.samples[np.isfinite(one.samples)]).size > 2,
+    )
+    kept = list(others)
+    for test in tests:
+        kept = [one for one in kept if test(one)] or kept
+    return kept, [one for one in others if all(one is not other for other in kept)]
+
+
 def _muscles(
-    file: EmgFile, others: Sequence[Column], fds: str | None, edc: str | None
-) -> tuple[Column, Column, str]:
-    named = [_named(file, fds), _named(file, edc)]
-    free = [one for one in others if all(one is not taken for taken in named)]
+    file: EmgFile, others: Sequence[Column], signals: Sequence[Column], fds: str | None, edc: str | None
+) -> tuple[Column, Column | None, str]:
+    alone = edc is not None and edc.lower() == "none"
+    wanted = (0,) if alone else (0, 1)
+    named = [_named(file, fds), None if alone else _named(file, edc)]
+    free = [one for one in signals if all(one is not taken for taken in named)]
     reasons = ["named" if one else "" for one in named]
-    for place, pattern in enumerate((_FDS, _EDC)):
-        fits = [one for one in free if pattern.search(one.name)]
+    for place in wanted:
+        fits = [one for one in free if (_FDS, _EDC)[place].search(one.name)]
         if named[place] is None and len(fits) == 1:
             named[place], reasons[place] = fits[0], "by name"
             free.remove(fits[0])
+    if not alone and edc is None and len(signals) == 1:
+        only = next(one for one in (*named, signals[0]) if one is not None)
+        named, wanted, free, reasons = [only, None], (0,), [], ["the only one", ""]
+    missing = [place for place in wanted if named[place] is None]
     by_order = "by order"
     voltages = [one for one in free if is_voltage(one.unit)]
-    if None in named and len(free) > len(voltages) == named.count(None):
+    if missing and len(free) > len(voltages) == len(missing):
         free, by_order = voltages, "by order, of the voltages"
-    if None in named and len(free) == named.count(None):
-        for place in (0, 1):
-            if named[place] is None:
-                named[place], reasons[place] = free.pop(0), by_order
+    if len(free) == len(missing):
+        for place in missing:
+            named[place], reasons[place] = free.pop(0), by_order
     for one, option in zip(named, ("--fds", "--edc"), strict=True):
         if one is not None and all(one is not other for other in others):
             raise PalpError(
@@ -175,11 +214,14 @@ def _muscles(
                 f"{', '.join(other.name for other in others)}"
             )
     flexor, extensor = named
-    if flexor is None or extensor is None:
+    if flexor is None or (extensor is None and len(wanted) > 1):
         has = ", ".join(one.name for one in file.columns)
         raise PalpError(
-            f"{file.path}: cannot tell the muscles apart; name them with --fds and --edc. It has: {has}"
+            f"{file.path}: cannot tell the muscles apart; name them with --fds and --edc (--edc none: one "
+            f"muscle). It has: {has}"
         )
+    if extensor is None:
+        return flexor, None, f"one muscle, {reasons[0]}"
     if flexor is extensor:
         raise PalpError(f"{file.path}: --fds and --edc are the same column, {flexor.name}")
     return flexor, extensor, f"FDS {reasons[0]}, EDC {reasons[1]}"
@@ -238,23 +280,23 @@ def _rate(flexor: Column, time: Column | None) -> tuple[float | None, str, float
     return timed, "the time column" if timed else "nothing", scale
 
 
-def _unit(file: EmgFile, flexor: Column, extensor: Column, stated: str | None) -> tuple[str, str, str]:
+def _unit(file: EmgFile, both: Sequence[Column], stated: str | None) -> tuple[str, str, str]:
     """Return the unit, its ground, and what does not fit the user's word."""
-    found = {flexor.unit, extensor.unit} - {""}
+    found = {one.unit for one in both} - {""}
     if stated is not None:
         if not is_voltage(stated) and stated != "counts":
             raise PalpError(f"--unit {stated}: no unit of EMG; use V, mV, uV, nV or counts")
         others = ", ".join(sorted(found - {stated}))
         return stated, "--unit", f"--unit says {stated}, the file {others}" if others else ""
     if len(found) > 1:
-        raise PalpError(f"{flexor.name} is in {flexor.unit}, {extensor.name} in {extensor.unit}; convert one")
+        raise PalpError(f"{', '.join(f'{one.name} is in {one.unit}' for one in both)}; convert one")
     if found:
         (unit,) = found
-        wrong = _contradiction(unit, flexor, extensor)
+        wrong = _contradiction(unit, both)
         if wrong:
             raise PalpError(f"{file.path}: says {unit}, but {wrong}; state the true unit with --unit")
         return unit, "the file", ""
-    finite = flexor.samples[np.isfinite(flexor.samples)]
+    finite = both[0].samples[np.isfinite(both[0].samples)]
     if finite.size == 0:
         return "", "nothing", ""
     spread = float(finite.std())
@@ -264,16 +306,16 @@ def _unit(file: EmgFile, flexor: Column, extensor: Column, stated: str | None) -
     return unit, f"guessed: spread {spread:.3g}", ""
 
 
-def _contradiction(unit: str, flexor: Column, extensor: Column) -> str:
-    """Return why both muscles cannot be in a unit; one alone may be a bad electrode."""
+def _contradiction(unit: str, both: Sequence[Column]) -> str:
+    """Return why no muscle can be in a unit; one of two may be a bad electrode."""
     volts = _VOLTS.get(unit.lower())
     if volts is None:
         return ""
-    sizes_v = volts * strength(np.array([flexor.samples, extensor.samples]))
+    sizes_v = volts * strength(np.array([one.samples for one in both]))
     most_v = _MOST_AT_SKIN_V if volts < 1.0 else _MOST_V
     if (sizes_v > most_v).all():
         return f"steps of {sizes_v.min() * 1e3:.3g} mV are more than EMG's, {most_v * 1e3:g} mV at most"
-    spread_v = volts * max(float(np.nanstd(one.samples)) for one in (flexor, extensor))
+    spread_v = volts * max(float(np.nanstd(one.samples)) for one in both)
     if 0.0 < spread_v < _LEAST_V:
         return f"a spread of {spread_v * 1e6:.3g} uV is less than an electrode's noise"
     return ""
