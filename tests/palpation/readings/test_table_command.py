@@ -79,6 +79,18 @@ def test_readings_without_trials_are_dealt_into_some(table: Path) -> None:
         run(table, *NAMED, "--deal", 2)
 
 
+def test_a_column_s_name_may_have_a_comma(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    rows = [f"{name},{at + step},0" for name, at in (("x", 0.0), ("y", 3.0)) for step in (0.0, 0.4, 1.1)]
+    path.write_text('what,"peak, N",other\n' + "\n".join(rows) + "\n", encoding="utf-8")
+    found = json.loads(run(path, "--class", "what", "--reading", '"peak, N"', "--json").stdout)
+    assert found["columns"] == ["peak, N"]
+    with pytest.raises(
+        PalpError, match=r'reading \'peak\', reading \'N\'; there are: what, "peak, N", other'
+    ):
+        run(path, "--class", "what", "--reading", "peak, N")
+
+
 def test_semicolons_a_byte_order_mark_and_empty_cells_are_read(tmp_path: Path) -> None:
     path = tmp_path / "sheet.csv"
     rows = [f"{name};{at + step}" for name, at in (("x", 0), ("y", 30)) for step in (0, 4, 11, 17)]
@@ -112,7 +124,7 @@ def test_a_column_that_does_not_exist_is_answered_by_those_that_do(table: Path) 
         ("a,b\nx,1\n,2\n", "line 3 has no a"),
         ("a,b,b\nx,1,2\n", "two columns have the name b"),
         ("a,b\nx,1\ny,2\n", "has 1 readings, of which 0 are left"),
-        ("a,b\nx,1\nx,2\n", "all readings are of the class 'x'"),
+        ("a,b\nx,1\nx,2\n", r"table\.csv: all readings are of the class 'x'"),
         ("a,b\nx,1\ny,1\nx,1\ny,1\nx,1\ny,1\n", "column 0 are 1; it tells nothing"),
     ],
 )

@@ -189,19 +189,19 @@ def _analyse_table(
 ) -> None:
     from palp_core.palpation.readings import page
     from palp_core.palpation.readings.analysis import analyse
-    from palp_core.palpation.readings.table_file import columns_of, read_table
+    from palp_core.palpation.readings.table_file import columns_of, listed, read_table, unlisted
 
     if not columns["class"] or not columns["reading"]:
         raise PalpError(
             f"{path} is a table: say with --class what was felt and with --reading what was read; "
-            f"its columns are: {', '.join(columns_of(path))}"
+            f"its columns are: {listed(columns_of(path))}"
         )
     readings = read_table(
         path,
         class_column=columns["class"],
-        readings=_words(columns["reading"]),
-        settings=_words(columns["setting"]),
-        trials=_words(columns["trial"]),
+        readings=unlisted(columns["reading"]),
+        settings=unlisted(columns["setting"]),
+        trials=unlisted(columns["trial"]),
     )
     if deal:
         if columns["trial"]:
@@ -221,8 +221,4 @@ def _analyse_table(
 
 def _chosen(said: str, every: Sequence[str]) -> Sequence[str]:
     """Return the names that a word stands for: ``all``, or names with commas."""
-    return every if said == "all" else _words(said)
-
-
-def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
+    return every if said == "all" else [word.strip() for word in said.split(",") if word.strip()]

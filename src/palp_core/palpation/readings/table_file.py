@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, PerceptionError
 from palp_core.palpation.readings.readings import Readings
 from palp_core.whole_file import read_whole
 
@@ -61,14 +61,36 @@ def read_table(
         if of[kind]
     }
     values = np.array([[_value(path, head, number, row, at) for at in of["reading"]] for number, row in rows])
-    return Readings.of(
-        values,
-        named["class"],
-        settings=named.get("setting"),
-        trials=named.get("trial"),
-        columns=[head[at] for at in of["reading"]],
-        rows=[number for number, _ in rows],
-    )
+    try:
+        return Readings.of(
+            values,
+            named["class"],
+            settings=named.get("setting"),
+            trials=named.get("trial"),
+            columns=[head[at] for at in of["reading"]],
+            rows=[number for number, _ in rows],
+        )
+    except PerceptionError as error:
+        raise PalpError(f"{path}: {error}") from error
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list with commas; a name that has a comma itself is quoted.
+
+    >>> listed(["force", "peak, N"])
+    'force, "peak, N"'
+    """
+    return ", ".join(f'"{name}"' if "," in name else name for name in names)
+
+
+def unlisted(text: str) -> list[str]:
+    """Return the names of such a list.
+
+    >>> unlisted('force,"peak, N"')
+    ['force', 'peak, N']
+    """
+    (row,) = csv.reader([text], skipinitialspace=True)
+    return [name.strip() for name in row if name.strip()]
 
 
 def columns_of(path: Path) -> list[str]:
@@ -106,12 +128,12 @@ def _places(path: Path, head: Sequence[str], wanted: dict[str, Sequence[str]]) -
     """Return where the wanted columns are."""
     missing = [f"{kind} '{name}'" for kind, names in wanted.items() for name in names if name not in head]
     if missing:
-        raise PalpError(f"{path}: there is no column for {', '.join(missing)}; there are: {', '.join(head)}")
+        raise PalpError(f"{path}: there is no column for {', '.join(missing)}; there are: {listed(head)}")
     twice = sorted({name for names in wanted.values() for name in names if head.count(name) > 1})
     if twice:
         raise PalpError(f"{path}: two columns have the name {', '.join(twice)}; rename one")
     if not wanted["reading"]:
-        raise PalpError(f"{path}: no column of readings is named; there are: {', '.join(head)}")
+        raise PalpError(f"{path}: no column of readings is named; there are: {listed(head)}")
     said = [name for names in wanted.values() for name in names]
     again = sorted({name for name in said if said.count(name) > 1})
     if again:
