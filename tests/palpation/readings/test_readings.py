@@ -18,7 +18,7 @@ def test_names_are_in_the_order_of_numbers_or_of_letters() -> None:
 
 
 def test_without_settings_there_is_one_and_without_trials_each_row_is_one() -> None:
-    found = Readings.of(np.ones((3, 2)), np.array(["x", "y", "x"]))
+    found = Readings.of(np.arange(6.0).reshape(3, 2), np.array(["x", "y", "x"]))
     assert found.settings == (ONLY_SETTING,)
     assert len(found.trials) == 3
     assert found.counts().tolist() == [[2], [1]]
@@ -32,7 +32,7 @@ def test_readings_that_are_no_finite_numbers_are_left_out_and_said() -> None:
 
 
 def test_a_note_names_eight_rows_at_most() -> None:
-    values = np.concatenate([np.full(20, np.nan), np.ones(2)])
+    values = np.concatenate([np.full(20, np.nan), [1.0, 2.0]])
     (note,) = Readings.of(values, ["a"] * 21 + ["b"]).notes
     assert "rows 0, 1, 2, 3, 4, 5, 6, 7 and 12 more" in note
 

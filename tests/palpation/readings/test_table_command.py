@@ -125,7 +125,7 @@ def test_a_column_that_does_not_exist_is_answered_by_those_that_do(table: Path) 
         ("a,b,b\nx,1,2\n", "two columns have the name b"),
         ("a,b\nx,1\ny,2\n", "has 1 readings, of which 0 are left"),
         ("a,b\nx,1\nx,2\n", r"table\.csv: all readings are of the class 'x'"),
-        ("a,b\nx,1\ny,1\nx,1\ny,1\nx,1\ny,1\n", "column 0 are 1; it tells nothing"),
+        ("a,b\nx,1\ny,1\nx,1\ny,1\nx,1\ny,1\n", "all readings of b are 1; it tells nothing"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said(text: str, match: str, tmp_path: Path) -> None:

@@ -70,7 +70,8 @@ class Readings:
             rows: What notes call each reading, length n; None: from 0 on.
 
         Raises:
-            PerceptionError: Lengths differ, there are fewer than two classes, or no reading is left.
+            PerceptionError: Lengths differ, a name is missing, there are fewer than two classes, no reading
+                is left, or all of a column are equal.
         """
         table = np.asarray(values, dtype=np.float64)
         table = table[:, None] if table.ndim == 1 else table
@@ -94,6 +95,11 @@ class Readings:
         notes = _left_out(table, kept, names, numbers)
         if not kept.any():
             raise PerceptionError("no reading is left: each has a column that is no finite number")
+        for name, column in zip(names, table[kept].T, strict=True):
+            if np.ptp(column) == 0.0:
+                raise PerceptionError(
+                    f"all readings of {name} are {column[0]:g}; it tells nothing, leave it out"
+                )
         found = [
             _indexed([str(one) for one, keep in zip(of, kept, strict=True) if keep])
             for of in (classes, how, when)
