@@ -24,7 +24,7 @@ _PUBLISHED = {
 }
 
 BOUNDS = [
-    Bound("normal", 0.01),
+    Bound("normal", 0.013),
     Bound("peak", 0.005, within={"modulus_pa": (15e3, 1e9)}),
     Bound("peak", 0.008),
     Bound("contrast", 0.02, within={"depth_m": (0.0, 0.0082), **_PUBLISHED, **_CROSSED}),
