@@ -16,6 +16,7 @@ import csv
 import json
 import math
 import os
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -113,41 +114,37 @@ def sustained(model: str, subjects: int) -> dict[str, Any]:
     return {"model": model, "bursts": float(np.mean(bursts)), "peaks": float(np.mean(peaks))}
 
 
-def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """Return every table."""
+def measure(job: tuple[str, argparse.Namespace]) -> dict[str, Any]:
+    """Return every table of one model."""
+    model, options = job
     size: dict[str, int] = {"subjects": options.subjects, "count": options.count, "seed": SEED}
-    known, rules, fits = [], [], []
-    for model in MODELS:
-        for of in CONDITIONS:
-            known.append(
-                row_of(model, of.name, judge(model, of, settings=EmgSettings(rate_hz=of.rate_hz), **size))
-            )
-            print(line(known[-1]), flush=True)
-        for name, changed in RULES.items():
-            one = judge(model, CONDITIONS[0], settings=replace(EmgSettings(), **changed), **size)
-            rules.append(row_of(model, name, one))
-        for name, (window_s, distance_s) in BEFORE.items():
-            one = before(window_s, distance_s, model, options.subjects, options.count)
-            rules.append(row_of(model, name, one))
-        for relax_share in (0.9, 0.5):
-            seen = [
-                coverage(model, EmgSettings(), seed=SEED + number, relax_share=relax_share)
-                for number in range(options.fits)
-            ]
-            fits.append(
-                {
-                    "model": model,
-                    "relax_share": relax_share,
-                    "entries_of_25": [one.entries for one in seen],
-                    "shares_of_5": [one.shares for one in seen],
-                    "transitions": [one.transitions for one in seen],
-                }
-            )
-            print(fits[-1], flush=True)
-        for row in rules[-len(RULES) - len(BEFORE) :]:
-            print(line(row), flush=True)
-    held = [sustained(model, options.subjects) for model in MODELS]
-    return {"known": known, "rules": rules, "sustained": held, "fits": fits, "size": size}
+    known = [
+        row_of(model, of.name, judge(model, of, settings=EmgSettings(rate_hz=of.rate_hz), **size))
+        for of in CONDITIONS
+    ]
+    rules = [
+        row_of(model, name, judge(model, CONDITIONS[0], settings=replace(EmgSettings(), **changed), **size))
+        for name, changed in RULES.items()
+    ]
+    for name, (window_s, distance_s) in BEFORE.items():
+        one = before(window_s, distance_s, model, options.subjects, options.count)
+        rules.append(row_of(model, name, one))
+    fits = []
+    for relax_share in (0.9, 0.5):
+        seen = [
+            coverage(model, EmgSettings(), seed=SEED + number, relax_share=relax_share)
+            for number in range(options.fits)
+        ]
+        fits.append(
+            {
+                "model": model,
+                "relax_share": relax_share,
+                "entries_of_25": [one.entries for one in seen],
+                "shares_of_5": [one.shares for one in seen],
+                "transitions": [one.transitions for one in seen],
+            }
+        )
+    return {"known": known, "rules": rules, "sustained": [sustained(model, options.subjects)], "fits": fits}
 
 
 def line(row: dict[str, Any]) -> str:
@@ -204,11 +201,19 @@ def main() -> None:
     parser.add_argument("--subjects", type=int, default=15, help="each with an MVC of its own")
     parser.add_argument("--count", type=int, default=40, help="contractions of each")
     parser.add_argument("--fits", type=int, default=10, help="strategies learnt, of 15 trials each")
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="2 subjects of 10, 1 fit")
     options = parser.parse_args()
     if options.quick:
         options.subjects, options.count, options.fits = 2, 10, 1
-    found = measure(options)
+    found: dict[str, Any] = {"known": [], "rules": [], "sustained": [], "fits": []}
+    with ProcessPoolExecutor(options.workers) as pool:
+        for one in pool.map(measure, [(model, options) for model in MODELS]):
+            for name, rows in one.items():
+                found[name] += rows
+            print(
+                *map(line, one["known"] + one["rules"]), *one["sustained"], *one["fits"], sep="\n", flush=True
+            )
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "emg_bursts.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     with (options.out / "emg_bursts.csv").open("w", encoding="utf-8", newline="") as file:

@@ -9,6 +9,7 @@ from msgs.emg import CoContraction, EmgBlock
 from nodes.cocontraction import Cocontraction, CoContractionParams
 from nodes.emg import Emg
 from palp_core import Bench
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate
 from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
@@ -66,6 +67,22 @@ def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgB
         assert message.level_defined == bool(peaks)
         if peaks:
             assert message.level == to_levels(np.array(peaks)).index[-1]
+
+
+def test_the_command_makes_the_same_of_a_recording_as_the_node(recording: list[EmgBlock]) -> None:
+    """But for the first window, for the node's filter knows what was before the palpation."""
+    parts = {
+        phase: np.concatenate([[b.fds_v, b.edc_v] for b in recording if b.phase == phase], axis=1)
+        for phase in ("rest", "mvc", "palpation")
+    }
+    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(), rest=parts["rest"])
+    stream = processed(recording)
+    assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
+    assert found.cocontraction[600:] == pytest.approx(
+        np.concatenate([c.value for c in stream])[600:], rel=0.01
+    )
+    told = levels_of(recording)
+    assert found.levels.index.tolist()[: len(told)] == told
 
 
 def test_levels_are_read_as_printed_where_that_is_asked_for(recording: list[EmgBlock]) -> None:

@@ -50,7 +50,7 @@ SpreadsOption = Annotated[
 GapOption = Annotated[float, typer.Option("--gap-s", help="Shorter gaps, s, are joined.")]
 LeastOption = Annotated[float, typer.Option("--least-s", help="Shorter bursts, s, are dropped.")]
 ValleyOption = Annotated[
-    float, typer.Option("--valley", help="A peak ends below this share of it, above rest.")
+    float, typer.Option("--valley", help="A peak ends below this share of it, rest taken off.")
 ]
 TopOption = Annotated[
     float, typer.Option("--top", help="Its level is the median of what is above this share of it.")

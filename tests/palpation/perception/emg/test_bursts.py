@@ -130,6 +130,14 @@ def test_a_level_is_the_median_of_the_top_without_the_power_of_rest() -> None:
     assert peak.level == pytest.approx(0.2, rel=1e-6)
 
 
+def test_a_valley_is_judged_without_the_power_of_rest() -> None:
+    """Strengths of 0.125 and 0.083, though the excess over rest halves."""
+    held = pieces((0.1, 0.5), (0.16, 0.6), (0.13, 0.2), (0.16, 0.6), (0.1, 0.5))
+    assert len(BurstRule(RATE_HZ, 0.1).whole(held).peaks) == 1
+    deep = pieces((0.1, 0.5), (0.2, 0.6), (0.13, 0.2), (0.2, 0.6), (0.1, 0.5))
+    assert len(BurstRule(RATE_HZ, 0.1).whole(deep).peaks) == 2
+
+
 def test_rest_and_its_scatter_raise_both_thresholds() -> None:
     rule = BurstRule(RATE_HZ, rest=0.2, rest_sd=0.002)
     assert (rule.on, rule.off) == pytest.approx((0.24, 0.22))

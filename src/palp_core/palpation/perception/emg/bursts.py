@@ -189,18 +189,20 @@ class BurstRule:
         last = self.finish(state)
         return Found(found.peaks + last.peaks, found.bursts + last.bursts)
 
-    def level(self, value: float, looks: Sequence[float]) -> float:
-        """Return the strength of a peak: the median of its top, without the power of rest.
+    def strength(self, value: float) -> float:
+        """Return co-contraction without rest; noise and mains add to muscle in power."""
+        return math.sqrt(max(0.0, value * value - self.rest * self.rest))
 
-        Noise adds to muscle in power, in the trial as in the MVC.
+    def level(self, value: float, looks: Sequence[float]) -> float:
+        """Return the strength of a peak: the median of its top, of an MVC that is as free of rest.
 
         Args:
             value: Largest co-contraction.
             looks: Co-contraction from look to look.
         """
-        top = self.rest + self.settings.top_share * (value - self.rest)
-        middle = float(np.median([one for one in looks if one >= top] or [value]))
-        return math.sqrt(max(0.0, middle**2 - self.rest**2) / max(1.0 - self.rest**2, 1e-9))
+        top = self.settings.top_share * self.strength(value)
+        middle = float(np.median([one for one in looks if self.strength(one) >= top] or [value]))
+        return self.strength(middle) / math.sqrt(max(1.0 - self.rest * self.rest, 1e-9))
 
 
 class _Machine:
@@ -249,14 +251,14 @@ class _Machine:
 
     def _follow(self, at: int, value: float) -> None:
         """Follow the peak to its valley, or the valley to the next peak."""
-        rest, share = self.rule.rest, self.rule.settings.valley_share
+        strength, share = self.rule.strength, self.rule.settings.valley_share
         if self.hump is None:
             self.valley = min(self.valley, value)
-            if value < max(self.on, rest + (self.valley - rest) / share):
+            if value < self.on or share * strength(value) < strength(self.valley):
                 return
             self.hump, self.looks = Hump(at, value), []
         hump = self.hump
-        if value - rest <= share * (hump.value - rest):
+        if strength(value) <= share * strength(hump.value):
             self._settle(at)
             self.valley = value
             return

@@ -36,12 +36,12 @@ class BurstSettings:
         gap_s: A burst that sinks below ``off`` for less, s, is one: fingers do not move faster than some
             five times a second.
         least_s: What is shorter, s, is dropped: an artefact of one sample lasts a whole RMS window.
-        valley_share: Within a burst a peak ends where co-contraction above rest sinks below this share of
-            it, and another begins where it rises by as much again. The scatter of EMG is in proportion to
-            its strength; that of two muscles, 8 %, takes a held contraction from 1.24 to 0.76 at three
-            standard deviations.
+        valley_share: Within a burst a peak ends where co-contraction without the power of rest sinks below
+            this share of it, and another begins where it rises by as much again. The scatter of EMG is in
+            proportion to its strength; that of two muscles, 8 %, takes a held contraction from 1.24 to 0.76
+            at three standard deviations.
         top_share: The top of a peak, whose median is its level, is what exceeds this share of its largest
-            value.
+            value, rest taken off likewise.
 
     Raises:
         PerceptionError: A setting is out of range.
