@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
-from palp_core.palpation.world.latents import LATENTS
-from palp_core.palpation.world.touch import FRICTION, TIP, Single, Touch, probe_of
+from palp_core.palpation.world.joints import Joints, joints_of
+from palp_core.palpation.world.touch import Single, Touch, probe_of
 from palp_core.units import Float64Array
 
 _STEPS = 60
@@ -43,10 +43,13 @@ class Dragged:
         sticking_n_m: That of a tip that still holds where it was lowered, beyond what friction can hold, too.
         angle_rad: The joint's angle.
         normal_n: Normal force.
+        lateral_n: Elastic drag, positive where it pulls the tip towards -Y.
+        depth_m: How deep the ball is under the undeformed surface.
         tip_m: Place of the ball along the path.
         stuck: Whether the tip holds on to the gel.
         loose_m: Way of the stage until the tip broke loose, shape (n,); 0 without a run-in, beyond the path's
             length if it never did.
+        guards: What the solver met in a nominal sweep, in words.
     """
 
     stage_m: Float64Array
@@ -55,80 +58,12 @@ class Dragged:
     sticking_n_m: Float64Array
     angle_rad: Float64Array
     normal_n: Float64Array
+    lateral_n: Float64Array
+    depth_m: Float64Array
     tip_m: Float64Array
     stuck: NDArray[np.bool_]
     loose_m: Float64Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Joints:
-    """n joints in coordinates in which the sweep goes forward; arrays of (n, 1) against (n, p)."""
-
-    touch: Touch
-    rows: Float64Array
-    ring_m: Float64Array
-    indentation_m: Float64Array
-    direction: float
-
-    @property
-    def friction(self) -> Float64Array:
-        return self.touch.probe.friction * (1.0 + self.rows[:, FRICTION, None])
-
-    @property
-    def radius_m(self) -> Float64Array:
-        return self.touch.probe.tip_radius_m + self.rows[:, TIP, None]
-
-    @property
-    def lever_m(self) -> Float64Array:
-        return self.touch.probe.tip_m - self.radius_m
-
-    @property
-    def spring_n_m(self) -> Float64Array:
-        probe = self.touch.probe
-        return 2.0 * self.ring_m[:, None] * probe.pivot_radius_m * probe.spring_n_per_m
-
-    def contact(self, stage_m: Float64Array, angle_rad: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return N and U_s."""
-        half = np.sin(0.5 * angle_rad)
-        place_m = self.direction * (stage_m - self.lever_m * np.sin(angle_rad))
-        depth_m = self.indentation_m[:, None] - 2.0 * self.lever_m * half * half
-        normal_n, lateral_n = self.touch.force(place_m, depth_m, self.rows)
-        return normal_n, self.direction * lateral_n
-
-    def needed(
-        self, stage_m: Float64Array, angle_rad: Float64Array
-    ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return the friction that would hold the tip, N and U_s."""
-        normal_n, lateral_n = self.contact(stage_m, angle_rad)
-        sine, arm_m = np.sin(angle_rad), self.lever_m * np.cos(angle_rad)
-        moment = (self.spring_n_m + self.touch.probe.weight_n_m - self.lever_m * normal_n) * sine
-        return (moment - arm_m * lateral_n) / (arm_m + self.radius_m), normal_n, lateral_n
-
-    def residual(self, stage_m: Float64Array, angle_rad: Float64Array) -> Float64Array:
-        """Return how much more friction would be needed than a sliding tip has, in N."""
-        friction_n, normal_n, _ = self.needed(stage_m, angle_rad)
-        return friction_n - self.friction * normal_n
-
-    def torque(
-        self, angle_rad: Float64Array, friction_n: Float64Array, lateral_n: Float64Array
-    ) -> Float64Array:
-        return self.spring_n_m * np.sin(angle_rad) + self.touch.probe.base_m * (friction_n + lateral_n)
-
-    def way_m(self, angle_rad: Float64Array) -> Float64Array:
-        """Return the stage's way that a sticking tip needs from upright to an angle."""
-        return self.lever_m * np.sin(angle_rad) + self.radius_m * angle_rad
-
-    def stuck_angle(self, way_m: Float64Array) -> Float64Array:
-        """Return the angle of a sticking tip, the inverse of :meth:`way_m`; at most 80 degrees."""
-        most = 1.4
-        way_m = np.clip(way_m, -self.way_m(np.full(1, most)), self.way_m(np.full(1, most)))
-        angle_rad = way_m / (self.lever_m + self.radius_m)
-        for _ in range(_STEPS):  # concave over positive angles: Newton climbs to the root
-            step = (self.way_m(angle_rad) - way_m) / (self.lever_m * np.cos(angle_rad) + self.radius_m)
-            angle_rad = angle_rad - step
-            if np.abs(step).max(initial=0.0) < 1e-13:
-                break
-        return angle_rad
+    guards: tuple[str, ...] = ()
 
 
 def drag(
@@ -158,10 +93,9 @@ def drag(
     """
     direction = 1.0 if stage_m[-1] > stage_m[0] else -1.0
     forward_m = (direction * stage_m)[None, :]
-    depth_m = indentation_m + rows[:, LATENTS.index("height_m")]
-    joints = _Joints(touch, rows, ring_m + rows[:, LATENTS.index("ring_m")], depth_m, direction)
-    slid = _sliding(joints, ring_m, indentation_m, stage_m)
-    normal_n, lateral_n = joints.contact(forward_m, slid)
+    joints = joints_of(touch, rows, ring_m, indentation_m, direction)
+    slid, guards = _sliding(joints, ring_m, indentation_m, stage_m)
+    _, normal_n, lateral_n = joints.needed(forward_m, slid)
     sliding = joints.torque(slid, joints.friction * normal_n, lateral_n)
     angle, torque, stuck = slid, sliding, np.zeros(slid.shape, dtype=np.bool_)
     sticking, loose_m = sliding, np.zeros(len(rows))
@@ -181,11 +115,12 @@ def drag(
         loose_m = _loose(joints, forward_m, start, friction_n - joints.friction * held_normal, stuck)
         angle = np.where(stuck, held, slid)
         torque, normal_n = np.where(stuck, sticking, sliding), np.where(stuck, held_normal, normal_n)
+        lateral_n = np.where(stuck, held_lateral, lateral_n)
     again = np.diff(joints.way_m(angle), axis=1) > _AGAIN * np.diff(forward_m) + 1e-12
     again &= ~stuck[:, 1:]
     if run_in and again.any():
         for row in np.flatnonzero(again.any(axis=1)):
-            _stick_again(joints, forward_m, int(row), (angle, torque, normal_n, stuck))
+            _stick_again(joints, forward_m, int(row), (angle, torque, normal_n, lateral_n, stuck))
     return Dragged(
         stage_m,
         direction * torque,
@@ -193,14 +128,17 @@ def drag(
         direction * sticking,
         direction * angle,
         normal_n,
+        direction * lateral_n,
+        joints.depth_m(angle),
         direction * (forward_m - joints.lever_m * np.sin(angle)),
         stuck,
         loose_m,
+        guards,
     )
 
 
 def _loose(
-    joints: _Joints,
+    joints: Joints,
     forward_m: Float64Array,
     start_rad: Float64Array,
     excess_n: Float64Array,
@@ -225,20 +163,21 @@ def _loose(
 
 
 def _sliding(
-    joints: _Joints, ring_m: Float64Array, indentation_m: float, stage_m: Float64Array
-) -> Float64Array:
-    """Return the lagging angle of sliding tips: from the nominal sweep of each ring to each sweep's own."""
+    joints: Joints, ring_m: Float64Array, indentation_m: float, stage_m: Float64Array
+) -> tuple[Float64Array, tuple[str, ...]]:
+    """Return the lagging angle of sliding tips, from the nominal sweep of each ring, and its guards."""
     share, forward_m = np.empty((len(ring_m), len(stage_m))), (joints.direction * stage_m)[None, :]
     probe = joints.touch.probe
     middle = joints.touch.models[len(joints.touch.models) // 2]
-    several = False
+    several, guards = False, dict[str, None]()
     for ring in np.unique(ring_m):
         solved = sweep(middle, probe, float(ring), indentation_m, stage_m)
         several |= bool(solved.root_count.max() > 1)
+        guards |= dict.fromkeys(solved.guards)
         nominal_off = np.arccos(1.0 - indentation_m / probe.lever_m)
         share[ring_m == ring] = joints.direction * solved.angle_rad / nominal_off
     if several:  # which of them depends on the way there
-        return _each(joints, stage_m)
+        return _each(joints, stage_m), tuple(guards)
     lift_off = np.arccos(1.0 - joints.indentation_m[:, None] / joints.lever_m) * np.ones_like(share)
     found = share * lift_off
     for _ in range(_STEPS):  # a secant from bracket to bracket would do; Newton is there in four or five
@@ -253,17 +192,11 @@ def _sliding(
     settled = (np.abs(value) < _SETTLED_N) & (slope > 0.0)
     (lost,) = np.nonzero(~settled.all(axis=1))
     if lost.size:
-        found[lost] = _each(_only(joints, lost), stage_m)
-    return found
+        found[lost] = _each(joints.only(lost), stage_m)
+    return found, tuple(guards)
 
 
-def _only(joints: _Joints, rows: NDArray[np.int64]) -> _Joints:
-    return _Joints(
-        joints.touch, joints.rows[rows], joints.ring_m[rows], joints.indentation_m[rows], joints.direction
-    )
-
-
-def _each(joints: _Joints, stage_m: Float64Array) -> Float64Array:
+def _each(joints: Joints, stage_m: Float64Array) -> Float64Array:
     """Return the angles of sliding tips solved one sweep at a time, by the method that follows branches."""
     found = np.empty((len(joints.rows), len(stage_m)))
     for i, row in enumerate(joints.rows):
@@ -279,14 +212,14 @@ def _each(joints: _Joints, stage_m: Float64Array) -> Float64Array:
 
 
 def _stick_again(
-    joints: _Joints,
+    joints: Joints,
     forward_m: Float64Array,
     row: int,
-    kept: tuple[Float64Array, Float64Array, Float64Array, NDArray[np.bool_]],
+    kept: tuple[Float64Array, Float64Array, Float64Array, Float64Array, NDArray[np.bool_]],
 ) -> None:
     """Let one sweep stick wherever its equilibrium lags faster than the stage goes; changes ``kept``."""
-    angle, torque, normal_n, stuck = kept
-    one = _only(joints, np.array([row]))
+    angle, torque, normal_n, lateral_n, stuck = kept
+    one = joints.only(np.array([row]))
     start = int(np.argmin(stuck[row]))
     for _ in range(_TURNS):
         ways = one.way_m(angle[row : row + 1])[0]
@@ -305,5 +238,6 @@ def _stick_again(
         angle[row, here], stuck[row, here] = held[0, : end - at], True
         torque[row, here] = one.torque(held, friction_n, held_lateral)[0, : end - at]
         normal_n[row, here] = held_normal[0, : end - at]
+        lateral_n[row, here] = held_lateral[0, : end - at]
         start = end
     raise MechanicsError("a sweep sticks and slips without end; use finer stage positions")

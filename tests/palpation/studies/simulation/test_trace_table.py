@@ -110,3 +110,12 @@ def test_the_sensor_adds_zero_and_noise_in_the_order_of_time(table: TraceTable) 
     assert made[:, first].std() < 0.8 * made[:, last].std()
     quiet = table.sensor(PAPER, luck)
     assert quiet.std() == pytest.approx(RESOLUTION_N_M * np.sqrt(1 + 1 / 12) / 10, rel=0.02)
+
+
+def test_stick_slip_is_there_where_the_sweep_has_it(table: TraceTable) -> None:
+    depth, ring = np.ones(32, dtype=np.int64), np.repeat([0, 1], 16)
+    made = table.stick_slip(LAB, depth, ring, np.tile(np.arange(16) / 16, 2))
+    assert not made[:16].any()  # at 8 mm the joint slides smoothly
+    late = made[16:, 12:] if table.forward else made[16:, :-12]
+    assert 0.03e-3 < late.std(axis=0).mean() < 0.25e-3  # a bin holds a cycle and a half of 1.5 N mm
+    assert not table.stick_slip(PAPER, depth, ring, np.zeros(32)).any()

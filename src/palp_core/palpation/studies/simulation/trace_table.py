@@ -24,9 +24,11 @@ from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.studies.simulation.reading_table import FROM_M, RATE_HZ, SPEED_M_PER_S, TO_M, Gel
 from palp_core.palpation.world.drag import drag
-from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH
+from palp_core.palpation.world.joints import joints_of
+from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import WorldModel
 from palp_core.palpation.world.slopes import Bins, TraceSlopes, bin_edges_m, bins_of, trace_slopes
+from palp_core.palpation.world.stick_slip import stick_slip
 from palp_core.palpation.world.texture import bias, texture, texture_map, white_sd_n_m
 from palp_core.palpation.world.touch import touch
 from palp_core.units import Float64Array
@@ -35,6 +37,8 @@ _RUN_IN_M = 0.034  # a tip slides before the stage has gone so far, whatever the
 _SAMPLES = 320
 _SPREAD = 0.5  # of the reach: latents are rarely at its ends, where the polynomials may be worse
 _CHUNK = 20_000
+_PHASES = 16
+_CYCLE_M = 0.05e-3  # a cycle of stick-slip is about a millimetre of the stage's way
 _TERMS = tuple(
     powers for degree in range(4) for powers in itertools.combinations_with_replacement(range(7), degree)
 )
@@ -109,6 +113,24 @@ class TraceTable:
                 some = here[start : start + _CHUNK]
                 made[some] = texture(world, luck[some], to_bins, forward=self.forward)
         return made
+
+    def stick_slip(
+        self,
+        world: WorldModel,
+        depth: NDArray[np.int64],
+        ring: NDArray[np.int64],
+        phase: Float64Array,
+    ) -> Float64Array:
+        """Return what stick-slip adds to each bin of the nominal sweep, N m, shape (n, K); 0 where none is.
+
+        Args:
+            world: Its static friction.
+            depth: Class, shape (n,).
+            ring: Index of the ring position, shape (n,).
+            phase: Share of a cycle at the start, from 0 to 1, shape (n,).
+        """
+        known = _cycles(self.gel, self.forward, self.run_in, self.bin_m, world.static_friction_excess)
+        return np.asarray(known[depth, ring, np.rint(phase * _PHASES).astype(np.int64) % _PHASES])
 
     def sensor(
         self,
@@ -258,7 +280,7 @@ def _tabulated(
     rungs = []
     for i, depth_m in enumerate(gel.depths_m):
         scene = scene_of(gel, depth_m)
-        rungs.append(choose("contact", "peak", gel.tolerance, scene.quantities(), asked=gel.rung).method.name)
+        rungs.append(_rung(gel, depth_m))
         felt = touch(scene.phantom, scene.probe, rungs[-1])
         for j, ring_m in enumerate(gel.rings_m):
             found = drag(felt, every, np.full(count, ring_m), gel.indentation_m, bins.node_m, run_in=run_in)
@@ -286,9 +308,7 @@ def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -
             np.asarray(edges_m),
             forward=forward,
             run_in=run_in,
-            rung=choose(
-                "contact", "peak", gel.tolerance, scene_of(gel, depth_m).quantities(), asked=gel.rung
-            ).method.name,
+            rung=_rung(gel, depth_m),
         )
         for depth_m in gel.depths_m
     ]
@@ -300,3 +320,29 @@ def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -
         found[0].centre_m,
         tuple(one.rungs[0] for one in found),
     )
+
+
+@functools.lru_cache(maxsize=16)
+def _cycles(gel: Gel, forward: bool, run_in: bool, width_m: float, excess: float) -> Float64Array:
+    """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
+    bins = bins_of(bin_edges_m(FROM_M, TO_M, width_m), forward=forward)
+    k, direction = len(gel.rings_m), 1.0 if forward else -1.0
+    made = np.zeros((len(gel.depths_m), k, _PHASES, len(bins.mean)))
+    parts = round(width_m / _CYCLE_M)
+    fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
+    for i, depth_m in enumerate(gel.depths_m):
+        scene = scene_of(gel, depth_m)
+        felt = touch(scene.phantom, scene.probe, _rung(gel, depth_m), tips=False)
+        rows, rings_m = latents(k), np.asarray(gel.rings_m)
+        found = drag(felt, rows, rings_m, gel.indentation_m, bins.node_m, run_in=run_in)
+        joints = joints_of(felt, rows, rings_m, gel.indentation_m, direction)
+        cycles = stick_slip(joints, found, excess, SPEED_M_PER_S)
+        for n in range(_PHASES):
+            torque = cycles.added(bins.node_m, fine_m, SPEED_M_PER_S, np.full(k, n / _PHASES))
+            made[i, :, n] = torque.reshape(k, -1, parts).mean(axis=-1)
+    return made
+
+
+def _rung(gel: Gel, depth_m: float) -> str:
+    asked = scene_of(gel, depth_m).quantities()
+    return choose("contact", "peak", gel.tolerance, asked, asked=gel.rung).method.name
