@@ -1,7 +1,7 @@
 """The experiment: which phantom is mounted, which trial runs, what came of it."""
 
 from palp_core import Message
-from palp_core.units import Count, Metres, Nanoseconds, Probability
+from palp_core.units import Count, Metres, MetresNonNegative, Nanoseconds, Probability, Ratio
 
 
 class Mount(Message):
@@ -50,6 +50,24 @@ class PhantomTruth(Message):
     height_offset_m: Metres
     rung: str
     bound: Probability
+
+
+class WorldTruth(Message):
+    """What a mounting is off by in a world other than the paper's design; simulation only.
+
+    ``beside_m`` is the bead's distance beside the path; modulus and friction are shares.
+    """
+
+    stamp_ns: Nanoseconds
+    world: str
+    code: str
+    remount: Count
+    height_m: Metres
+    modulus: Ratio
+    friction: Ratio
+    along_m: Metres
+    beside_m: MetresNonNegative
+    tip_radius_m: Metres
 
 
 class TrialResult(Message):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from msgs.experiment import Mount, PhantomTruth
+from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.torque import ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
@@ -18,6 +18,8 @@ from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.world.luck import off_by
+from palp_core.palpation.world.model import read_world
 from palp_core.units import (
     Count,
     CountPositive,
@@ -38,6 +40,7 @@ class EmulatedPhantomParams(Params):
     ``host``, the ports and ``folder`` (of the ring's terminal) are where the drivers find the devices;
     ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
     file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
+    ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on.
     ``guard_hz`` is how often it looks whether the contact has met a region in which its rung fails.
     """
 
@@ -60,6 +63,7 @@ class EmulatedPhantomParams(Params):
     to_m: ReadOnly[Metres] = 0.05
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     guard_hz: ReadOnly[HertzPositive] = 5.0
+    world: ReadOnly[str] = "paper"
 
 
 class EmulatedPhantomState(MethodTellerState):
@@ -79,6 +83,7 @@ class EmulatedPhantom(MethodTeller):
     mount = Sub(Mount)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
+    world_truth = Pub(WorldTruth)
 
     def on_configure(self) -> None:
         p = self.params
@@ -94,6 +99,8 @@ class EmulatedPhantom(MethodTeller):
             repeatability_m=2.0 * noise.ring_sd_m.value if noise else p.repeatability_mm * 1e-3,
             ring_error="normal" if noise else p.ring_error,
             torque_noise_sd_n_m=noise.sample_sd_n_m.value if noise else p.noise_sd_n_mm * 1e-3,
+            beside=read_world(p.world),
+            lands_m=(min(p.from_m, p.to_m), max(p.from_m, p.to_m)),
         )
         settings = RigSettings(
             world=world,
@@ -110,7 +117,7 @@ class EmulatedPhantom(MethodTeller):
 
     def uses(self) -> list[MethodUse]:
         self.told_m_s = self.rig.world.swept_m_s
-        return rig_uses(self.rig.world.rig, self.told_m_s or None)
+        return rig_uses(self.rig.world.rig, self.told_m_s or None, self.rig.world.settings.beside)
 
     def on_deactivate(self) -> None:
         self.tell_guards()
@@ -136,6 +143,17 @@ class EmulatedPhantom(MethodTeller):
                 bound=choice.bound or 0.0,
             )
         )
+        beside = self.rig.world.settings.beside
+        if not beside.plain:
+            row = self.rig.on_world(lambda world, _: world.latents())
+            told = WorldTruth(
+                stamp_ns=self.now_ns(),
+                world=beside.name,
+                code=mount.code,
+                remount=mount.remount,
+                **off_by(row),
+            )
+            self.world_truth.publish(told)
 
     @every("guard_hz")
     def tell_guards(self) -> None:

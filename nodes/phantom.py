@@ -1,7 +1,7 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
 from msgs.actuator import RingTruth
-from msgs.experiment import Mount, PhantomTruth
+from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, Sub, on
@@ -14,6 +14,10 @@ from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.world.live import LiveSweeps, LiveWorld, live_world
+from palp_core.palpation.world.luck import off_by, seed_of
+from palp_core.palpation.world.model import read_world
+from palp_core.palpation.world.trace import WorldTrace
 from palp_core.units import (
     Kilograms,
     Metres,
@@ -24,6 +28,8 @@ from palp_core.units import (
 )
 
 MARGIN_M = 0.002
+SPEED_M_S = 0.02
+"""The published one, until a block of poses tells."""
 
 
 class PhantomParams(Params):
@@ -33,7 +39,8 @@ class PhantomParams(Params):
     ``tolerance`` choose the contact rung. ``scene`` is a scene file: where given, gel, probe, indentation and
     tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
-    has its own. Friction, tip mass and indentation are assumed, as the paper gives none.
+    has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
+    tip mass and indentation are assumed, as the paper gives none.
     """
 
     phantoms: str = ""
@@ -47,6 +54,7 @@ class PhantomParams(Params):
     noise: str = ""
     friction: RatioNonNegative = 0.3
     tip_mass_kg: Kilograms = 0.008
+    world: str = "paper"
 
 
 class PhantomState(MethodTellerState):
@@ -58,6 +66,11 @@ class PhantomState(MethodTellerState):
     ring_m: float = 0.0
     speed_m_s: float = 0.0
     guard_told: bool = False
+    world_seed: int = 0
+    path_m: float = 0.0
+    worn_m: float = 0.0
+    goal_id: int = -1
+    goal_from_m: float = 0.0
 
 
 class Phantom(MethodTeller):
@@ -73,6 +86,7 @@ class Phantom(MethodTeller):
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
+    world_truth = Pub(WorldTruth)
 
     def on_configure(self) -> None:
         params = self.params
@@ -86,12 +100,15 @@ class Phantom(MethodTeller):
             tip_mass_kg=params.tip_mass_kg,
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
-        self.table: SweepTable | None = None
+        self.table: SweepTable | WorldTrace | None = None
+        self.sweeps: LiveSweeps | None = None
+        self.world = read_world(params.world)
+        self._live: LiveWorld | None = None
         noise = params.noise
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
     def uses(self) -> list[MethodUse]:
-        return rig_uses(self.rig, self.state.speed_m_s or None)
+        return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
@@ -115,6 +132,17 @@ class Phantom(MethodTeller):
                 bound=choice.bound or 0.0,
             )
         )
+        if not self.world.plain:
+            state.world_seed = state.world_seed or seed_of(self.rng)
+            row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
+            told = WorldTruth(
+                stamp_ns=self.now_ns(),
+                world=self.world.name,
+                code=mount.code,
+                remount=mount.remount,
+                **off_by(row),
+            )
+            self.world_truth.publish(told)
 
     @on(ring)
     def stiffen(self, ring: RingTruth) -> None:
@@ -125,8 +153,10 @@ class Phantom(MethodTeller):
     @on(pose)
     def touch(self, pose: StagePose) -> None:
         self._note_speed(pose)
+        if not self.world.plain:
+            self._note_sweep(pose)
         if self.table is None:
-            self.table = self._solve()
+            self.table = self._solve() if self.world.plain else self._solve_in_world(pose)
             self._tell_guards(self.table)
         self.contact.publish(
             Contact(
@@ -139,7 +169,8 @@ class Phantom(MethodTeller):
         )
 
     def _forget(self) -> None:
-        self.table, self.state.guard_told = None, False
+        self.table, self.sweeps, self.state.guard_told = None, None, False
+        self.state.worn_m = self.state.path_m
 
     def _note_speed(self, pose: StagePose) -> None:
         """See how fast the stage sweeps; what the mechanics vouch for depends on it."""
@@ -167,7 +198,37 @@ class Phantom(MethodTeller):
             params.to_m + MARGIN_M,
         )
 
-    def _tell_guards(self, table: SweepTable, *, again: bool = False) -> None:
+    @property
+    def live(self) -> LiveWorld:
+        """The session in its world, which follows from the seed: a replacement has the same."""
+        if self._live is None:
+            from_m, to_m = sorted((self.params.from_m, self.params.to_m))
+            seed = self.state.world_seed
+            self._live = live_world(self.rig, self.world, seed, from_m - MARGIN_M, to_m + MARGIN_M)
+        return self._live
+
+    def _note_sweep(self, pose: StagePose) -> None:
+        """See where a sweep began, which is where the probe was lowered, and how far it has gone."""
+        state, way_m = self.state, pose.position_m
+        if pose.goal_id != state.goal_id and len(way_m):
+            state.goal_id, state.goal_from_m, self.table = pose.goal_id, float(way_m[0]), None
+        if len(way_m):
+            state.path_m += abs(float(way_m[-1] - way_m[0]))
+
+    def _solve_in_world(self, pose: StagePose) -> WorldTrace:
+        state = self.state
+        if not state.code:
+            raise ValueError("the probe sweeps but no phantom is mounted")
+        if self.sweeps is None:
+            self.sweeps = self.live.sweeps(
+                state.code, state.remount, state.ring_m, state.height_offset_m, state.worn_m
+            )
+        went_m = float(pose.position_m[-1]) - state.goal_from_m
+        ends_m = self.sweeps.ends_m
+        forward = went_m > 0.0 if went_m else state.goal_from_m < 0.5 * (ends_m[0] + ends_m[1])
+        return self.sweeps.of(state.goal_from_m, state.goal_id, state.speed_m_s or SPEED_M_S, forward=forward)
+
+    def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""
         state = self.state
         words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))

@@ -11,6 +11,7 @@ from palp_core.palpation.devices.sim.torque import SimTorqueState as DeviceState
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.world.model import read_world
 from palp_core.units import NewtonMillimetresNonNegative, RatioNonNegative
 
 
@@ -19,7 +20,7 @@ class TorqueParams(Params):
 
     ``noise_sd_n_mm`` is assumed: one step of the resolution (1/64 N mm, the maker's figure). Bias and gain
     drift are random walks, per square root of a second; not known, so 0. A noise file in ``noise`` has a
-    sample's noise of its own.
+    sample's noise of its own, and a ``world`` other than the paper's a walk of the bias, where none is given.
     """
 
     device: str = "sim"
@@ -28,6 +29,7 @@ class TorqueParams(Params):
     bias_drift_n_mm_per_sqrt_s: NewtonMillimetresNonNegative = 0.0
     gain_drift_per_sqrt_s: RatioNonNegative = 0.0
     noise: str = ""
+    world: str = "paper"
 
 
 class TorqueNodeState(State):
@@ -54,12 +56,13 @@ class Torque(Node):
         noise_sd_n_m = params.noise_sd_n_mm * 1e-3
         if params.noise:
             noise_sd_n_m = read_noise(params.noise).sample_sd_n_m.value
+        drift = params.bias_drift_n_mm_per_sqrt_s * 1e-3 or read_world(params.world).bias_walk_n_m_per_sqrt_s
         self.device = open_device(
             "torque",
             params.device,
             noise_sd_n_m=noise_sd_n_m,
             resolution_n_m=params.resolution_n_mm * 1e-3,
-            bias_drift_n_m_per_sqrt_s=params.bias_drift_n_mm_per_sqrt_s * 1e-3,
+            bias_drift_n_m_per_sqrt_s=drift,
             gain_drift_per_sqrt_s=params.gain_drift_per_sqrt_s,
         )
 

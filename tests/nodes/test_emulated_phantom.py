@@ -114,3 +114,15 @@ def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) 
 def test_a_noise_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(NodeError, match="cannot read the noise file"):
         Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "noise": "no-such.yaml"})
+
+
+def test_in_the_labs_world_each_mounting_tells_what_it_is_off_by(tmp_path: Path) -> None:
+    bench = Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "world": "lab"}, seed=3)
+    for remount, code in enumerate("AAC"):
+        bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+    first, again, other = bench.sent(EmulatedPhantom.world_truth)
+    heights = [told.height_offset_m for told in bench.sent(EmulatedPhantom.truth)]
+    bench.executor.transition(Transition.SHUTDOWN)
+    assert first.modulus == again.modulus != other.modulus
+    assert first.friction != again.friction
+    assert again.height_m - first.height_m == pytest.approx(heights[1] - heights[0])

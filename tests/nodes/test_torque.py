@@ -9,6 +9,7 @@ from msgs.torque import Contact
 from nodes.torque import Torque
 from palp_core import Bench
 from palp_core.errors import NodeError
+from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
 
 STEP_N_M = 1e-3 / 64
@@ -89,3 +90,17 @@ def test_a_replacement_continues_drift_and_noise(successor, frames_of) -> None: 
     for bench in (whole, second):
         bench.feed(Torque.contact, contact(np.zeros(200), 300_000_000))
     assert frames_of(first) + frames_of(second) == frames_of(whole)
+
+
+def test_in_the_labs_world_the_zero_walks_where_no_walk_is_given() -> None:
+    def ends(**params: object) -> Float64Array:
+        bench = Bench(Torque, params, seed=2)
+        for second in (0, 4000):
+            bench.feed(Torque.contact, contact(np.zeros(50), start_ns=second * 1_000_000_000))
+        return bench.sent(Torque.block)[-1].torque_n_m
+
+    own = LAB.bias_walk_n_m_per_sqrt_s * 1e3
+    np.testing.assert_array_equal(ends(world="lab"), ends(bias_drift_n_mm_per_sqrt_s=own))
+    given = {"bias_drift_n_mm_per_sqrt_s": 3 * own}
+    np.testing.assert_array_equal(ends(world="lab", **given), ends(**given))
+    assert abs(ends(world="lab").mean() - ends().mean()) > 2 * STEP_N_M

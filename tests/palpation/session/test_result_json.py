@@ -8,10 +8,15 @@ import msgspec
 import pytest
 
 from palp_core.errors import PalpError
+from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.session import result_json as result
 from palp_core.palpation.session import run_note
+from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.report_page import headline, write_report
+from palp_core.palpation.world.model import LAB
 from tests.support.sessions import SMALL_STRAIN, without_times
 
 Writer = Callable[..., Path]
@@ -201,3 +206,22 @@ def test_a_label_names_the_policies_that_took_over() -> None:
     swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine"}
     found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
     assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"
+
+
+def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
+    record: Writer, summary: Summariser
+) -> None:
+    plain = built(out := record(trials=TRIALS), summary(out))
+    assert "world" not in plain
+    run = summary(out)
+    told = [MethodTold(node="phantom", at_s=0.0, use=use) for use in rig_uses(rig(), None, LAB)]
+    found = built(out, msgspec.structs.replace(run, methods=told))
+    assert found["world"]["name"] == "lab"
+    texture = found["world"]["parameters"]["texture_sd_n_m"]
+    assert (texture["value"], texture["unit"]) == (LAB.texture_sd_n_m, "N m")
+    assert texture["basis"].startswith("assumed")
+    assert headline(found).endswith("Simulated in the world “lab”, not in the paper's own design.")
+    page = write_report(out / "page.html", found, []).read_text("utf-8")
+    assert "<h2>World: lab</h2>" in page
+    assert "texture_sd_n_m" in page
+    assert "world" not in headline(plain)

@@ -1,12 +1,13 @@
 """What is wrong with the files that parameters name, said before anything starts."""
 
-from palp_core.errors import PerceptionError
+from palp_core.errors import MechanicsError, PerceptionError
 from palp_core.palpation.mechanics.scene import phantom_file
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.world.model import read_world
 
 
 def file_mistakes(params: object) -> dict[str, str]:
-    """Return what is wrong with the files of ``scene``, ``phantoms`` and ``noise``, by parameter.
+    """Return what is wrong with the files of ``scene``, ``phantoms``, ``noise`` and ``world``, by parameter.
 
     Args:
         params: Parameters of a node; it may lack any of them, and an empty name is no file.
@@ -17,4 +18,9 @@ def file_mistakes(params: object) -> dict[str, str]:
             read_noise(path)
         except PerceptionError as error:
             found["noise"] = str(error)
+    if world := getattr(params, "world", ""):
+        try:
+            read_world(world)
+        except MechanicsError as error:
+            found["world"] = str(error)
     return found

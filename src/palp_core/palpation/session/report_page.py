@@ -26,8 +26,14 @@ def _in_a_sentence(result: dict[str, Any]) -> str:
         f"The policy “{policy_label(result)}” found the right depth in {overall['right']} of {overall['of']} "
         f"trials: {100.0 * overall['value']:.1f} % (95 % interval {low:.1f} to {high:.1f} %, this session "
         f"only), with {result['probes_mean']:.1f} palpations a trial; "
-        f"chance is {100.0 * result['chance']:.1f} %."
+        f"chance is {100.0 * result['chance']:.1f} %.{_in_world(result)}"
     )
+
+
+def _in_world(result: dict[str, Any]) -> str:
+    """Return a sentence where the world was not the paper's own."""
+    world = result.get("world")
+    return f" Simulated in the world “{world['name']}”, not in the paper's own design." if world else ""
 
 
 def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]) -> Path:
@@ -58,6 +64,7 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         met=_met(mechanics["per_phantom"]) if mechanics else [],
         phantoms=_phantoms(mechanics["per_phantom"]) if mechanics else [],
         scene=_scene(mechanics["scene"]) if mechanics else [],
+        world=_parameters(result.get("world")),
     )
 
 
@@ -72,6 +79,12 @@ def _phantoms(per_phantom: dict[str, Any]) -> list[list[str]]:
 def _met(per_phantom: dict[str, Any]) -> list[tuple[str, str]]:
     """Return code of the phantom and words of each guard."""
     return [(code, words) for code, choice in per_phantom.items() for words in choice["guards"] or ()]
+
+
+def _parameters(world: dict[str, Any] | None) -> list[tuple[str, Any, str, str]]:
+    """Return name, value, unit and basis of each parameter of a world."""
+    given = world["parameters"] if world else {}
+    return [(name, entry["value"], entry["unit"], entry["basis"]) for name, entry in given.items()]
 
 
 def _scene(scene: dict[str, dict[str, dict[str, Any]]]) -> list[tuple[str, str, Any, str]]:

@@ -32,6 +32,8 @@ from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.roles import Roles, roles_of
+from palp_core.palpation.world.model import basis as world_basis
+from palp_core.palpation.world.model import units as world_units
 from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
@@ -91,6 +93,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "rmse_mm": _rmse_mm(trials),
         "stop_rule": _stop_rule(roles.params("estimator")),
         "mechanics": _mechanics(summary, roles, session) if roles.touch_simulated else None,
+        **_world(summary),
         "methods": methods_of(summary, session.rows),
         "deliveries": deliveries_of(summary, session.rows),
         "methods_unsaid": unsaid(summary, session.rows),
@@ -316,6 +319,21 @@ def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> d
             **{code: _based(_flat(scene["phantom"]), file) for code, scene in scenes.items()},
         },
     }
+
+
+def _world(summary: RunSummary) -> dict[str, Any]:
+    """Return the world in which the run was simulated, as the phantom told; nothing in the paper's own."""
+    scenes = (json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact")
+    told = next((scene["world"] for scene in scenes if "world" in scene), None)
+    if told is None:
+        return {}
+    rests, unit = world_basis(), world_units()
+    parameters = {
+        name: {"value": value, "unit": unit.get(name, ""), "basis": rests.get(name, "")}
+        for name, value in told.items()
+        if name != "name"
+    }
+    return {"world": {"name": told["name"], "parameters": parameters}}
 
 
 def _guards(session: RecordedSession, code: str) -> list[str]:

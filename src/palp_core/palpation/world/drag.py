@@ -29,7 +29,8 @@ _PROBE_RAD = 1e-6
 _SETTLED_RAD, _SETTLED_N = 1e-9, 1e-9
 _AGAIN = 1.0 + 1e-9  # of the stage's way: lagging faster than that is sticking
 _TURNS = 20
-_HALVINGS = 12
+_HALVINGS = 30
+_LOOSE_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +151,12 @@ def _loose(
     each = np.arange(count)
     low, high = ways[after - 1], ways[after]
     below, above = excess_n[each, after - 1], excess_n[each, after]
+    way_m = low
     for _ in range(_HALVINGS):  # false position with Illinois' rule
+        last_m = way_m
         way_m = low + (high - low) * np.clip(below / np.where(above == below, 1.0, below - above), 0.01, 0.99)
+        if np.abs(way_m - last_m).max() < _LOOSE_M:
+            break
         held = joints.stuck_angle(joints.way_m(start_rad[:, None]) + way_m[:, None])
         friction_n, normal_n, _ = joints.needed(forward_m[:, :1] + way_m[:, None], held)
         value = (friction_n - joints.friction * normal_n)[:, 0]
@@ -159,7 +164,7 @@ def _loose(
         low, high = np.where(up, low, way_m), np.where(up, way_m, high)
         below, above = np.where(up, 0.5 * below, value), np.where(up, value, 0.5 * above)
     never = stuck.all(axis=1)
-    return np.asarray(np.where(never, 2.0 * ways[-1], 0.5 * (low + high)))
+    return np.asarray(np.where(never, 2.0 * ways[-1], way_m))
 
 
 def _sliding(

@@ -24,10 +24,10 @@ from palp_core.units import Float64Array
 
 PHASES = 64
 """Samples of a cycle."""
-SWAMPS = 0.25
+SWAMPS = 0.5
 """Of what the sweep rises over its base: a swing beyond it is said to swamp the signal."""
 _STEP_RAD = 1e-5
-_TIMES = 400
+_TIMES = 200
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -23,7 +23,7 @@ _NODE_M = 0.0005
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class WorldTrace:
     """Torque, forces and angle of one sweep at any position of it; beyond its ends they stay as they are.
 
     Attributes:
@@ -60,6 +60,10 @@ class Trace:
             torque = torque + self._cycles.added(nodes, self._within(stage_m), self._speed_m_s, phase)[0]
         return np.asarray(torque)
 
+    def again(self, phase: float) -> WorldTrace:
+        """Return another sweep just like it, whose stick-slip begins at another share of its cycle."""
+        return replace(self, _phase=phase)
+
     def normal_n(self, stage_m: Float64Array) -> Float64Array:
         """Return the normal force, of the shape of ``stage_m``."""
         return np.asarray(self._columns(stage_m)[:, 1])
@@ -95,7 +99,7 @@ def trace(
     speed_m_s: float = 0.02,
     start_rad: float = 0.0,
     phase: float = 0.0,
-) -> Trace:
+) -> WorldTrace:
     """Return the true torque of one sweep.
 
     Args:
@@ -124,7 +128,7 @@ def trace(
     joints = joints_of(touch, rows, rings_m, indentation_m, 1.0 if to_m > from_m else -1.0)
     cycles = stick_slip(joints, found, world.static_friction_excess, speed_m_s, Dynamics())
     said = swamped(found, cycles)
-    return Trace(
+    return WorldTrace(
         solved=_solved(found, (said,) if said else ()),
         run_in_m=float(found.loose_m[0]),
         hertz=float(cycles.hertz.max()),

@@ -24,6 +24,9 @@ from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.mechanics import Probe, contact_model, solve
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.world.live import live_world
+from palp_core.palpation.world.model import LAB
 
 LINK = "is not a folder of this user but a symbolic link"
 RNG = np.random.default_rng(0)
@@ -46,6 +49,25 @@ def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: flo
     world.axes["z"].move(0.02, 0.05, 60 * S)
     assert world.true_wrench(120 * S).tolist() == [0.0] * 6
     world.close()
+
+
+def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
+    """Sweeping on and back: the joint lags the other way, and starts where the probe was lowered."""
+    world = World(WorldSettings(code="A", repeatability_m=0.0, beside=LAB, lands_m=(-0.03, 0.05)))
+    world.move_rod(0.017, 6.5e-3, 0)
+    sweeps = live_world(world.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
+    there, back = (sweeps.of(at_m, 1, 0.02, forward=at_m < 0.0) for at_m in (-0.03, 0.05))
+    now_ns = 60 * S
+    for goal_m, known in ((0.003, there), (-0.003, back)):
+        world.axes["y"].move(goal_m - (0.001 if known is there else -0.001), 0.05, now_ns)
+        world.true_wrench(now_ns + 30 * S)
+        world.axes["y"].move(goal_m, 0.05, now_ns + 30 * S)
+        now_ns += 60 * S
+        torque = world.true_wrench(now_ns)[3]
+        assert torque == pytest.approx(float(known.torque_n_m(np.array([goal_m]))[0]), abs=1e-6)
+    zero = [world.wrench(now_ns + k * 1000 * S)[3] for k in range(1, 60)]
+    world.close()
+    assert np.std(zero) > 3 * RESOLUTION_N_M
 
 
 def test_terminals_are_laid_in_no_folder_that_a_link_leads_to(tmp_path: Path) -> None:

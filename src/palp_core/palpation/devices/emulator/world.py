@@ -21,11 +21,15 @@ from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.nano17 import FORCE_RESOLUTION_N, RESOLUTION_N_M
+from palp_core.palpation.world.live import LiveSweeps, live_world
+from palp_core.palpation.world.model import PAPER, WorldModel
 from palp_core.units import Float64Array
 
 _STEP_M = 50e-6
 _LOWEST_RING_M = -0.6e-3  # twice the actuator's repeatability; the joint is unstable from -1 mm on
 _LOG_LENGTH = 100_000
+SPEED_M_S = 0.02
+"""Of the sweeps whose stick-slip is solved for: the published one."""
 _EQUAL = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
 
@@ -49,6 +53,8 @@ class WorldSettings:
         ring_error: How that is read: ``uniform`` as hard limits, ``normal`` as the band of 95 %.
         torque_noise_sd_n_m: Noise of each torque (assumed: one step of the sensor's resolution).
         force_noise_sd_n: Noise of each force (assumed: one step of the sensor's resolution).
+        beside: What phantoms, probe and sensor have beside the paper's own design.
+        lands_m: Where the probe is lowered for a sweep towards +Y, and towards -Y; None: the stretch's ends.
     """
 
     seed: int = 1
@@ -66,6 +72,8 @@ class WorldSettings:
     ring_error: Literal["uniform", "normal"] = "uniform"
     torque_noise_sd_n_m: float = RESOLUTION_N_M
     force_noise_sd_n: float = FORCE_RESOLUTION_N
+    beside: WorldModel = PAPER
+    lands_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -106,12 +114,19 @@ class World:
         self._met_words: tuple[str, ...] = ()
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
+        self._zero_rng = np.random.default_rng((settings.seed, 2))
+        self._zero_n_m, self._zero_ns = 0.0, 0
+        self._way_m, self._last_m, self._mounting = 0.0, 0.0, 0
         self.emg = SimEmg(matrix=_EQUAL)
         self.log: deque[tuple[int, int, str]] = deque(maxlen=_LOG_LENGTH)
         self.guards: deque[GuardMet] = deque(maxlen=_LOG_LENGTH)
         self._rig = rig(
             phantoms=settings.phantoms, scene=settings.scene, indentation_m=settings.indentation_m
         )
+        ends_m = settings.from_m, settings.to_m
+        self._live = live_world(self._rig, settings.beside, settings.seed, *ends_m)
+        self._lands_m = settings.lands_m or ends_m
+        self._forward = True
         self._solver = ThreadPoolExecutor(1, thread_name_prefix="palp-emulator-mechanics")
         self.ring.open(0, self.ring_state, self._rng)
         self.mount(settings.code or min(self._rig.phantoms), settings.height_offset_m)
@@ -131,8 +146,13 @@ class World:
         if code not in known:
             raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")
         self._code, self._indentation_m = code, self._rig.indentation_m + height_offset_m
+        self._height_m, self._mounting = height_offset_m, self._mounting + 1
         self._model = self._rig.model(code)
         self._solve()
+
+    def latents(self) -> Float64Array:
+        """Return what the mounted phantom is off by, shape (7,), as of :data:`.LATENTS`."""
+        return self._live.row(self._code, self._mounting, self._height_m, self._way_m)
 
     def move_rod(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
         """Send the actuator to an extension; the true landing error is drawn here."""
@@ -181,11 +201,17 @@ class World:
                 self.swept_m_s = move.speed_m_per_s
             if guard is not self._met or self.swept_m_s != self._met_m_s:
                 self._meet(guard)
-            place = (self.axes["y"].position_m(now_ns) - self.settings.from_m) / _STEP_M
+            at_m = self.axes["y"].position_m(now_ns)
+            if at_m != self._last_m:
+                self._forward = at_m > self._last_m
+                self._way_m += abs(at_m - self._last_m)
+            place = (at_m - self.settings.from_m) / _STEP_M
+            contact = contact[0 if self._forward else -1]
             place = min(max(place, 0.0), len(contact) - 1.001)
             below, part = int(place), place % 1.0
             wrench[1:4] = contact[below] * (1.0 - part) + contact[below + 1] * part
             wrench *= min(share, 1.0) ** 1.5
+        self._last_m = self.axes["y"].position_m(now_ns)
         return wrench
 
     def _meet(self, met: GuardMet) -> None:
@@ -213,10 +239,18 @@ class World:
         noise = self._noise_rng.standard_normal(6)
         noise[:3] *= settings.force_noise_sd_n
         noise[3:] *= settings.torque_noise_sd_n_m
-        noise[3] += self.load_n_m
+        noise[3] += self.load_n_m + self._zero(now_ns)
         if self.load_n_m and not self.felt_ns:
             self.felt_ns, self.felt_y_m = now_ns, self.axes["y"].position_m(now_ns)
         return self.true_wrench(now_ns) + noise
+
+    def _zero(self, now_ns: int) -> float:
+        """Return what the sensor tells of no torque, which walks in some worlds."""
+        if (walk := self.settings.beside.bias_walk_n_m_per_sqrt_s) > 0.0 and now_ns > self._zero_ns:
+            seconds = (now_ns - self._zero_ns) * 1e-9 if self._zero_ns else 0.0
+            self._zero_n_m += walk * seconds**0.5 * float(self._zero_rng.standard_normal())
+            self._zero_ns = now_ns
+        return self._zero_n_m
 
     def close(self) -> None:
         """End the solver's thread."""
@@ -224,7 +258,14 @@ class World:
 
     def _solve(self) -> None:
         ring_m = max(_LOWEST_RING_M, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
-        self._contact: Future[tuple[Float64Array, GuardMet]] = self._solver.submit(
+        self._contact: Future[tuple[Float64Array, GuardMet]]
+        if not self.settings.beside.plain:
+            sweeps = self._live.sweeps(self._code, self._mounting, ring_m, self._height_m, self._way_m)
+            self._contact = self._solver.submit(
+                _contact_in_world, self._rig, self._code, sweeps, self._mounting, self._lands_m
+            )
+            return
+        self._contact = self._solver.submit(
             _contact,
             self._rig,
             self._code,
@@ -239,7 +280,7 @@ class World:
 def _contact(
     rig: Rig, code: str, model: ContactModel, ring_m: float, indentation_m: float, from_m: float, to_m: float
 ) -> tuple[Float64Array, GuardMet]:
-    """Return lateral and normal force and torque at every step of the stretch, shape (n, 3), and guards.
+    """Return lateral and normal force and torque at every step of the stretch, shape (1, n, 3), and guards.
 
     A straight line over 50 um misses a curve of the nodule's width by a few nN m.
     """
@@ -249,4 +290,21 @@ def _contact(
         from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), table.low_m, table.high_m
     )
     loads = np.column_stack([table.lateral_n(stage_m), table.normal_n(stage_m), table.torque_n_m(stage_m)])
-    return loads, GuardMet(code, ring_m, words)
+    return loads[None], GuardMet(code, ring_m, words)
+
+
+def _contact_in_world(
+    rig: Rig, code: str, sweeps: LiveSweeps, mounting: int, lands_m: tuple[float, float]
+) -> tuple[Float64Array, GuardMet]:
+    """Return the same in a world, of a sweep there and of one back, shape (2, n, 3)."""
+    from_m, to_m = sweeps.ends_m
+    stage_m = np.asarray(from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), np.float64)
+    both = [
+        sweeps.of(lands_m[0], mounting, SPEED_M_S, forward=True),
+        sweeps.of(lands_m[1], mounting, SPEED_M_S, forward=False),
+    ]
+    loads = [
+        np.column_stack([one.lateral_n(stage_m), one.normal_n(stage_m), one.torque_n_m(stage_m)])
+        for one in both
+    ]
+    return np.stack(loads), GuardMet(code, sweeps.ring_m, rig.met(code, both[0].solved))

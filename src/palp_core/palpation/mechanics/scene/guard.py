@@ -69,6 +69,6 @@ def task_of(words: str) -> str:
     >>> task_of("small strain: 2 mm pressed into 2 mm of gel"), task_of("2 snap(s): the torque jumps")
     ('contact', 'equilibrium')
     """
-    if words.startswith("inertia:"):
+    if words.startswith(("inertia:", "stick-slip:")):
         return "motion"
     return "contact" if words.startswith(("small strain:", *_PARABOLOIDS)) else "equilibrium"

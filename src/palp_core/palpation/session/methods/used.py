@@ -14,6 +14,7 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.method_choices import PUBLISHED, choose_for
+from palp_core.palpation.world.model import PAPER, WorldModel
 
 
 def used(
@@ -80,13 +81,15 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
     return rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
 
 
-def rig_uses(rig: Rig, speed_m_s: float | None) -> list[MethodUse]:
+def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> list[MethodUse]:
     """Return what a simulated phantom says of its mechanics: the rung of each phantom, and how it is solved.
 
     Args:
         rig: What is touched, and with what.
         speed_m_s: Of the stage; None while nobody has swept.
+        world: What is on beside the paper's design; it is told with the scene.
     """
+    beside = {} if world.plain else {"world": {"name": world.name, **world.values()}}
     uses = [
         _chosen(
             choice,
@@ -95,6 +98,7 @@ def rig_uses(rig: Rig, speed_m_s: float | None) -> list[MethodUse]:
                 "phantom": asdict(rig.phantoms[code]),
                 "probe": asdict(rig.probe),
                 "indentation_m": rig.indentation_m,
+                **beside,
             },
         )
         for code, choice in rig.choices.items()
