@@ -76,6 +76,18 @@ STUDIES = {
             parallel=True,
         ),
         Study(
+            "frontier",
+            "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
+            "palp_core.palpation.studies.frontier.study:run",
+            parallel=True,
+        ),
+        Study(
+            "mismatch",
+            "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
+            "palp_core.palpation.studies.frontier.mismatch:run",
+            parallel=True,
+        ),
+        Study(
             "method-bounds",
             "What do the methods of perception get wrong, and do they keep what they state?",
             "palp_core.palpation.studies.perception.study:run",

@@ -31,12 +31,14 @@ class Timing:
         ring_m_per_s: Speed of the ring (older data sheets of the actuator: 5 mm/s).
         settle_s: From the ring's arrival to rest (assumed).
         home_m: From the ring's zero to the stop it is re-homed at (assumed).
+        rehomes: Whether a trial begins at that stop.
     """
 
     sweep_s: float = 8.0
     ring_m_per_s: float = 5.0e-3
     settle_s: float = 0.2
     home_m: float = 1.0e-3
+    rehomes: bool = True
 
     def move_s(self, from_m: Float64Array, to_m: Float64Array) -> Float64Array:
         """Return the time to travel between ring positions; 0 where nothing moves."""

@@ -137,6 +137,18 @@ def classes(model: TraceModel, log_density: Float64Array) -> Float64Array:
     return np.asarray(found / found.sum(axis=-1, keepdims=True))
 
 
+def log_density(model: TraceModel, belief: TraceBelief, bins: int) -> Float64Array:
+    """Return the log density of the first ``bins`` of all torques given each component, shape (n, c)."""
+    found, at = np.zeros(belief.log_density.shape), 0
+    for number, one in enumerate(belief.sweeps):
+        factor = model.factor(belief.sweeps[:number], one._replace(bins=model.bin_count))
+        for row in range(min(one.bins, bins - at)):
+            own = belief.innovation[:, :, at + row]
+            found = found - (0.5 * (own**2 + _LOG_2PI) + factor.log_diagonal[:, row])
+        at += one.bins
+    return found
+
+
 def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
     """Return how probable torques that fit no better are, shape (n,): chi-squared under the best component.
 

@@ -228,7 +228,8 @@ def _travel_s(
     ring: NDArray[np.int64],
     renew: NDArray[np.bool_],
 ) -> Float64Array:
-    """Return the time of each trial's move; the first is from the stop, where the trial began."""
+    """Return the time of each trial's move; the first is from the stop, where one that re-homes begins."""
     first = (rings_m[ring] + timing.home_m) / timing.ring_m_per_s + timing.settle_s
+    first = first if timing.rehomes else np.zeros(len(ring))
     way = np.where(renew, timing.renew_s(rings_m[ring]), timing.move_s(rings_m[here], rings_m[ring]))
     return np.where(here < 0, first, way)

@@ -1,0 +1,225 @@
+"""The ways to decide that are compared: what is read, who chooses the ring, which filter, when to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palp_core.methods import find
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.belief.latent import OffsetModel
+from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.rig_noise import assumed_noise, independent_model, latent_model
+from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold, StopRule
+from palp_core.palpation.perception.strategy.policies import (
+    FixedRing,
+    MarkovPolicy,
+    StiffnessPolicy,
+    UniformRings,
+)
+from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+from palp_core.palpation.perception.trace.check import Shifted, shifted
+from palp_core.palpation.session.filters import height_slope
+from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT, Protocol
+from palp_core.palpation.studies.frontier.trace_trials import (
+    Asking,
+    Keep,
+    MostBits,
+    Spreads,
+    drawn,
+    model_of,
+    run_trace_trials,
+    slopes_of,
+)
+from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldSession
+from palp_core.palpation.studies.simulation.policies import best_ring
+from palp_core.palpation.studies.simulation.trace_table import scene_of
+from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
+from palp_core.palpation.world.slopes import TraceSlopes
+from palp_core.units import Float64Array
+
+TRACE = "trace"
+THRESHOLD = 0.95
+SURE = 0.99
+"""Threshold where the belief is looked at forty times a sweep."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A way to decide.
+
+    Attributes:
+        reading: ``peak``, ``contrast`` or ``trace``.
+        policy: ``fixed_best``, ``uniform``, ``markov`` or ``information_gain``.
+        rule: ``paper``: the published filter and stop rule; ``threshold``: the filter that knows what stays,
+            and a threshold on the posterior.
+        protocol: ``paper`` or ``swift``.
+    """
+
+    reading: str
+    policy: str
+    rule: str
+    protocol: str = "paper"
+
+    @property
+    def name(self) -> str:
+        """As in tables: ``trace, fixed_best, threshold, swift``."""
+        return f"{self.reading}, {self.policy}, {self.rule}" + (", swift" if self.protocol == "swift" else "")
+
+    @property
+    def steps(self) -> Protocol:
+        """What the rig does."""
+        return SWIFT if self.protocol == "swift" else PAPER_PROTOCOL
+
+
+POLICIES = ("fixed_best", "uniform", "markov", "information_gain")
+SCHEMES = (
+    *(Scheme(r, p, rule) for r in ("peak", "contrast") for rule in ("paper", "threshold") for p in POLICIES),
+    *(Scheme("contrast", p, "threshold", "swift") for p in ("fixed_best", "information_gain")),
+    *(Scheme(TRACE, p, "threshold") for p in POLICIES),
+    *(Scheme(TRACE, p, "threshold", "swift") for p in POLICIES),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Taught:
+    """What a session's training leaves to schemes of one feature.
+
+    Attributes:
+        trials: The trials, as readings of the feature.
+        primitives: Fitted to the readings of training.
+        best_ring: Index of the position whose single readings are best decided within training.
+        naive: The paper's filter.
+        latent: The one that knows what stays.
+    """
+
+    trials: FeatureTrials
+    primitives: Primitives
+    best_ring: int
+    naive: OffsetModel
+    latent: OffsetModel
+
+
+def taught(session: WorldSession, feature: str, spreads: Spreads) -> Taught:
+    """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file."""
+    training, gel, trials = session.training, session.plan.gel, session.feature(feature)
+    readings = trials.training()
+    primitives = fit(
+        readings,
+        training.depth.tolist(),
+        training.ring.tolist(),
+        depths_m=gel.depths_m,
+        rings_m=gel.rings_m,
+        floor=quantisation_sd(RESOLUTION_N_M),
+    )
+    cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
+    slope = height_slope(gel.depths_m, gel.rings_m, feature, scene_of(gel, gel.depths_m[0]))
+    noise = assumed_noise(spreads.ring_sd_m, spreads.height_sd_m)
+    return Taught(
+        trials,
+        primitives,
+        best_ring(cells),
+        independent_model(primitives),
+        latent_model(primitives, noise, slope),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SchemeRun:
+    """What a scheme did in a session.
+
+    Attributes:
+        ended: Its trials.
+        fit: Of traces: how probable worse ones are, shape (n,); of features ones.
+        shift: Of traces: by which offset trials differ most from training, all together.
+        cpu_s: Seconds of one core a trial that deciding took, all trials at once.
+    """
+
+    ended: Outcomes
+    fit: Float64Array
+    shift: Shifted | None
+    cpu_s: float
+
+
+def run_schemes(
+    sessions: Callable[[Protocol], WorldSession], schemes: tuple[Scheme, ...], spreads: Spreads
+) -> dict[str, SchemeRun]:
+    """Return what each scheme did in a session.
+
+    Args:
+        sessions: The session as a protocol sweeps it; of one luck.
+        schemes: Which.
+        spreads: What is stated of the rig.
+    """
+    found: dict[str, SchemeRun] = {}
+    features: dict[str, Taught] = {}
+    whole = sessions(PAPER_PROTOCOL)
+    for scheme in schemes:
+        if scheme.reading == TRACE:
+            session = sessions(scheme.steps)
+            found[scheme.name] = _by_trace(session, scheme, spreads, _best_ring(features, whole, spreads))
+            continue
+        key = f"{scheme.reading}, {scheme.protocol}"
+        if key not in features:
+            features[key] = taught(sessions(scheme.steps), scheme.reading, spreads)
+        found[scheme.name] = _by_feature(features[key], scheme)
+    return found
+
+
+_CONTRAST = "contrast, paper"
+
+
+def _best_ring(features: dict[str, Taught], session: WorldSession, spreads: Spreads) -> int:
+    """Return the position at which training's contrasts are best decided: a trace's too."""
+    if _CONTRAST not in features:
+        features[_CONTRAST] = taught(session, "contrast", spreads)
+    return features[_CONTRAST].best_ring
+
+
+def _by_feature(known: Taught, scheme: Scheme) -> SchemeRun:
+    naive = scheme.rule == "paper"
+    model = known.naive if naive else find("filter", "latent").target(known.latent)
+    stop: StopRule = PaperVerbatim() if naive else PosteriorThreshold(THRESHOLD)
+    rings_m = known.trials.rings_m
+    policy: StiffnessPolicy
+    match scheme.policy:
+        case "fixed_best":
+            policy = FixedRing(rings_m[known.best_ring])
+        case "uniform":
+            policy = UniformRings(rings_m)
+        case "markov":
+            policy = MarkovPolicy()
+        case _:
+            policy = InformationGainLatent(model, rings_m)
+    before = time.process_time()
+    ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
+    count = len(ended.depth)
+    return SchemeRun(ended, np.ones(count), None, (time.process_time() - before) / count)
+
+
+_SLOPES: dict[object, TraceSlopes] = {}
+
+
+def _by_trace(session: WorldSession, scheme: Scheme, spreads: Spreads, ring: int) -> SchemeRun:
+    key = (session.plan.gel, session.plan.path_m, session.plan.run_in, spreads)
+    if key not in _SLOPES:
+        _SLOPES[key] = slopes_of(session, spreads)
+    model = model_of(session, _SLOPES[key], spreads)
+    asking: Asking
+    match scheme.policy:
+        case "fixed_best":
+            asking = Keep(ring)
+        case "uniform":
+            asking = drawn(UniformRings(session.rings_m), session)
+        case "markov":
+            asking = drawn(MarkovPolicy(), session)
+        case _:
+            asking = MostBits(session.rings_m, scheme.steps)
+    before = time.process_time()
+    done = run_trace_trials(session, model, scheme.steps, asking=asking, threshold=SURE)
+    count, mountings = len(done.ended.depth), session.plan.conditions.specimens
+    shift = shifted(done.scores, 1.0 / (1.0 + mountings))
+    return SchemeRun(done.ended, done.fit, shift, (time.process_time() - before) / count)

@@ -1,0 +1,238 @@
+"""The study ``frontier``: what a decision costs in seconds of the rig, by what is read, in two worlds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, sign_flip
+from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.reporting.table import write_records
+from palp_core.palpation.studies.frontier.depth_error import WAYS, DepthJob, squared_errors
+from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
+from palp_core.palpation.studies.frontier.limits import most_accurate
+from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.protocols import SWIFT
+from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.trace_trials import (
+    BIN_M,
+    Keep,
+    Spreads,
+    model_of,
+    run_trace_trials,
+    slopes_of,
+)
+from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
+from palp_core.palpation.studies.simulation.trials import Outcomes
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.pareto import pareto_front
+from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
+
+README = Scheme("peak", "information_gain", "threshold")
+"""The best that the published feature gives: information gain told what stays, and a threshold."""
+SWIFTEST = Scheme("trace", "information_gain", "threshold", "swift")
+THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
+_FIXED = "fixed_best"
+
+
+@dataclass(frozen=True)
+class FrontierJob:
+    """A session of a world, decided by every scheme.
+
+    Attributes:
+        world: Its name.
+        seed: Of the session.
+    """
+
+    world: str
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FrontierSession:
+    """What came of a session.
+
+    Attributes:
+        runs: By scheme.
+        looked: Outcomes in the sweep by threshold.
+        limits: Seconds, Fano's bound, Wald's bound, by bin of the first sweep.
+        squared_m2: Mean squared error of a depth on a grid, by way.
+        wall_s: Seconds that a swift trial took of wall time, all side by side.
+    """
+
+    runs: dict[str, SchemeRun]
+    looked: dict[float, Outcomes]
+    limits: Float64Array
+    squared_m2: dict[str, float]
+    wall_s: float
+
+
+def frontier_session(job: FrontierJob) -> FrontierSession:
+    """Return what every scheme did in a session."""
+    plan, spreads = WORLDS[job.world], Spreads()
+    swept = sessions_of(plan, job.seed)
+    runs = run_schemes(swept, SCHEMES, spreads)
+    session = swept(SWIFT)
+    model = model_of(session, slopes_of(session, spreads), spreads)
+    stiffest = len(session.rings_m) - 1
+    before = time.perf_counter()
+    looked = {
+        value: run_trace_trials(session, model, SWIFT, asking=Keep(stiffest), threshold=value).ended
+        for value in THRESHOLDS
+    }
+    wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
+    few = replace(plan, conditions=replace(plan.conditions, trials=4))
+    return FrontierSession(
+        runs,
+        looked,
+        most_accurate(model, stiffest, SWIFT, BIN_M),
+        squared_errors(DepthJob(few, job.seed)),
+        wall_s,
+    )
+
+
+def scheme_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
+    """Return a line per scheme, with what is on the front of accuracy against seconds."""
+    depths_m = WORLDS[world].gel.depths_m
+    rows = []
+    for scheme in SCHEMES:
+        runs = [one.runs[scheme.name] for one in sessions]
+        line = summarise([one.ended for one in runs], depths_m)
+        kept = {
+            key: line[key] for key in ("accuracy", "ci", "probes", "seconds", "ece", "ece_ci", "undecided")
+        }
+        rows.append(
+            {
+                "world": world,
+                "reading": scheme.reading,
+                "policy": scheme.policy,
+                "rule": scheme.rule,
+                "protocol": scheme.protocol,
+                "scheme": scheme.name,
+                **kept,
+                "cpu_ms": 1e3 * float(np.mean([one.cpu_s for one in runs])),
+                "per_session": line["per_session"],
+            }
+        )
+    front = pareto_front([row["seconds"] for row in rows], [-row["accuracy"] for row in rows])
+    for number, row in enumerate(rows):
+        row["front"] = number in front
+    return rows
+
+
+def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
+    """Return what looking often costs: a line per threshold, decided in the sweep at the stiffest ring."""
+    depths_m = WORLDS[world].gel.depths_m
+    rows = []
+    for value in THRESHOLDS:
+        line = summarise([one.looked[value] for one in sessions], depths_m)
+        kept = {key: line[key] for key in ("accuracy", "ci", "seconds", "probes", "ece", "overconfidence")}
+        rows.append({"world": world, "threshold": value, **kept})
+    return rows
+
+
+def compared(sessions: Sequence[FrontierSession], first: Scheme, second: Scheme) -> dict[str, Any]:
+    """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
+    pair = [[one.runs[scheme.name].ended for one in sessions] for scheme in (first, second)]
+    rng = np.random.default_rng(24)
+    difference = accuracies(pair[0]) - accuracies(pair[1])
+    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
+    seconds = [np.array([one.seconds.mean() for one in runs]) for runs in pair]
+    ratio = cluster_bootstrap(seconds[1] / seconds[0], rng, within=(0.0, np.inf))
+    return {
+        "first": first.name,
+        "second": second.name,
+        "difference": interval.value,
+        "difference_ci": [interval.low, interval.high],
+        "p": sign_flip(difference, rng),
+        "times_fewer_seconds": ratio.value,
+        "times_ci": [ratio.low, ratio.high],
+    }
+
+
+def comparisons(sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
+    """Return what the page is asked: swift against the best of the peak; is varying the stiffness of use."""
+    found = [
+        compared(sessions, SWIFTEST, README),
+        compared(sessions, replace(SWIFTEST, policy=_FIXED), README),
+    ]
+    for reading, rule, protocol in (
+        ("peak", "paper", "paper"),
+        ("contrast", "threshold", "paper"),
+        ("trace", "threshold", "paper"),
+        ("trace", "threshold", "swift"),
+    ):
+        fixed = Scheme(reading, _FIXED, rule, protocol)
+        found += [
+            compared(sessions, replace(fixed, policy=policy), fixed)
+            for policy in ("uniform", "markov", "information_gain")
+        ]
+    return found
+
+
+def depth_errors(sessions: Sequence[FrontierSession]) -> dict[str, Any]:
+    """Return the root mean squared error of the depth by way, m, with its interval over sessions."""
+    found = {}
+    for way in WAYS:
+        values = [one.squared_m2[way] for one in sessions]
+        interval = cluster_bootstrap(values, np.random.default_rng(25), within=(0.0, np.inf))
+        found[way] = {
+            "rmse_m": float(np.sqrt(interval.value)),
+            "ci": [float(np.sqrt(max(interval.low, 0.0))), float(np.sqrt(interval.high))],
+        }
+    return found
+
+
+def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+    """Run every scheme in both worlds, write tables and charts, and return the page.
+
+    Args:
+        out: Folder for the files; made if missing.
+        quick: Few sessions.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+        seed: Of the sessions.
+    """
+    count = 2 if quick else 40
+    jobs = [FrontierJob(world, one) for world in WORLDS for one in seeds(24, seed, count)]
+    found = run_jobs(frontier_session, jobs, label="sessions", workers=workers, dask=dask)
+    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(WORLDS)}
+    rows = [row for world, sessions in by_world.items() for row in scheme_rows(world, sessions)]
+    looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
+    limits = {
+        world: np.mean([one.limits for one in sessions], axis=0).tolist()
+        for world, sessions in by_world.items()
+    }
+    report: dict[str, Any] = {
+        "quick": quick,
+        "sessions": count,
+        "rows": rows,
+        "thresholds": looked,
+        "limits": limits,
+        "comparisons": {world: comparisons(sessions) for world, sessions in by_world.items()},
+        "depth_errors": {world: depth_errors(sessions) for world, sessions in by_world.items()},
+        "batch_100000_s": {
+            world: 1e5 * float(np.median([one.wall_s for one in sessions]))
+            for world, sessions in by_world.items()
+        },
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "frontier.json", report)
+    write_records(out / "frontier.csv", [_flat(row) for row in rows])
+    charts = [frontier_chart(rows, limits), threshold_chart(looked)]
+    return write_page(
+        out / "index.html",
+        "studies/frontier.html",
+        **report,
+        pictures=[picture(chart, out) for chart in charts],
+    )
+
+
+def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if key != "per_session"}

@@ -1,0 +1,380 @@
+"""Trials decided by whole traces, bin by bin or sweep by sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.belief.latent import of_classes
+from palp_core.palpation.perception.belief.rig_noise import on_depths
+from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, given
+from palp_core.palpation.perception.trace.belief import (
+    TraceBelief,
+    along,
+    begin_sweep,
+    fit_probability,
+    log_density,
+    start,
+)
+from palp_core.palpation.perception.trace.check import scores
+from palp_core.palpation.perception.trace.information import expected_bits
+from palp_core.palpation.perception.trace.model import Stays, TraceModel
+from palp_core.palpation.perception.trace.texture import Texture, fit_texture
+from palp_core.palpation.perception.trace.training import (
+    TraceOffsets,
+    TrainedTraces,
+    learn,
+    trace_model,
+)
+from palp_core.palpation.studies.frontier.protocols import Protocol
+from palp_core.palpation.studies.frontier.world_session import FINE_M, WorldSession
+from palp_core.palpation.studies.simulation.trace_table import scene_of
+from palp_core.palpation.studies.simulation.trials import Outcomes
+from palp_core.palpation.world.latents import LATENTS
+from palp_core.palpation.world.slopes import TraceSlopes, bin_edges_m, trace_slopes
+from palp_core.palpation.world.texture import white_sd_n_m
+from palp_core.units import Float64Array
+
+BIN_M = 0.002
+FEW = 4
+"""Mountings from which a texture is fitted; from fewer it is assumed."""
+MOST = 6
+"""Sweeps of a trial that are read by their traces: more were never needed."""
+_TOGETHER = round(BIN_M / FINE_M)
+
+
+@dataclass(frozen=True)
+class Spreads:
+    """What a lab takes its rig to spread by: stated beforehand, all assumed but the ring's data sheet.
+
+    Attributes:
+        ring_sd_m: Of a landing: +-0.3 mm read as uniform.
+        height_sd_m: Of the surface, the indentation's error included.
+        modulus_sd: Relative, of the gel.
+        friction_sd: Relative.
+        along_sd_m: Of the bead's place along the path.
+        beside_m2_sd: Of the square of its distance beside the path.
+        tip_radius_sd_m: Of the ball.
+        bias_sd_n_m: Of the sensor's zero in a sweep.
+        texture_n_m: Of the surface where training does not tell it.
+        texture_length_m: Its correlation length there.
+    """
+
+    ring_sd_m: float = 0.3e-3 / 3**0.5
+    height_sd_m: float = 0.2e-3
+    modulus_sd: float = 0.1
+    friction_sd: float = 0.1
+    along_sd_m: float = 1e-3
+    beside_m2_sd: float = 1e-6
+    tip_radius_sd_m: float = 0.1e-3
+    bias_sd_n_m: float = 20e-6
+    texture_n_m: float = 0.2e-3
+    texture_length_m: float = 3e-3
+
+    @property
+    def latents(self) -> Float64Array:
+        """Of the latents, in their order."""
+        return np.array(
+            [
+                self.ring_sd_m,
+                self.height_sd_m,
+                self.modulus_sd,
+                self.friction_sd,
+                self.along_sd_m,
+                self.beside_m2_sd,
+                self.tip_radius_sd_m,
+            ]
+        )
+
+
+def coarse(traces: Float64Array) -> Float64Array:
+    """Return traces in the bins of the filter, from fine ones, shape (n, bins)."""
+    count = traces.shape[1] // _TOGETHER
+    return np.asarray(traces[:, : count * _TOGETHER].reshape(len(traces), count, _TOGETHER).mean(axis=2))
+
+
+def slopes_of(session: WorldSession, spreads: Spreads, depths_m: tuple[float, ...] = ()) -> TraceSlopes:
+    """Return how traces answer to the latents by the nominal scene, as a lab has it."""
+    gel, plan = session.plan.gel, session.plan
+    scene = scene_of(gel, gel.depths_m[0])
+    edges = bin_edges_m(*plan.path_m, BIN_M)
+    return trace_slopes(
+        scene, depths_m or gel.depths_m, gel.rings_m, edges, run_in=plan.run_in, steps=spreads.latents
+    )
+
+
+def model_of(
+    session: WorldSession,
+    slopes: TraceSlopes,
+    spreads: Spreads,
+    depths_m: tuple[float, ...] = (),
+    fine: TraceSlopes | None = None,
+) -> TraceModel:
+    """Return the trace filter's model after the session's training.
+
+    Args:
+        session: The session.
+        slopes: By the nominal scene.
+        spreads: What is stated of the rig.
+        depths_m: Depths to decide among; none: the trained ones.
+        fine: Slopes at these.
+    """
+    training, gel = session.training, session.plan.gel
+    samples = round(BIN_M / 20e-6)
+    learnt = learn(
+        coarse(training.traces),
+        np.asarray(gel.depths_m)[training.depth].tolist(),
+        np.asarray(gel.rings_m)[training.ring].tolist(),
+        training.mounting.tolist(),
+        floor_n_m=white_sd_n_m(0.0, RESOLUTION_N_M, samples),
+    )
+    texture = Texture(spreads.texture_n_m, spreads.texture_length_m)
+    if len(learnt.between) >= FEW:
+        stiffest, known = len(gel.rings_m) - 1, _offsets(slopes, spreads)
+        shrink = np.sqrt(1.0 - 1.0 / learnt.mountings[learnt.between_class])
+        texture = fit_texture(
+            learnt.between[:, stiffest] / shrink[:, None],
+            known.slope[learnt.between_class, stiffest],
+            known.sd,
+            learnt.white_sd,
+            slopes.place_m[learnt.between_class, stiffest],
+        )
+    if fine is None:
+        return trace_model(learnt, _offsets(slopes, spreads), texture, slopes.place_m)
+    between = _between(learnt, slopes, fine, np.asarray(depths_m))
+    return trace_model(between, _offsets(fine, spreads), texture, fine.place_m)
+
+
+def _offsets(slopes: TraceSlopes, spreads: Spreads) -> TraceOffsets:
+    """Return what a sweep answers to: the latents, where it bends, and the sensor's zero."""
+    bias = np.ones((*slopes.slope.shape[:3], 1))
+    stays: tuple[Stays, ...] = tuple("landing" if name == "ring_m" else "trial" for name in LATENTS)
+    bent = [i for i in range(len(LATENTS)) if slopes.bend[..., i].any()]
+    return TraceOffsets(
+        (*LATENTS, "bias", *(f"{LATENTS[i]}, bent" for i in bent)),
+        np.concatenate([spreads.latents, [spreads.bias_sd_n_m], 2**0.5 * spreads.latents[bent] ** 2]),
+        (*stays, "sweep", *(stays[i] for i in bent)),
+        np.concatenate([slopes.slope, bias, slopes.bend[..., bent]], axis=-1),
+    )
+
+
+def _between(
+    learnt: TrainedTraces, slopes: TraceSlopes, fine: TraceSlopes, depths_m: Float64Array
+) -> TrainedTraces:
+    """Return training at depths between: the mechanics' traces there, and over them what training adds.
+
+    A trace changes its form with depth more than a curve through a few depths tells; what training differs by
+    from the mechanics changes slowly.
+    """
+    added = on_depths(learnt.mean - slopes.mean_n_m, learnt.depths_m, depths_m)
+    count = len(depths_m)
+    return replace(
+        learnt,
+        depths_m=depths_m,
+        mean=fine.mean_n_m + added,
+        mountings=np.full(count, learnt.mountings.min()),
+        landings=np.broadcast_to(learnt.landings.min(axis=0), (count, len(learnt.rings_m))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TraceOutcomes:
+    """How trials ended that were decided by their traces.
+
+    Attributes:
+        ended: As of any trials.
+        fit: How probable torques are that fit no better, shape (n,).
+        way_m: Way swept in the last sweep, shape (n,).
+        scores: Offsets in units of their scatter, shape (n, l).
+    """
+
+    ended: Outcomes
+    fit: Float64Array
+    way_m: Float64Array
+    scores: Float64Array
+
+
+def run_trace_trials(
+    session: WorldSession,
+    model: TraceModel,
+    protocol: Protocol,
+    *,
+    asking: Asking,
+    threshold: float = 0.99,
+    most: int = MOST,
+    grid_m: tuple[float, ...] = (),
+) -> TraceOutcomes:
+    """Run every trial to its verdict.
+
+    Args:
+        session: The trials.
+        model: The filter's.
+        protocol: Of the rig.
+        asking: Which position comes next.
+        threshold: Belief at which a trial ends.
+        most: Sweeps after which it is undecided.
+        grid_m: Depths of the model's classes, where these are not the session's.
+    """
+    rings_m, depths_m = np.asarray(session.rings_m), np.asarray(grid_m or session.depths_m)
+    count, m = len(session.depth), model.class_count
+    end = np.full((count, m), 1.0 / m)
+    probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
+    fit, way, off = np.ones(count), np.zeros(count), np.zeros((count, len(model.offset_sd)))
+    error_m = np.zeros(count)
+    groups: list[tuple[NDArray[np.int64], TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
+    for t in range(most):
+        following: list[tuple[NDArray[np.int64], TraceBelief, int]] = []
+        for trials, belief, before in groups:
+            asked = asking(model, belief, trials, before, t)
+            for setting in np.unique(asked):
+                here = asked == setting
+                some, known = trials[here], belief[here]
+                moved = before != setting
+                seconds[some] += _travel_s(protocol, rings_m, before, int(setting))
+                moves[some] += int(moved and before >= 0)
+                if moved:
+                    error_m[some] = (
+                        session.kept_landing_m[some] if asking.stays else session.landings_m[some, t]
+                    )
+                known = begin_sweep(known, int(setting), landed=bool(moved))
+                felt = coarse(session.traces(some, np.full(len(some), setting), error_m[some], t))
+                after, posterior = along(model, known, felt)
+                sure = posterior.max(axis=2) >= threshold
+                if not protocol.in_sweep:
+                    sure[:, :-1] = False
+                halt = sure.any(axis=1)
+                last = np.where(halt, np.argmax(sure, axis=1), felt.shape[1] - 1)
+                end[some] = posterior[np.arange(len(some)), last]
+                probes[some], decided[some] = t + 1, halt
+                way[some] = (last + 1) * BIN_M
+                seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
+                fit[some], off[some] = _checked(model, after, last + 1, felt.shape[1])
+                if (~halt).any():
+                    following.append((some[~halt], after[~halt], int(setting)))
+        groups = following
+        if not groups:
+            break
+    estimate = nearest(depths_m, np.asarray(session.depths_m))[np.argmax(end, axis=1)]
+    ended = Outcomes(
+        session.depth,
+        estimate,
+        end.max(axis=1),
+        probes,
+        moves,
+        seconds,
+        decided,
+        (end @ depths_m)[:, None],
+        (estimate == session.depth)[:, None],
+    )
+    return TraceOutcomes(ended, fit, way, off)
+
+
+def _checked(
+    model: TraceModel, after: TraceBelief, bins: NDArray[np.int64], whole: int
+) -> tuple[Float64Array, Float64Array]:
+    """Return the fit of what was read up to the verdict, and the offsets that it tells of."""
+    past = after.innovation.shape[2] - whole
+    *earlier, last = after.sweeps
+    fit, off = np.empty(len(bins)), np.empty((len(bins), len(model.offset_sd)))
+    for number in np.unique(bins):
+        here = bins == number
+        some = after[here]
+        cut = replace(
+            some,
+            sweeps=(*earlier, last._replace(bins=int(number))),
+            innovation=some.innovation[:, :, : past + number],
+            log_density=log_density(model, some, past + int(number)),
+        )
+        fit[here], off[here] = fit_probability(model, cut), scores(model, cut)
+    return fit, off
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Always the same position.
+
+    Attributes:
+        ring: Its index.
+    """
+
+    ring: int
+    stays: ClassVar[bool] = True
+
+    def __call__(
+        self, model: TraceModel, belief: TraceBelief, trials: NDArray[np.int64], before: int, probe: int
+    ) -> NDArray[np.int64]:
+        return np.full(len(trials), self.ring)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Positions drawn by a policy that goes by chance alone, drawn before: shape (n, t), by index."""
+
+    rings: NDArray[np.int64]
+    stays: ClassVar[bool] = False
+
+    def __call__(
+        self, model: TraceModel, belief: TraceBelief, trials: NDArray[np.int64], before: int, probe: int
+    ) -> NDArray[np.int64]:
+        return np.asarray(self.rings[trials, probe])
+
+
+@dataclass(frozen=True, eq=False)
+class MostBits:
+    """Where a whole sweep is expected to tell most about the class a second.
+
+    Attributes:
+        rings_m: Positions of the ring.
+        protocol: How long a sweep and the way to it take.
+    """
+
+    rings_m: tuple[float, ...]
+    protocol: Protocol
+    stays: ClassVar[bool] = False
+
+    def __call__(
+        self, model: TraceModel, belief: TraceBelief, trials: NDArray[np.int64], before: int, probe: int
+    ) -> NDArray[np.int64]:
+        settings = range(len(self.rings_m))
+        bits = np.stack([expected_bits(model, belief, s, landed=before != s) for s in settings], axis=1)
+        rings = np.asarray(self.rings_m)
+        sweep_s = self.protocol.timing.sweep_s
+        cost = np.array([sweep_s + _travel_s(self.protocol, rings, before, s) for s in settings])
+        return np.asarray(np.argmax(bits / cost, axis=1), dtype=np.int64)
+
+
+Asking = Keep | Drawn | MostBits
+
+
+def drawn(policy: StiffnessPolicy, session: WorldSession) -> Drawn:
+    """Return what a policy that goes by chance alone asks in each trial."""
+    count, most = session.uniforms.shape
+    slot = nearest(np.asarray(policy.rings_m), np.asarray(session.rings_m))
+    at = policy.start(given(session.uniforms[:, 0]), count)
+    found = [slot[at.level]]
+    flat = of_classes(np.full((count, len(session.depths_m)), 1.0 / len(session.depths_m)))
+    for probe in range(1, most):
+        at = policy.step(at, flat, given(session.uniforms[:, probe]))
+        found.append(slot[at.level])
+    return Drawn(np.stack(found, axis=1))
+
+
+def nearest(values: Float64Array, among: Float64Array) -> NDArray[np.int64]:
+    """Return the index of what is nearest among others to each value."""
+    return np.asarray(np.abs(values[:, None] - among).argmin(axis=1), dtype=np.int64)
+
+
+def _travel_s(protocol: Protocol, rings_m: Float64Array, before: int, setting: int) -> float:
+    timing = protocol.timing
+    if before < 0:
+        return (
+            float((rings_m[setting] + timing.home_m) / timing.ring_m_per_s + timing.settle_s)
+            if protocol.rehome
+            else 0.0
+        )
+    return float(timing.move_s(rings_m[before], rings_m[setting]))

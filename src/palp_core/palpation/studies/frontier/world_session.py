@@ -1,0 +1,297 @@
+"""A session in a world: training sweeps and the trials to be decided, felt as whole traces.
+
+All randomness is drawn before anything is chosen. Features are read off the same traces, so that schemes that
+go by a peak, a contrast or the whole trace meet the same mountings, landings, tracks and noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palp_core.errors import PalpError
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.reading_table import FROM_M, TO_M, Gel
+from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
+from palp_core.palpation.world.draws import (
+    mounting_parts,
+    ring_part,
+    session_part,
+    specimen_parts,
+    together,
+    wear_part,
+)
+from palp_core.palpation.world.latents import LATENTS
+from palp_core.palpation.world.model import PAPER, WorldModel
+from palp_core.palpation.world.texture import track
+from palp_core.units import Float64Array
+
+FINE_M = 0.001
+"""Bins that features are read off; a filter of the trace takes two at a time."""
+PATH_M = (FROM_M, TO_M)
+SWEEP_S = 8.0
+"""From sweep to sweep of a trial, for what walks with time."""
+
+Shift = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class WorldPlan:
+    """How sessions are run, and in which world.
+
+    Attributes:
+        world: Of training and, but for what follows, of the trials.
+        conditions: The rig and the experiment; ``specimens`` are training's, trials have as many others.
+        gel: The nominal touch.
+        shift: What the trials' sweeps differ by from those of training, by latent.
+        test_rung: Contact model of the trials; empty: that of training.
+        test_repeatability_m: The ring's in the trials; negative: that of training.
+        path_m: Ends of the sweep.
+        test_depths_m: Depths of the trials' phantoms, where they are not those of training.
+    """
+
+    world: WorldModel = PAPER
+    conditions: Conditions = field(default_factory=Conditions)
+    gel: Gel = field(default_factory=Gel)
+    shift: Shift = ()
+    test_rung: str = ""
+    test_repeatability_m: float = -1.0
+    path_m: tuple[float, float] = PATH_M
+    test_depths_m: tuple[float, ...] = ()
+
+    @property
+    def run_in(self) -> bool:
+        """Whether a sweep begins with a tip that sticks."""
+        return self.world.run_in > 0.0
+
+    @property
+    def test_gel(self) -> Gel:
+        """What the trials touch."""
+        depths_m = self.test_depths_m or self.gel.depths_m
+        return replace(self.gel, rung=self.test_rung or self.gel.rung, depths_m=depths_m)
+
+    def table(self, gel: Gel) -> TraceTable:
+        """Return what is felt."""
+        return tabulate_traces(gel, run_in=self.run_in, width_m=FINE_M, path_m=self.path_m)
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSweeps:
+    """The sweeps of training, all cells.
+
+    Attributes:
+        depth: Class of each, shape (p,).
+        ring: Index of the ring position, shape (p,).
+        mounting: Number of its mounting, shape (p,).
+        traces: Measured torque in fine bins, shape (p, fine).
+    """
+
+    depth: NDArray[np.int64]
+    ring: NDArray[np.int64]
+    mounting: NDArray[np.int64]
+    traces: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class WorldSession:
+    """A session: what training felt, and what each trial would feel.
+
+    Attributes:
+        plan: How it is run.
+        training: Its sweeps.
+        depth: True class of each trial, shape (n,).
+        parts: What each trial's sweeps share, as latents before they are brought together, shape (n, 7).
+        tracks: Luck of each trial's track, shape (n, 2, places).
+        landings_m: Landing of the ring before each probe, shape (n, t).
+        kept_landing_m: That of a ring that never moves, shape (n,).
+        noise: Luck of the sensor, shape (n, t, numbers).
+        uniforms: For the policy, shape (n, t).
+    """
+
+    plan: WorldPlan
+    training: TrainingSweeps
+    depth: NDArray[np.int64]
+    parts: Float64Array
+    tracks: Float64Array
+    landings_m: Float64Array
+    kept_landing_m: Float64Array
+    noise: Float64Array
+    uniforms: Float64Array
+
+    @property
+    def depths_m(self) -> tuple[float, ...]:
+        """Depth of each class of the trials."""
+        return self.plan.test_gel.depths_m
+
+    @property
+    def rings_m(self) -> tuple[float, ...]:
+        """Trained positions of the ring."""
+        return self.plan.gel.rings_m
+
+    @cached_property
+    def table(self) -> TraceTable:
+        """What trials feel."""
+        return self.plan.table(self.plan.test_gel)
+
+    def traces(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
+        """Return the measured torque of a sweep in fine bins, N m, shape (n, fine)."""
+        plan, table, depth = self.plan, self.table, self.depth[trials]
+        rows = together(self.parts[trials], ring_part(error_m))
+        felt = table.traces(depth, ring, rows)
+        felt += table.texture(plan.world, depth, ring, self.tracks[trials])
+        felt += table.sensor(
+            plan.world,
+            self.noise[trials, probe],
+            since_tare_s=SWEEP_S * probe,
+            noise_sd_n_m=plan.gel.noise_factor * RESOLUTION_N_M,
+        )
+        return felt
+
+    def feature(self, name: str) -> FeatureTrials:
+        """Return the trials as readings of a feature."""
+        return FeatureTrials(self, name)
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTrials:
+    """A session's trials as one number a sweep.
+
+    Attributes:
+        session: The session.
+        name: Of the feature.
+    """
+
+    session: WorldSession
+    name: str
+
+    def __post_init__(self) -> None:
+        if self.name not in FEATURES:
+            raise PalpError(f"no feature '{self.name}'; there are {', '.join(FEATURES)}")
+
+    @property
+    def depths_m(self) -> tuple[float, ...]:
+        return self.session.depths_m
+
+    @property
+    def rings_m(self) -> tuple[float, ...]:
+        return self.session.rings_m
+
+    @property
+    def depth(self) -> NDArray[np.int64]:
+        return self.session.depth
+
+    @property
+    def uniforms(self) -> Float64Array:
+        return self.session.uniforms
+
+    @property
+    def repeats(self) -> bool:
+        return False
+
+    def landing_m(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
+    ) -> Float64Array:
+        return self.session.kept_landing_m[trials] if fixed else self.session.landings_m[trials, probe]
+
+    def reading(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
+        return feature_of(self.name, self.session.traces(trials, ring, error_m, probe))
+
+    def training(self) -> Float64Array:
+        """Return the readings of training, shape (p,)."""
+        return feature_of(self.name, self.session.training.traces)
+
+
+def begin(plan: WorldPlan, seed: tuple[int, ...]) -> WorldSession:
+    """Draw a session: its gel and ball, its phantoms, training, and the luck of its trials.
+
+    Where the world makes all phantoms of a depth alike, trials have those of training.
+    """
+    pouring, training, estimation = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
+    )
+    shared = session_part(plan.world, pouring)
+    trained = shared + _phantoms(plan, pouring, plan.gel.depths_m)
+    others = shared + _phantoms(plan, pouring, plan.test_gel.depths_m)
+    swept = _train(plan, training, trained)
+    return _draw(plan, estimation, others, swept, len(swept.depth) * _length_m(plan))
+
+
+def _phantoms(plan: WorldPlan, rng: np.random.Generator, depths_m: tuple[float, ...]) -> Float64Array:
+    """Return what phantoms are off by, shape (depths, specimens, 7)."""
+    return specimen_parts(
+        plan.world,
+        rng,
+        np.repeat(np.asarray(depths_m)[:, None], plan.conditions.specimens, axis=1),
+        tip_radius_m=plan.gel.tip_radius_m,
+        indentation_m=plan.gel.indentation_m,
+    )
+
+
+def _length_m(plan: WorldPlan) -> float:
+    return abs(plan.path_m[1] - plan.path_m[0])
+
+
+def _train(plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array) -> TrainingSweeps:
+    """Sweep every phantom of training, mounted once, at every ring position."""
+    conditions, gel = plan.conditions, plan.gel
+    m, phantoms, k = len(gel.depths_m), conditions.specimens, len(gel.rings_m)
+    mounted = specimens + mounting_parts(plan.world, rng, m * phantoms, conditions.height_sd_m).reshape(
+        m, phantoms, -1
+    )
+    tracks = track(rng, m * phantoms)
+    depth, ring, turn = (x.ravel() for x in np.indices((m, k, conditions.training)))
+    which = turn % phantoms
+    landing_m = conditions.landings_m(rng, depth.shape)
+    order = rng.permutation(len(depth)) * _length_m(plan)
+    rows = together(mounted[depth, which], ring_part(landing_m), wear_part(plan.world, order))
+    table = plan.table(gel)
+    number = depth * phantoms + which
+    traces = table.traces(depth, ring, rows) + table.texture(plan.world, depth, ring, tracks[number])
+    luck = rng.standard_normal((len(depth), 2 * traces.shape[1] + 2))
+    traces += table.sensor(plan.world, luck, noise_sd_n_m=gel.noise_factor * RESOLUTION_N_M)
+    return TrainingSweeps(depth, ring, number, traces)
+
+
+def _draw(
+    plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array, swept: TrainingSweeps, path_m: float
+) -> WorldSession:
+    conditions = plan.conditions
+    m, phantoms, count = len(specimens), conditions.specimens, conditions.trials
+    depth = np.repeat(np.arange(m), count)
+    which = np.tile(np.arange(count) % phantoms, m)
+    mounted = mounting_parts(plan.world, rng, m * count, conditions.height_sd_m)
+    tracks = track(rng, m * count)
+    if not conditions.remount:  # the first trial of a phantom mounts it for all of its own
+        first = depth * count + which
+        mounted, tracks = mounted[first], tracks[first]
+    worn = wear_part(plan.world, path_m + rng.permutation(m * count) * _length_m(plan))
+    shift = np.zeros(len(LATENTS))
+    for name, value in plan.shift:
+        shift[LATENTS.index(name)] = value
+    lands = conditions
+    if plan.test_repeatability_m >= 0.0:
+        lands = replace(conditions, repeatability_m=plan.test_repeatability_m)
+    shape = (m * count, conditions.max_probes)
+    landings_m = lands.landings_m(rng, shape)
+    own_m = landings_m[:, 0]
+    fine = swept.traces.shape[1]
+    return WorldSession(
+        plan,
+        swept,
+        depth,
+        specimens[depth, which] + mounted + worn + shift,
+        tracks,
+        landings_m,
+        own_m if conditions.rehome else np.full(m * count, own_m[0]),
+        rng.standard_normal((*shape, 2 * fine + 2)),
+        rng.random(shape),
+    )

@@ -1,0 +1,100 @@
+"""The studies of the frontier: schemes on equal luck, failing where they fail, and pages of both."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palp_core.palpation.perception.trace.check import shifted
+from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
+from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
+from palp_core.palpation.studies.frontier.schemes import Scheme, run_schemes
+from palp_core.palpation.studies.frontier.trace_trials import (
+    Keep,
+    MostBits,
+    Spreads,
+    model_of,
+    run_trace_trials,
+    slopes_of,
+)
+from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.world.model import LAB
+
+RINGS = Gel(rings_m=(0.004, 0.016))
+PLAN = WorldPlan(
+    world=LAB, conditions=Conditions(training=6, trials=20, specimens=3, remount=True), gel=RINGS
+)
+
+
+def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
+    session = begin(replace(PLAN, path_m=SWIFT.path_m), (3, 1))
+    model = model_of(session, slopes_of(session, Spreads()), Spreads())
+    early = run_trace_trials(session, model, SWIFT, asking=Keep(1))
+    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(1))
+    assert early.ended.correct.mean() > 0.9
+    assert early.ended.seconds.mean() < 0.9 * late.ended.seconds.mean()
+    assert (early.ended.confidence[early.ended.decided] >= 0.99).all()
+    assert (early.way_m <= late.way_m[0] + 1e-12).all()
+
+
+def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:
+    session = begin(PLAN, (3, 2))
+    model = model_of(session, slopes_of(session, Spreads()), Spreads())
+    done = run_trace_trials(session, model, PAPER_PROTOCOL, asking=MostBits(RINGS.rings_m, PAPER_PROTOCOL))
+    assert done.ended.correct.mean() > 0.9
+    assert done.ended.probes.mean() < 2.0
+
+
+def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
+    schemes = (
+        Scheme("peak", "fixed_best", "paper"),
+        Scheme("contrast", "fixed_best", "threshold"),
+        Scheme("trace", "fixed_best", "threshold", "swift"),
+    )
+    less = MismatchJob("paper", WorldDifference("", (("friction", -0.2),)), (23, 1, 0), schemes)
+    found = {name: run.ended.correct.mean() for name, run in mismatch_session(less).items()}
+    assert found[schemes[0].name] < 0.8
+    assert found[schemes[1].name] > 0.95
+    assert found[schemes[2].name] > 0.95
+
+
+def test_schemes_of_one_session_meet_the_same_trials() -> None:
+    runs = run_schemes(
+        lambda protocol: begin(replace(PLAN, path_m=protocol.path_m), (3, 3)),
+        (Scheme("peak", "uniform", "paper"), Scheme("trace", "uniform", "threshold", "swift")),
+        Spreads(),
+    )
+    first, second = (run.ended for run in runs.values())
+    assert np.array_equal(first.depth, second.depth)
+    assert all(run.cpu_s > 0.0 for run in runs.values())
+
+
+def test_a_shift_of_all_trials_is_told_and_chance_is_not() -> None:
+    rng = np.random.default_rng(5)
+    alarms = 0
+    for _ in range(400):
+        common = rng.normal(0.0, np.sqrt(0.25), 6)
+        scores = common + rng.normal(0.0, np.sqrt(0.75), (300, 6))
+        found = shifted(scores, 0.25)
+        assert found is not None
+        alarms += found.p < 0.05
+    assert alarms / 400 <= 0.08
+    told = shifted(rng.normal(0.0, 1.0, (300, 6)) + np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 0.25)
+    assert told is not None
+    assert (told.offset, told.p < 0.01) == (2, True)
+    assert shifted(np.zeros((5, 3)), 0.25) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["frontier", "mismatch"])
+def test_a_study_writes_its_page_and_tables(name: str, tmp_path: Path) -> None:
+    page = study(name).run(tmp_path / "out", quick=True)
+    assert "no result" in page.read_text()
+    rows = json.loads((tmp_path / "out" / f"{name}.json").read_text())["rows"]
+    best = max(rows, key=lambda row: row["accuracy"])
+    assert best["accuracy"] > 0.97
