@@ -371,7 +371,7 @@ DEEP = Series(0.0016, 0.0051, 1.6, 1.25, 0.0015, 0.0040, 0.0005)
 CASES = [
     *(
         (depth_mm / 1e3, offset_mm / 1e3, DEEP)
-        for depth_mm, offset_mm in ((4, 3), (4, 6), (4, 9), (8, 3), (8, 6))
+        for depth_mm, offset_mm in ((4, 3), (4, 6), (4, 9), (8, 3), (8, 6), (12, 3))
     ),
     *((0.004, offset_mm / 1e3, SHALLOW) for offset_mm in (3, 6)),
 ]

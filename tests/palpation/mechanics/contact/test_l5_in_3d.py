@@ -17,7 +17,16 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from palp_core.errors import OutOfRange
 from palp_core.methods import find
-from palp_core.palpation.mechanics import Bead, Phantom, Probe, Scene, StagePath, Tolerance, sweep
+from palp_core.palpation.mechanics import (
+    Bead,
+    LayeredHertz,
+    Phantom,
+    Probe,
+    Scene,
+    StagePath,
+    Tolerance,
+    sweep,
+)
 from palp_core.palpation.mechanics.contact.finite_strain import pressed_solid
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
@@ -34,7 +43,7 @@ ROWS = [
     {name: float(value) for name, value in row.items()}
     for row in csv.DictReader(FILE.read_text(encoding="utf-8").splitlines())
 ]
-DEPTHS = [0.004, pytest.param(0.008, marks=pytest.mark.slow)]
+DEPTHS = [0.004, *(pytest.param(depth_m, marks=pytest.mark.slow) for depth_m in (0.008, 0.012))]
 LOADS = list(itertools.product((8e3, 20e3, 25e3, 40e3), (0.002, 0.003, 0.004, 0.005), (0.004, 0.008, 0.016)))
 
 
@@ -150,6 +159,23 @@ def test_off_the_axis_its_forces_are_those_in_three_dimensions(depth_m: float) -
             assert abs(float(lateral_n) - row["lateral_m2"] * 20e3) < 0.004 * float(normal_n), row
             compared += 1
     assert compared >= 3
+
+
+@pytest.mark.parametrize("depth_m", DEPTHS)
+def test_l2_and_l4_keep_their_bounds_on_the_normal_force_in_three_dimensions(depth_m: float) -> None:
+    kept, phantom = 0, Phantom(bead=Bead(depth_m=depth_m), modulus_pa=20e3)
+    for row in rows_at(depth_m):
+        pressed = row["indentation_m"] / min(row["depth_m"], TIP_M)
+        for name, rung in (("l2", LayeredHertz), ("l4", HarmonicContact)):
+            bound = find("contact", name).bound(
+                "finite_normal", {**phantom.scene(TIP_M), "pressed_share": pressed}
+            )
+            if bound is not None:
+                at = np.array(row["offset_m"]), np.array(row["indentation_m"])
+                normal_n = float(rung(phantom, TIP_M).force(*at)[0])
+                assert normal_n == pytest.approx(row["normal_m2"] * 20e3, rel=bound), (name, row)
+                kept += 1
+    assert kept >= 10
 
 
 def test_peak_and_contrast_are_within_the_stated_bounds_of_those_in_three_dimensions() -> None:
