@@ -37,7 +37,8 @@ _RUN_IN_M = 0.034  # a tip slides before the stage has gone so far, whatever the
 _SAMPLES = 320
 _SPREAD = 0.5  # of the reach: latents are rarely at its ends, where the polynomials may be worse
 _CHUNK = 20_000
-_PHASES = 16
+PHASES = 16
+"""Shares of a cycle at which a sweep's stick-slip may begin."""
 _CYCLE_M = 0.05e-3  # a cycle of stick-slip is about a millimetre of the stage's way
 _TERMS = tuple(
     powers for degree in range(4) for powers in itertools.combinations_with_replacement(range(7), degree)
@@ -130,7 +131,7 @@ class TraceTable:
             phase: Share of a cycle at the start, from 0 to 1, shape (n,).
         """
         known = _cycles(self.gel, self.forward, self.run_in, self.bin_m, world.static_friction_excess)
-        return np.asarray(known[depth, ring, np.rint(phase * _PHASES).astype(np.int64) % _PHASES])
+        return np.asarray(known[depth, ring, np.rint(phase * PHASES).astype(np.int64) % PHASES])
 
     def sensor(
         self,
@@ -163,7 +164,7 @@ class TraceTable:
         return _slopes(self.gel, self.forward, self.run_in, tuple(self.bins.edges_m.tolist()))
 
     def _cell(self, i: int, j: int, rows: Float64Array) -> Float64Array:
-        basis = _basis(rows)
+        basis = latent_basis(rows)
         parts = self._parts
         made = np.asarray(basis @ (self.sliding[i, j] @ parts.to_bins.T))
         if self.run_in:
@@ -211,7 +212,7 @@ def _parts(bins: Bins, held_nodes: int) -> _Parts:
     )
 
 
-def _basis(rows: Float64Array) -> Float64Array:
+def latent_basis(rows: Float64Array) -> Float64Array:
     """Return every product of up to three scaled latents, shape (n, terms)."""
     share = np.clip(rows, LOWEST, REACH) / REACH
     made = np.empty((len(_TERMS), len(rows)))
@@ -265,7 +266,7 @@ def _tabulated(
 ) -> TraceTable:
     bins = bins_of(bin_edges_m(*path_m, width_m), forward=forward)
     rows = _design()
-    basis = _basis(rows)
+    basis = latent_basis(rows)
     solver = np.linalg.pinv(basis)
     nodes, held_nodes = (
         len(bins.node_m),
@@ -326,20 +327,35 @@ def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -
 def _cycles(gel: Gel, forward: bool, run_in: bool, width_m: float, excess: float) -> Float64Array:
     """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
     bins = bins_of(bin_edges_m(FROM_M, TO_M, width_m), forward=forward)
-    k, direction = len(gel.rings_m), 1.0 if forward else -1.0
-    made = np.zeros((len(gel.depths_m), k, _PHASES, len(bins.mean)))
     parts = round(width_m / _CYCLE_M)
     fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
+    whole = stick_slip_at(gel, bins.node_m, fine_m, excess, run_in=run_in)
+    return np.asarray(whole.reshape(*whole.shape[:3], -1, parts).mean(axis=-1))
+
+
+def stick_slip_at(
+    gel: Gel, node_m: Float64Array, stage_m: Float64Array, excess: float, *, run_in: bool
+) -> Float64Array:
+    """Return what stick-slip adds to nominal sweeps, N m, shape (m, k, PHASES, f).
+
+    Args:
+        gel: What is touched.
+        node_m: Positions that are solved for, in the order of the sweep.
+        stage_m: Positions wanted, shape (f,).
+        excess: Static friction over sliding friction, minus 1.
+        run_in: Whether a sweep begins upright.
+    """
+    k, direction = len(gel.rings_m), 1.0 if node_m[-1] > node_m[0] else -1.0
+    made = np.zeros((len(gel.depths_m), k, PHASES, len(stage_m)))
     for i, depth_m in enumerate(gel.depths_m):
         scene = scene_of(gel, depth_m)
         felt = touch(scene.phantom, scene.probe, _rung(gel, depth_m), tips=False)
         rows, rings_m = latents(k), np.asarray(gel.rings_m)
-        found = drag(felt, rows, rings_m, gel.indentation_m, bins.node_m, run_in=run_in)
+        found = drag(felt, rows, rings_m, gel.indentation_m, node_m, run_in=run_in)
         joints = joints_of(felt, rows, rings_m, gel.indentation_m, direction)
         cycles = stick_slip(joints, found, excess, SPEED_M_PER_S)
-        for n in range(_PHASES):
-            torque = cycles.added(bins.node_m, fine_m, SPEED_M_PER_S, np.full(k, n / _PHASES))
-            made[i, :, n] = torque.reshape(k, -1, parts).mean(axis=-1)
+        for n in range(PHASES):
+            made[i, :, n] = cycles.added(node_m, stage_m, SPEED_M_PER_S, np.full(k, n / PHASES))
     return made
 
 
