@@ -66,3 +66,22 @@ class Belief(Message):
     confidence: Probability
     outlier: bool
     reading_n_m: NewtonMetres = 0.0
+
+
+class Outlook(Message):
+    """What the torque of a sweep under way says, up to a stage position; published while it is swept.
+
+    ``verdict`` is ``decided`` once the stop rule is passed, which no later torque of this sweep takes back,
+    else ``continue``. ``bin_count`` bins of the path are felt; the torque came until ``sample_ns``.
+    """
+
+    stamp_ns: Nanoseconds
+    trial: Count
+    iteration: Count
+    depths_m: MetresArray
+    posterior: ProbabilityArray
+    verdict: str
+    estimate_m: Metres
+    confidence: Probability
+    bin_count: Count
+    sample_ns: Nanoseconds

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from msgs.actuator import RingState
-from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
@@ -148,7 +148,7 @@ class Estimator(MethodTeller):
     sweep = Sub(SweepStatus)
     torque = Sub(TorqueBlock)
     belief = Pub(Belief)
-    outlook = Pub(Belief)
+    outlook = Pub(Outlook)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
 
@@ -209,11 +209,10 @@ class Estimator(MethodTeller):
             self._begin(status)
         elif self.traces:
             self._end_traced(status)
+        elif status.status == "swept" and state.stream is not None and not status.sample_count:
+            state.stream.bound(status.enter_ns, status.leave_ns)
+            self._conclude_stream()
         elif status.status == "swept":
-            if state.stream is not None and not status.sample_count:
-                state.stream.bound(status.enter_ns, status.leave_ns)
-                self._conclude_stream()
-                return
             state.expected_count = status.sample_count
             self._conclude()
         elif status.status == "cancelled":
@@ -221,10 +220,9 @@ class Estimator(MethodTeller):
 
     def _begin(self, status: SweepStatus) -> None:
         state = self.state
-        state.blocks, state.received_count, state.expected_count = [], 0, -1
+        self._forget_sweep()
         told = (status.enter_ns, status.leave_ns) if self.traces else (0, 0)
-        if self.traces:  # where the stage is follows from when it said it would be there
-            state.trace.sweep = SweepUnderWay(*told)
+        state.trace.sweep = SweepUnderWay(*told) if self.traces else None
         if state.stream is not None:
             state.stream.hold(*told)
 
@@ -271,8 +269,8 @@ class Estimator(MethodTeller):
         self._palpated(self._gathered())
 
     def _gathered(self) -> Float64Array:
-        parts, self.state.blocks, self.state.expected_count = self.state.blocks, [], -1
-        return np.frombuffer(b"".join(parts), dtype=np.float64)
+        blocks, self.state.blocks, self.state.expected_count = self.state.blocks, [], -1
+        return np.frombuffer(b"".join(blocks), dtype=np.float64)
 
     def _conclude_stream(self) -> None:
         """Cut a sweep out of a stream once the stream has passed its end."""
@@ -314,8 +312,6 @@ class Estimator(MethodTeller):
             )
         )
 
-    # The whole torque as the reading
-
     def _watch(self) -> TraceWatch:
         if self.watch is None or self.watch[0] != self.params:
             self.watch = (self.params, TraceWatch(TraceSettings.of(self.params)))
@@ -340,12 +336,23 @@ class Estimator(MethodTeller):
     def _look(self) -> None:
         state, trace = self.state, self.state.trace
         seen = self._watch().look(trace, state.ring_m, self._rule(), state.posteriors, landed=state.landed)
-        if seen is None or trace.sweep is None:
+        if seen is None:
             return
-        word: Literal["decided", "continue"] = "decided" if seen.decided else "continue"
-        best, count = int(np.argmax(seen.posterior)), len(state.posteriors) + 1
-        verdict = Verdict(word, best, count, 0.0, gamma_defined=False)
-        self.outlook.publish(self._belief(trace.sweep.bins.done[seen.bins - 1], seen.posterior, verdict))
+        depths_m, best = self._depths_m(), int(np.argmax(seen.posterior))
+        self.outlook.publish(
+            Outlook(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                iteration=state.ring_iteration,
+                depths_m=depths_m,
+                posterior=seen.posterior,
+                verdict="decided" if seen.decided else "continue",
+                estimate_m=float(depths_m[best]),
+                confidence=float(seen.posterior[best]),
+                bin_count=seen.bins,
+                sample_ns=state.start_ns + round((state.received_count - 1) * 1e9 / state.rate_hz),
+            )
+        )
 
     def _end_traced(self, status: SweepStatus) -> None:
         """End a sweep that was swept, or that was cancelled once it was decided; forget any other."""
@@ -362,11 +369,9 @@ class Estimator(MethodTeller):
     def _conclude_traced(self) -> None:
         """Once the sweep is over and its torque is here, make a palpation of it."""
         state, sweep, stream = self.state, self.state.trace.sweep, self.state.stream
-        if sweep is None or not sweep.over or state.received_count < state.expected_count:
+        if sweep is None or not sweep.all_here(state.received_count, state.expected_count, stream):
             return
-        if stream is not None and not state.expected_count:
-            if sweep.whole and not stream.complete:
-                return
+        if stream is not None:
             stream.release()
         if not state.received_count:
             raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
@@ -384,8 +389,6 @@ class Estimator(MethodTeller):
             return
         state.landed, (posterior, fits) = False, found
         self._judge(peak_n_m, posterior, outlier=not fits)
-
-    # What was learnt, and the feature as the reading
 
     def _learn(self) -> None:
         """Fit the memory primitives to the training palpations."""
@@ -439,8 +442,6 @@ class Estimator(MethodTeller):
         posterior = belief.posterior([TrialReading(*probe) for probe in state.probes])
         self._judge(peak_n_m, posterior, outlier=memory.is_outlier(peak_n_m, setting))
 
-    # The belief
-
     def _depths_m(self) -> Float64Array:
         """Return the depths that the belief is about."""
         if self.traces:
@@ -469,8 +470,8 @@ class Estimator(MethodTeller):
         self.log.warning("trial %d is dropped: %s", state.trial, untrained([state.ring_m], rings_m.tolist()))
         flat = np.exp(bayes.flat_prior(len(self._depths_m())))
         posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
-        count = len(state.posteriors)
-        verdict = Verdict("dropped", int(np.argmax(posterior)), count, 0.0, gamma_defined=False)
+        best, count = int(np.argmax(posterior)), len(state.posteriors)
+        verdict = Verdict("dropped", best, count, 0.0, gamma_defined=False)
         self.belief.publish(self._belief(reading_n_m, posterior, verdict))
 
     def _belief(

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth
-from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
@@ -23,6 +23,7 @@ class Experiment(Node):
     params: ExperimentParams
     state: ExperimentState
     belief = Sub(Belief)
+    outlook = Sub(Outlook, optional=True)
     palpation = Sub(Palpation)
     primitives = Sub(PrimitivesLearnt)
     ring_state = Sub(RingState)
@@ -139,23 +140,33 @@ class Experiment(Node):
             self.ring.publish(
                 RingCommand(stamp_ns=now_ns, trial=step.trial, iteration=step.iteration, ring_m=step.ring_m)
             )
-        if not state.swept:
-            ring_there = (state.ring_trial, state.ring_iteration) == (step.trial, step.iteration)
-            if ring_there and state.ring_settled and state.stage_ready:
-                state.swept, state.stage_ready = True, False
-                state.goal_id += 1
-                if state.touch_changed:  # what the sweep meets is told anew
-                    state.guards, state.touch_changed = [], False
-                from_m, to_m = self.params.from_m, self.params.to_m
-                self.goal.publish(SweepGoal(stamp_ns=now_ns, goal_id=state.goal_id, from_m=from_m, to_m=to_m))
-            return None
         if not state.palpation or not (state.belief or state.phase != "estimation"):
+            if not (state.swept or state.decided):
+                self._sweep(step)
             return None
         palpation, belief = state.palpation[-1], state.belief[-1] if state.belief else None
         state.palpation, state.belief = [], []
-        state.commanded = state.swept = False
+        state.commanded = state.swept = state.decided = False
         self._write_row(palpation, belief)
         return belief.verdict if belief else "done"  # type: ignore[return-value]
+
+    def _sweep(self, step: plan.Palpate) -> None:
+        """Send the goal once ring and stage are ready for it."""
+        state = self.state
+        ring_there = (state.ring_trial, state.ring_iteration) == (step.trial, step.iteration)
+        if ring_there and state.ring_settled and state.stage_ready:
+            state.swept, state.stage_ready = True, False
+            state.goal_id += 1
+            if state.touch_changed:  # what the sweep meets is told anew
+                state.guards, state.touch_changed = [], False
+            self._send_goal(cancel=False)
+
+    def _send_goal(self, *, cancel: bool) -> None:
+        from_m, to_m = self.params.from_m, self.params.to_m
+        goal_id, now_ns = self.state.goal_id, self.now_ns()
+        self.goal.publish(
+            SweepGoal(stamp_ns=now_ns, goal_id=goal_id, from_m=from_m, to_m=to_m, cancel=cancel)
+        )
 
     def _announce_trial(self) -> None:
         state = self.state
@@ -211,21 +222,39 @@ class Experiment(Node):
 
     @on(sweep)
     def note_sweep(self, status: SweepStatus) -> None:
-        if status.status == "cancelled":
-            self.state.swept = False  # it is swept again
-        elif status.status == "ready" and status.goal_id == self.state.goal_id:
-            self.state.stage_ready = True
+        state = self.state
+        if status.status == "sweeping":
+            state.enter_ns, state.leave_ns = status.enter_ns, status.leave_ns
+        elif status.status == "cancelled" and not state.decided:
+            state.swept = False  # it is swept again
+        elif status.status == "ready" and status.goal_id == state.goal_id:
+            state.stage_ready = True
             self._advance()
+
+    @on(outlook)
+    def _stop_decided(self, outlook: Outlook) -> None:
+        """Stop a sweep once it is decided: the trial ends with what is felt so far."""
+        state = self.state
+        if outlook.verdict == "decided" and not state.decided and self._is_present(outlook):
+            state.decided = True
+            if state.swept:
+                self._send_goal(cancel=True)
 
     @on(palpation)
     def note_palpation(self, palpation: Palpation) -> None:
-        self.state.palpation = [palpation]
-        self._advance()
+        if self._is_present(palpation):
+            self.state.palpation = [palpation]
+            self._advance()
 
     @on(belief)
     def note_belief(self, belief: Belief) -> None:
-        self.state.belief = [belief]
-        self._advance()
+        if self._is_present(belief):
+            self.state.belief = [belief]
+            self._advance()
+
+    def _is_present(self, said: Outlook | Palpation | Belief) -> bool:
+        """Tell whether something is of the palpation under way, and not of one that was ended before."""
+        return (said.trial, said.iteration) >= (self.state.trial, self.state.iteration)
 
     @on(primitives)
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:

@@ -39,9 +39,9 @@ class ExperimentParams(Params):
     ``training`` palpations per phantom and ring position of ``rings_mm``, ``trials`` of estimation per
     phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring positions
     of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's
-    actuator is driven to its stop and back. ``swaps`` names policies that take over:
-    ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless that is to
-    be replaced (``overwrite``).
+    actuator is driven to its stop and back (never: only as a policy wants it). ``swaps`` names policies that
+    take over: ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless
+    that is to be replaced (``overwrite``).
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     """
 
@@ -57,7 +57,7 @@ class ExperimentParams(Params):
     training: TrialCount = 25
     rings_mm: str = PUBLISHED
     training_order: Literal["randomised", "blocked"] = "randomised"
-    rehome: Literal["palpation", "trial", "condition"] = "trial"
+    rehome: Literal["palpation", "trial", "condition", "never"] = "trial"
     training_mounts: CountPositive = 1
     estimation_mounts: CountPositive = 1
     depths: DepthCount = 0
@@ -81,6 +81,9 @@ class ExperimentState(State):
     iteration: int = 0
     commanded: bool = False
     swept: bool = False
+    decided: bool = False
+    enter_ns: int | None = None
+    leave_ns: int | None = None
     goal_id: int = 0
     stage_ready: bool = True
     ring_trial: int = -1

@@ -7,18 +7,16 @@ import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.stage import Stage, StageParams, StageState
+from nodes.stage import Stage, StageParams, StageState, require_clearance
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import block_mistakes
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.limits import TravelLimits, check_lift
+from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.stage.position_history import crossing_ns
-from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.scene import StagePath
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     DeadlineMilliseconds,
@@ -26,13 +24,12 @@ from palp_core.units import (
     Metres,
     MetresPerSecondPositive,
     MillimetresNonNegative,
-    MillimetresPositive,
 )
 
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
 UNFINISHED = ("returning", "sweeping", "swept")  # a goal that a stop cancels
-ACTIVE = (*UNFINISHED, "resting", "retreating")
+ACTIVE = (*UNFINISHED, "resting", "retreating", "raising")
 
 
 class RigStageParams(StageParams):
@@ -40,8 +37,7 @@ class RigStageParams(StageParams):
 
     The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
     stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
-    as nobody knows how the probe lies. ``scene`` is the scene file that says how deep the probe enters the
-    gel (empty: the default scene): ``lift_mm`` must clear it.
+    as nobody knows how the probe lies.
     """
 
     device: ReadOnly[str] = "aerotech"
@@ -49,8 +45,6 @@ class RigStageParams(StageParams):
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
     margin_mm: ReadOnly[MillimetresNonNegative] = 4.0
-    scene: ReadOnly[str] = ""
-    lift_mm: ReadOnly[MillimetresPositive] = 20.0
     speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
     lift_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
     retreat_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.002
@@ -73,19 +67,6 @@ def driver_options(p: RigStageParams) -> dict[str, Any]:
     limits = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
     own = {"limits": limits, "lift_m": p.lift_mm * 1e-3, "lift_speed_m_per_s": p.lift_speed_m_s}
     return {**own, "sweep_speed_m_per_s": p.sweep_speed_m_s, **p.options}
-
-
-def require_clearance(p: RigStageParams) -> None:
-    """Refuse a lift at which the raised probe would be dragged through the scene's gel.
-
-    Raises:
-        DeviceError: It is one.
-        MechanicsError: The scene cannot be read.
-    """
-    path = read_scene(p.scene).path if p.scene else StagePath()
-    lift_m = p.options.get("lift_m", p.lift_mm * 1e-3)
-    if isinstance(lift_m, int | float):  # what is no number the driver refuses
-        check_lift(lift_m, path.indentation_m)
 
 
 def mistakes(params: RigStageParams) -> dict[str, str]:
@@ -232,10 +213,16 @@ class RigStage(Stage):
     def accept(self, goal: SweepGoal) -> None:
         if goal.cancel:
             self.waiting.clear()
-            if self.state.activity in ACTIVE:
+            if self.cancels(goal):
                 self._cancel()
         else:
             self.waiting.append(goal)
+
+    def _cancel(self) -> None:
+        try:
+            super()._cancel()
+        except DeviceError as error:
+            self._halt("device fault", str(error))
 
     def _return(self, activity: str) -> None:
         start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
@@ -268,6 +255,11 @@ class RigStage(Stage):
             self._sweep()
         elif self.state.activity == "swept":
             self._raise_probe("resting", self.params.lift_speed_m_s)
+        elif self.state.activity == "cancelled":  # a goal may come, and waits until the probe is raised
+            self._publish_status("ready")
+            self._raise_probe("raising", self.params.lift_speed_m_s)
+        elif self.state.activity == "raising":
+            self.state.activity = "ready"
         else:
             self._be_ready()
 

@@ -7,16 +7,27 @@ import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
+from palp_core.palpation.devices.limits import check_lift
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive
+from palp_core.palpation.mechanics.scene.file import read_scene
+from palp_core.palpation.mechanics.scene.scene import StagePath
+from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.units import CountPositive, HertzPositive, MetresPerSecondPositive, MillimetresPositive
 
 
 class StageParams(Params):
-    """Set in the launch file."""
+    """Set in the launch file.
+
+    ``scene`` is the scene file that says how deep the probe enters the gel (empty: the default scene), which
+    ``lift_mm``, the height of the way back, must clear.
+    """
 
     device: ReadOnly[str] = "sim"
+    scene: ReadOnly[str] = ""
+    lift_mm: ReadOnly[MillimetresPositive] = 20.0
     rate_hz: HertzPositive = 1000.0
     block_samples: CountPositive = 50
     sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
@@ -25,6 +36,24 @@ class StageParams(Params):
     def block_hz(self) -> float:
         """Rate of pose blocks."""
         return self.rate_hz / self.block_samples
+
+
+def require_clearance(params: Any) -> None:
+    """Refuse a lift at which the raised probe would be dragged through the scene's gel.
+
+    Raises:
+        DeviceError: It is one.
+        MechanicsError: The scene cannot be read.
+    """
+    path = read_scene(params.scene).path if params.scene else StagePath()
+    lift_m = getattr(params, "options", {}).get("lift_m", params.lift_mm * 1e-3)
+    if isinstance(lift_m, int | float):  # what is no number the driver refuses
+        check_lift(lift_m, path.indentation_m)
+
+
+def device_options(params: StageParams) -> dict[str, Any]:
+    """Return the options of the stage's device."""
+    return {"sweep_speed_m_per_s": params.sweep_speed_m_s, "lift_m": params.lift_mm * 1e-3}
 
 
 class StageState(State):
@@ -58,15 +87,18 @@ class Stage(Node):
 
     @staticmethod
     def examine(params: Any) -> dict[str, str]:
+        if found := file_mistakes(params):
+            return found
+        try:
+            require_clearance(params)
+        except DeviceError as error:
+            return {"lift_mm": str(error)}
         too_long = block_mistakes(params.block_samples, params.rate_hz)
-        return too_long | device_mistakes(
-            "stage", params.device, {"sweep_speed_m_per_s": params.sweep_speed_m_s}
-        )
+        return too_long | device_mistakes("stage", params.device, device_options(params))
 
     def on_configure(self) -> None:
-        self.device = open_device(
-            "stage", self.params.device, sweep_speed_m_per_s=self.params.sweep_speed_m_s
-        )
+        require_clearance(self.params)
+        self.device = open_device("stage", self.params.device, **device_options(self.params))
         length_s = 1.0 / self.params.block_hz
         if late := late_blocks("torque", length_s, wall_clock=False):  # torque follows the poses
             self.log.warning("%s", late)
@@ -92,7 +124,8 @@ class Stage(Node):
     def accept(self, goal: SweepGoal) -> None:
         state = self.state
         if goal.cancel:
-            self._cancel()
+            if self.cancels(goal):
+                self._cancel()
             return
         if state.activity != "ready":
             raise ValueError(
@@ -104,6 +137,10 @@ class Stage(Node):
             self._sweep()
         else:
             self._return("returning")
+
+    def cancels(self, goal: SweepGoal) -> bool:
+        """Tell whether there is anything to cancel: not a goal that is over, nor another than asked for."""
+        return goal.goal_id == self.state.goal_id and self.state.activity in ("returning", "sweeping")
 
     def _cancel(self) -> None:
         self.block.stop()

@@ -258,6 +258,38 @@ def test_a_goal_can_be_cancelled(permitted: Permitted) -> None:
     assert permitted.words[-2:] == ["cancelled", "ready"]
 
 
+def test_after_a_cancel_the_probe_is_raised_before_the_next_goal(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True))
+    permitted.run(0.5)
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=2, from_m=FROM_M, to_m=TO_M))
+    permitted.run(20.0)
+    after = permitted.device.calls[permitted.device.calls.index("stop") :]
+    assert after[:4] == ["stop", "retreat 0.02", "return", "sweep"]
+    assert permitted.words[-5:] == ["cancelled", "ready", "sweeping", "swept", "ready"]
+    assert permitted.condition == "ok"
+
+
+def test_a_cancel_that_comes_after_the_sweep_changes_nothing(permitted: Permitted) -> None:
+    sweeping(permitted)
+    while permitted.words[-1] != "swept":
+        permitted.run(0.01)
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True))
+    permitted.run(5.0)
+    assert permitted.words[-2:] == ["swept", "ready"]
+    assert "stop" not in permitted.device.calls
+
+
+def test_a_stop_by_the_safety_node_while_the_probe_is_raised_is_a_halt(permitted: Permitted) -> None:
+    sweeping(permitted)
+    permitted.bench.feed(RigStage.goal, SweepGoal(stamp_ns=0, goal_id=1, from_m=0.0, to_m=0.0, cancel=True))
+    permitted.run(0.5)
+    permitted.run(0.1, "latched")
+    assert permitted.bench.node.state.activity == "halted"
+    permitted.run(5.0, "ready", count=1)
+    assert permitted.words[-1] == "ready"
+
+
 def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:
     sweeping(permitted)
     permitted.device.broken = True

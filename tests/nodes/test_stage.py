@@ -180,6 +180,32 @@ def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
     assert place_m(bench)[0] - before_m == pytest.approx(0.0002, abs=1e-6)  # v^2 / (2 a)
 
 
+def test_a_goal_that_is_over_or_another_one_is_not_cancelled() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    while "swept" not in words(bench):
+        bench.advance(0.01)
+    bench.feed(Stage.goal, cancel())
+    bench.advance(20.0)
+    assert words(bench) == ["sweeping", "swept", "ready"]
+    bench.feed(Stage.goal, goal(2))
+    bench.advance(2.0)
+    bench.feed(Stage.goal, cancel())  # of goal 1, and late
+    bench.advance(20.0)
+    assert words(bench)[3:] == ["sweeping", "swept", "ready"]
+
+
+def test_a_sweep_that_is_cancelled_tells_how_many_samples_it_had() -> None:
+    bench = Bench(Stage)
+    bench.feed(Stage.goal, goal())
+    while words(bench) != ["sweeping"]:
+        bench.advance(0.01)
+    bench.advance(2.0)
+    bench.feed(Stage.goal, cancel())
+    count = sum(len(pose.position_m) for pose in bench.sent(Stage.pose))
+    assert bench.sent(Stage.status)[-1].sample_count == count > 1000
+
+
 def test_after_a_cancelled_sweep_the_next_one_is_whole() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal())

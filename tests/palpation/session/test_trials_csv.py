@@ -21,10 +21,12 @@ FACTS: dict[str, Any] = {
     "peak_n_m": 0.01, "posterior": [0.25, 0.75], "gain": [0.5, 0.125], "gamma": 0.5, "verdict": "decided",
     "estimate_m": 0.002, "outlier": True, "policy": "fixed", "seed": 7, "start_ns": 1, "end_ns": 2**60,
     "landed": False, "guards": ["lift-off; at last", "stuck, too"],
+    "enter_ns": 3, "leave_ns": 2**61,
 }  # fmt: skip
 NOTHING: dict[str, Any] = {
     "row": 1, "posterior": [], "gain": [], "gamma": None, "estimate_m": None, "true_ring_m": None,
     "true_height_m": None, "outlier": False, "landed": None, "guards": [],
+    "enter_ns": None, "leave_ns": None,
 }  # fmt: skip
 
 

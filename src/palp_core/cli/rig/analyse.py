@@ -15,7 +15,7 @@ from palp_core.errors import PalpError
 if TYPE_CHECKING:
     from palp_core.palpation.readings.analysis import Plan
 
-_OF_SESSIONS = ("smoother", "feature", "filter", "depths", "noise", "scene")
+_OF_SESSIONS = ("smoother", "feature", "filter", "trace_filter", "depths", "noise", "scene")
 _OF_TABLES = ("class", "reading", "setting", "trial", "policy", "deal", "covariance", "folds", "seed")
 
 
@@ -40,9 +40,16 @@ def analyse(
             "where a cell has few readings."
         ),
     ] = None,
+    trace_filter: Annotated[
+        str,
+        typer.Option(help="Read whole traces by this filter (linear, grid), in place of the four above."),
+    ] = "",
     stop: Annotated[
         str | None,
-        typer.Option(help="Stop rule; as above. Default: paper_guarded; of a table posterior_threshold."),
+        typer.Option(
+            help="Stop rule; as above. Default: paper_guarded; of a table posterior_threshold, and of traces "
+            "that with 0.99."
+        ),
     ] = None,
     stop_value: Annotated[
         float, typer.Option(help="The stop rule's own number: T, probability or count; 0: its default.")
@@ -103,6 +110,8 @@ def analyse(
     _refuse_foreign(context, tables)
     if out is not None:
         make_folder(out)
+    if trace_filter and stop is None:
+        stop, stop_value = "posterior_threshold", stop_value or 0.99
     if not tables:
         methods = {
             "smoother": smoother,
@@ -113,6 +122,7 @@ def analyse(
             "stop_value": stop_value,
             "max_probes": max_probes,
             "depth_count": depths,
+            "trace_filter": trace_filter,
         }
         _analyse_sessions(outs, methods, noise=noise, scene=scene, out=out, as_json=as_json)
         return

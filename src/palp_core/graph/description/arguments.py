@@ -2,16 +2,25 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping as Lookup
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from palp_core.graph.description.substitution import Scope, evaluate
-from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Scalar, parse_scalar, shortened
+from palp_core.graph.description.yaml_tree import (
+    UNKNOWN,
+    Entry,
+    Mapping,
+    Scalar,
+    Tree,
+    parse_scalar,
+    shortened,
+)
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
-_KEYS = ("default", "choices", "help")
+_KEYS = ("default", "choices", "help", "sets")
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", dict: "a mapping"}
 
 
@@ -26,6 +35,7 @@ class Argument:
         choices: All values it may have; empty when any of its type will do.
         help: What it means.
         sound: Its declaration has no mistake.
+        sets: By its value, the defaults that it gives to other arguments of its file.
     """
 
     name: str
@@ -34,6 +44,12 @@ class Argument:
     choices: tuple[Any, ...] = ()
     help: str = ""
     sound: bool = True
+    sets: "Lookup[str, Lookup[str, Given]]" = field(default_factory=dict)
+
+    @property
+    def targets(self) -> set[str]:
+        """Arguments to which one of its values gives a default."""
+        return {name for defaults in self.sets.values() for name in defaults}
 
     @property
     def kind(self) -> type | None:
@@ -85,7 +101,55 @@ def declare(entry: Entry | None, scope: Scope, problems: Problems) -> dict[str, 
     if not isinstance(entry.value, Mapping):
         problems.add(entry.value.mark, "args must map each name to {default, choices, help}")
         return {}
-    return {name: _declare(name, item, scope, problems) for name, item in entry.value.items.items()}
+    found = {name: _declare(name, item, scope, problems) for name, item in entry.value.items.items()}
+    trees = {
+        name: item.value.items["sets"].value
+        for name, item in entry.value.items.items()
+        if isinstance(item.value, Mapping) and "sets" in item.value.items
+    }
+    plain = {name: argument for name, argument in found.items() if name not in trees}
+    for name, tree in trees.items():
+        scope.used.add(name)
+        found[name] = replace(found[name], sets=_sets(found[name], tree, plain, scope, problems))
+        plain = {other: argument for other, argument in plain.items() if other not in found[name].targets}
+    return found
+
+
+def _sets(
+    argument: Argument, tree: Tree, others: dict[str, Argument], scope: Scope, problems: Problems
+) -> dict[str, dict[str, Given]]:
+    """Read which defaults an argument's values give to others; those of every value are checked.
+
+    Args:
+        argument: The argument.
+        tree: Its ``sets``.
+        others: Arguments that no other argument sets and that set none themselves.
+        scope: Of the file.
+        problems: Receives the mistakes.
+    """
+    what, names = f"sets of argument '{argument.name}'", [branch_name(choice) for choice in argument.choices]
+    if not isinstance(tree, Mapping):
+        problems.add(tree.mark, f"{what} must map its choices to defaults; write {{choice: {{name: value}}}}")
+        return {}
+    found: dict[str, dict[str, Given]] = {}
+    for choice, entry in tree.items.items():
+        if choice not in names:
+            problems.add(entry.mark, f"{what}: '{choice}' is not one of its choices{hint(choice, names)}")
+        elif not isinstance(entry.value, Mapping):
+            problems.add(entry.value.mark, f"{what}: '{choice}' must map arguments of this file to defaults")
+        else:
+            found[choice] = {}
+            for name, item in entry.value.items.items():
+                if name not in others:
+                    text = (
+                        f"{what}: '{name}' is no argument of this file that it alone sets{hint(name, others)}"
+                    )
+                    problems.add(item.mark, text)
+                    continue
+                value = Given(evaluate(item.value, scope, problems), item.value.mark)
+                _fit(others[name], value, problems)
+                found[choice][name] = value
+    return found
 
 
 def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argument:
@@ -163,16 +227,21 @@ def assign(
         scope: Receives the values; a wrong or missing one becomes UNKNOWN.
         problems: Receives the mistakes.
     """
-    for name, argument in arguments.items():
+    setting = {name: argument for name, argument in arguments.items() if argument.sets}
+    preset: dict[str, Given] = {}
+    for name, argument in (setting | arguments).items():
         chosen = argument.default
         if name in given:
             chosen = _fit(argument, given[name], problems)
+        elif name in preset:
+            chosen = _fit(argument, preset[name], problems)
         elif argument.default is UNKNOWN and argument.sound:
             choices = f" (one of {', '.join(map(show, argument.choices))})" if argument.choices else ""
             problems.add(
                 caller, f"argument '{name}' has no default and is not given; pass {name}:=value{choices}"
             )
         scope.values[name] = chosen
+        preset |= argument.sets.get(branch_name(chosen), {})
         value = given.get(name, Given(chosen))
         scope.origins[name] = value.origin or f"{scope.file}:{name}"
         if value.mark is not None and value.origin is None:
@@ -223,6 +292,11 @@ def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
         )
         return UNKNOWN
     return value
+
+
+def branch_name(value: object) -> str:
+    """Return an argument's value as a key of YAML."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _what_text(value: str) -> str:

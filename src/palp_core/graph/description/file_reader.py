@@ -238,14 +238,15 @@ class _Reader:
         file = self._file(target, fields, outer)
         outer.included.append(file)
         passed = set(args.value.items) if args is not None and isinstance(args.value, Mapping) else set()
-        free = {name: argument for name, argument in file.own.items() if name not in passed}
-        offers = {name: outer.offer(argument, self.problems) for name, argument in free.items()}
+        offers = {n: outer.offer(one, self.problems) for n, one in file.own.items() if n not in passed}
         given = {name: offer for name, offer in offers.items() if offer is not None}
+        later = passed.union(*(one.targets for name, one in file.own.items() if name in passed))
+        free = {name: argument for name, argument in file.own.items() if name not in later}
         assign(free, given, tree.mark, file.scope, self.problems)
         outer.take(file)  # what the include gives may ask for them
         file.given = self._given(args, outer.scope)
-        rest = {name: argument for name, argument in file.own.items() if name in passed}
-        assign(rest, file.given, tree.mark, file.scope, self.problems)
+        rest = {name: argument for name, argument in file.own.items() if name in later}
+        assign(rest, {**given, **file.given}, tree.mark, file.scope, self.problems)
         self._includes(file)
         outer.take(file)  # what came up from further down, too
         refuse_unknown(file.given, file.arguments, tree.mark, target, self.problems)

@@ -157,6 +157,9 @@ def arguments_text(description: LaunchFile) -> str:
         lines.append(f"        {text}")
         if argument.default is not UNKNOWN:
             lines.append(f"        (default: {show(argument.default)})")
+        for choice, defaults in argument.sets.items():
+            set_by = ", ".join(f"{name}:={given.value}" for name, given in defaults.items())
+            lines.append(f"        ({choice} sets: {set_by})")
     if len(lines) == 1:
         lines += ["", "    No arguments."]
     return "\n".join(lines) + "\n"

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from palp_core.graph.description.arguments import Argument, unknown_keys
+from palp_core.graph.description.arguments import Argument, branch_name, unknown_keys
 from palp_core.graph.description.input_reader import flat, read_flag, read_input, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
@@ -114,11 +114,6 @@ def read_selection(
     for name in missing:
         problems.add(selector.mark, f"{what} has no branch for {variable}={name}; add a key '{name}'")
     return Selection(Choice(scope.origins[variable], present), branches)
-
-
-def branch_name(value: object) -> str:
-    """Return an argument's value as a key of YAML."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 _RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")

@@ -38,29 +38,32 @@ def combinations(
     stop_value: float = 0.0,
     max_probes: int,
     depth_count: int = 0,
+    trace_filter: str = "",
 ) -> list[Methods]:
     """Return every combination of names given with commas; ``all`` stands for every declared one.
+
+    With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined.
 
     Raises:
         MethodError: A name is not declared.
     """
+    more = {"stop_value": stop_value, "max_probes": max_probes, "depth_count": depth_count}
+    if trace_filter:
+        pairs = product(_named("trace_filter", trace_filter), _named("stop", stop))
+        return [Methods(trace_filter=one, stop=rule, **more) for one, rule in pairs]  # type: ignore[arg-type]
     words = dict(zip(_TASKS, (smoother, feature, filter, likelihood, stop), strict=True))
-    choices = [
-        [one.name for one in declared(task)]
-        if said == "all"
-        else [w.strip() for w in said.split(",") if w.strip()]
-        for task, said in words.items()
-    ]
+    choices = [_named(task, said) for task, said in words.items()]
     return [
-        Methods(
-            **dict(zip(_TASKS, names, strict=True)),
-            stop_value=stop_value,
-            max_probes=max_probes,
-            depth_count=depth_count,
-        )
+        Methods(**dict(zip(_TASKS, names, strict=True)), **more)  # type: ignore[arg-type]
         for names in product(*choices)
         if names[2] == "naive" or names[3] == choices[3][0]  # the latent filter has one likelihood, its own
     ]
+
+
+def _named(task: str, said: str) -> list[str]:
+    if said == "all":
+        return [one.name for one in declared(task)]
+    return [word.strip() for word in said.split(",") if word.strip()]
 
 
 def analyse(
@@ -182,7 +185,7 @@ def rows_of(record: dict[str, Any]) -> list[list[str]]:
         [*heads, "calibration error", "undecided", "ran out"],
         *(
             [
-                *(str(row[task]) for task in _TASKS),
+                *(_shown(row, task) for task in _TASKS),
                 _percent(row["accuracy"]),
                 _range(row["accuracy"]),
                 f"{_percent(row['difference_to_first'])} ({_range(row['difference_to_first'])})"
@@ -197,6 +200,12 @@ def rows_of(record: dict[str, Any]) -> list[list[str]]:
             for row in record["results"]
         ),
     ]
+
+
+def _shown(row: dict[str, Any], task: str) -> str:
+    """Return a method as the table has it: whole traces have a filter of their own, and no feature."""
+    of_trace = {"smoother": "-", "feature": "trace", "filter": row["trace_filter"], "likelihood": "-"}
+    return str(of_trace.get(task, row[task]) if row["trace_filter"] else row[task])
 
 
 def _percent(value: dict[str, Any] | None) -> str:

@@ -31,7 +31,10 @@ from palp_core.whole_file import write_json
 
 HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
-_HEARD = ("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", GUARD)
+_HEARD = (
+    *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
+    GUARD,
+)
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
 _DIAGNOSTIC, _METHODS = "DiagnosticStatus", "MethodsUsed"
 _BEFORE_ANY_ROW = ("Trial", "SweepGoal", "Mount", "Progress", "RingState", "RingTruth", "PhantomTruth")
@@ -248,6 +251,8 @@ class _Facts:
     policy: str = ""
     next_policy: str = ""
     touch_changed: bool = False
+    enter_ns: int | None = None
+    leave_ns: int | None = None
 
 
 class _Retold:
@@ -279,6 +284,8 @@ class _Retold:
                 facts.true_ring_m = value.ring_m
             case "SweepGoal" if facts.touch_changed:  # what the sweep meets is told anew
                 facts.guards, facts.touch_changed = [], False
+            case "SweepStatus" if value.status == "sweeping":
+                facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
             case "ContactGuard" if value.code == facts.code:
                 facts.guards = list(value.words)
             case "Swap":

@@ -48,6 +48,8 @@ BASIS = {
     "actuator.noise": "choice: noise file of this rig; empty: the parameters above",
     "stage.rate_hz": "published: 1000 Hz",
     "stage.sweep_speed_m_s": "published: 20 mm/s",
+    "stage.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
+    "stage.lift_mm": "assumed: clears the tissue",
     "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
     "phantom.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
     "phantom.output": "choice: what the contact model must get right",

@@ -114,7 +114,7 @@ class ExperimentDesign:
         order: ``randomised`` mixes phantoms and rings as far as mounting allows; ``blocked`` goes through
             them in turn. Not published.
         rehome: Before each ``palpation``, each ``trial``, or each new ``condition`` (phantom and ring in
-            training, phantom in estimation). Not published.
+            training, phantom in estimation), or ``never``. Not published.
         training_mounts: Times each phantom is mounted in training, its palpations spread evenly. Not
             published.
         estimation_mounts: The same in estimation.
@@ -127,15 +127,17 @@ class ExperimentDesign:
     repeats: int = 25
     trials_per_phantom: int = 100
     order: Literal["randomised", "blocked"] = "randomised"
-    rehome: Literal["palpation", "trial", "condition"] = "trial"
+    rehome: Literal["palpation", "trial", "condition", "never"] = "trial"
     training_mounts: int = 1
     estimation_mounts: int = 1
 
     def __post_init__(self) -> None:
         if self.order not in ("randomised", "blocked"):
             raise PerceptionError(f"no order '{self.order}'; use 'randomised' or 'blocked'")
-        if self.rehome not in ("palpation", "trial", "condition"):
-            raise PerceptionError(f"no rehome '{self.rehome}'; use 'palpation', 'trial' or 'condition'")
+        if self.rehome not in ("palpation", "trial", "condition", "never"):
+            raise PerceptionError(
+                f"no rehome '{self.rehome}'; use 'palpation', 'trial', 'condition' or 'never'"
+            )
         if len({p.code for p in self.phantoms}) != len(self.phantoms):
             raise PerceptionError("two phantoms have the same code")
         for name, mounts, total in (

@@ -1,7 +1,7 @@
 """Decide stored sessions again with other methods, without the rig: the sweeps are what was felt."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -20,6 +20,8 @@ from palp_core.palpation.perception.signal.smoothers import smoother
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
+from palp_core.palpation.session.trace.again import decide_again, trace_reader
+from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.units import Float64Array
 
 
@@ -36,6 +38,8 @@ class Methods:
         stop_value: The stop rule's own number; 0 for its default.
         max_probes: Probes after which a trial is undecided.
         depth_count: Depths of a grid over the trained ones; 0 for the trained ones.
+        trace_filter: Task ``trace_filter``: the whole traces are the readings, and feature, filter and
+            likelihood are not used; empty: they are.
     """
 
     smoother: str = "db10_soft"
@@ -46,10 +50,13 @@ class Methods:
     stop_value: float = 0.0
     max_probes: int = 15
     depth_count: int = 0
+    trace_filter: str = ""
 
     def __post_init__(self) -> None:
         for task in ("smoother", "feature", "filter", "likelihood", "stop"):
             find(task, getattr(self, task))
+        if self.trace_filter:
+            find("trace_filter", self.trace_filter)
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,8 @@ def reanalyse(
     primitives = learn(training, readings(training, methods), session.path)
     if not estimation:
         raise PalpError(f"{session.path}: has no trial of estimation to decide again")
+    if methods.trace_filter:
+        return _by_traces(session, methods, primitives, noise, scene)
     values = dict(zip(map(id, estimation), readings(estimation, methods).tolist(), strict=True))
     if methods.filter != NAIVE and noise is None:
         raise PalpError(
@@ -162,6 +171,48 @@ def reanalyse(
             left_out.append(number)  # the session dropped it, too
             continue
         trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, each, methods))
+    return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
+
+
+def _by_traces(
+    session: RecordedSweeps,
+    methods: Methods,
+    primitives: Primitives,
+    noise: RigNoise | None,
+    scene: Scene | None,
+) -> ReanalysedSession:
+    """Decide the trials by their whole traces, along the path and with the spreads that it states."""
+    if not session.read_by:
+        raise PalpError(
+            f"{session.path}: does not say over which path it swept (result.json is missing, or another tool "
+            "wrote the bag); palp report makes it again"
+        )
+    settings = replace(
+        TraceSettings.of(session.read_by), depths=methods.depth_count, trace_filter=methods.trace_filter
+    )
+    try:
+        reader = trace_reader(session, settings, noise, scene)
+    except PerceptionError as error:
+        raise PalpError(f"{session.path}: {error}") from error
+    rule, depths_m = stop_rule(methods.stop, methods.stop_value), reader.depths_m
+    trials, left_out = [], []
+    for one in decide_again(session, reader, settings, rule, methods.max_probes):
+        if not one.posteriors:
+            left_out.append(one.trial)
+            continue
+        last = one.posteriors[-1]
+        best = int(np.argmax(last))
+        trials.append(
+            ReanalysedTrial(
+                one.trial,
+                one.sweeps[0].depth_m,
+                float(depths_m[best]),
+                float(last[best]),
+                len(one.posteriors),
+                one.word,
+                float(last @ depths_m),
+            )
+        )
     return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
 
 

@@ -2,21 +2,25 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
+from palp_core.graph.launch.summary import RunSummary
+from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
 
 _NEEDED = ("Mount", "Trial", "Palpation")  # types of messages; what their topics are called is the graph's
-_TOLD = ("RingState", "PhantomTruth")
+_TOLD = ("RingState", "PhantomTruth", "SweepStatus")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +38,9 @@ class RecordedSweep:
         torque_n_m: As measured, shape (n,).
         rate_hz: Sampling rate.
         landed: Whether the ring was moved or re-homed since the sweep before; None where nobody told.
+        start_ns: Time of the first sample; None where nobody told, as for the two below.
+        enter_ns: When the stage would come over the path, as it said when the sweep began.
+        leave_ns: When it would leave it.
     """
 
     phase: str
@@ -46,6 +53,9 @@ class RecordedSweep:
     torque_n_m: Float64Array
     rate_hz: float
     landed: bool | None = None
+    start_ns: int | None = None
+    enter_ns: int | None = None
+    leave_ns: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +66,13 @@ class RecordedSweeps:
         path: Its folder or bag.
         sweeps: Every sweep.
         ring_moves_each_time: Whether the ring was homed before every palpation; None where nobody told.
+        read_by: Parameters of the node that made readings of them; empty where nobody told.
     """
 
     path: Path
     sweeps: tuple[RecordedSweep, ...]
     ring_moves_each_time: bool | None = None
+    read_by: Mapping[str, Any] = field(default_factory=dict)
 
     def phase(self, name: str) -> list[RecordedSweep]:
         """Return the sweeps of a phase."""
@@ -103,14 +115,14 @@ def read_sweeps(path: Path) -> RecordedSweeps:
         BagError: The bag cannot be read.
     """
     if (path / "trials.csv").exists():
-        sweeps, each = tuple(_of_record(path)), _rehomes(path)
+        sweeps, each, read_by = tuple(_of_record(path)), _rehomes(path), _read_by(path)
     elif path.suffix == ".mcap" or any(path.glob("*.mcap")):
-        sweeps, each = tuple(_of_bag(path)), None
+        sweeps, each, read_by = tuple(_of_bag(path)), None, _read_by_of_bag(path)
     else:
         raise PalpError(f"{path}: neither a session's folder (trials.csv) nor a bag (*.mcap)")
     if not sweeps:
         raise PalpError(f"{path}: holds no sweep")
-    return RecordedSweeps(path, sweeps, each)
+    return RecordedSweeps(path, sweeps, each, read_by)
 
 
 def _of_record(folder: Path) -> Iterator[RecordedSweep]:
@@ -118,7 +130,7 @@ def _of_record(folder: Path) -> Iterator[RecordedSweep]:
         torque_n_m, rate_hz = read_sweep(folder, row.row)
         yield RecordedSweep(
             row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
-            torque_n_m, rate_hz, row.landed,
+            torque_n_m, rate_hz, row.landed, row.start_ns, row.enter_ns, row.leave_ns,
         )  # fmt: skip
 
 
@@ -131,6 +143,24 @@ def _rehomes(folder: Path) -> bool | None:
     return said == ["palpation"] if said else None
 
 
+def _read_by(folder: Path) -> dict[str, Any]:
+    try:
+        result = json.loads(read_whole(folder / "result.json"))
+        said = result["protocol"][result["roles"]["estimator"]]
+        return {name: one["value"] for name, one in said.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _read_by_of_bag(path: Path) -> dict[str, Any]:
+    with Bag(path) as bag:
+        attached = bag.attachments().get(LAUNCH_ATTACHMENT)
+    try:
+        return roles_of(msgspec.json.decode(attached or b"", type=RunSummary)).params("estimator")
+    except (msgspec.MsgspecError, PalpError):  # another tool wrote it, or it is of part of a rig
+        return {}
+
+
 def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     """Yield the bag's sweeps; a phantom's depth is what was recorded of it, else what training told."""
     with Bag(path) as bag:
@@ -140,6 +170,7 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
     homed, ring_m = False, -1.0
+    over: tuple[int | None, int | None] = (None, None)
     for message in messages:
         value: Any = message.value
         match type_of[message.topic]:
@@ -153,12 +184,14 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
                 depths[value.code] = value.depth_m
             case "RingState":
                 homed = homed or value.rehome
+            case "SweepStatus" if value.status == "sweeping":
+                over = (value.enter_ns, value.leave_ns)
             case "Palpation" if trial is not None and value.trial == trial.trial:
                 landed = (homed or value.ring_m != ring_m) if told else None
                 homed, ring_m = False, value.ring_m
                 yield RecordedSweep(
                     trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
-                    value.torque_n_m, value.rate_hz, landed,
+                    value.torque_n_m, value.rate_hz, landed, value.start_ns, *over,
                 )  # fmt: skip
 
 

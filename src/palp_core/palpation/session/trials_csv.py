@@ -47,7 +47,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
     where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
-    ``guards``: what the simulated sweep met in which its contact model may be wrong, in words.
+    ``guards``: what the simulated sweep met in which its contact model may be wrong, in words. ``enter_ns``
+    and ``leave_ns``: when the stage would come over the path and leave it, as it said when the sweep began.
 
     A field is a column, but a list of numbers is a column per class. A new one needs a line here and a line
     in :func:`row_of`; records without it are read with its default.
@@ -77,6 +78,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int
     landed: bool | None = None
     guards: list[str] = []
+    enter_ns: int | None = None
+    leave_ns: int | None = None
 
 
 class RowFacts(Protocol):
@@ -97,6 +100,8 @@ class RowFacts(Protocol):
     ring_landed: bool
     last_ring_m: float
     policy: str
+    enter_ns: int | None
+    leave_ns: int | None
 
 
 def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
@@ -134,6 +139,8 @@ def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: i
         end_ns=palpation.end_ns,
         landed=facts.ring_landed or palpation.ring_m != facts.last_ring_m,
         guards=list(facts.guards),
+        enter_ns=facts.enter_ns,
+        leave_ns=facts.leave_ns,
     )
 
 

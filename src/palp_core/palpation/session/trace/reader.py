@@ -13,9 +13,13 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
+from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.belief.trial_filter import classes_of
+from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.trace import belief as trace_belief
 from palp_core.palpation.perception.trace.bins import BinnedSweep, Int64Array
 from palp_core.palpation.perception.trace.model import TraceModel
@@ -82,6 +86,18 @@ class SweepUnderWay(msgspec.Struct):
         done = (times_ns - self.enter_ns) / (self.leave_ns - self.enter_ns)
         self.bins.add(settings.bins, settings.from_m + (settings.to_m - settings.from_m) * done, torque_n_m)
 
+    def all_here(self, received: int, expected: int, stream: SweepCut | None) -> bool:
+        """Tell whether it is over and its torque is here.
+
+        Args:
+            received: Samples that came.
+            expected: How many the stage counted; 0 where the torque streams.
+            stream: The stream.
+        """
+        if not self.over or received < expected:
+            return False
+        return bool(expected) or stream is None or not self.whole or stream.complete
+
     @property
     def felt(self) -> list[float]:
         """The bins that count: those up to the decision, or all."""
@@ -146,8 +162,20 @@ def trained_traces(training: Sequence[TaughtSweep], settings: TraceSettings) -> 
     )
 
 
-def reader_of(training: Sequence[TaughtSweep], settings: TraceSettings) -> TraceReader:
+def reader_of(
+    training: Sequence[TaughtSweep],
+    settings: TraceSettings,
+    *,
+    noise: RigNoise | None = None,
+    scene: Scene | None = None,
+) -> TraceReader:
     """Return what reads trials as training and settings have it.
+
+    Args:
+        training: Its sweeps.
+        settings: How they are read.
+        noise: In place of the settings' spreads of landing and height.
+        scene: In place of the settings' scene.
 
     Raises:
         PerceptionError: As of :func:`trained_traces` and :meth:`TraceSettings.model`.
@@ -155,11 +183,11 @@ def reader_of(training: Sequence[TaughtSweep], settings: TraceSettings) -> Trace
     """
     trained = trained_traces(training, settings)
     depths_m = classes_of(trained.depths_m.tolist(), settings.depths)
-    return TraceReader(settings.model(trained), depths_m, trained.rings_m)
+    return TraceReader(settings.model(trained, noise, scene), depths_m, trained.rings_m)
 
 
 @dataclass(frozen=True)
-class Outlook:
+class TraceSoFar:
     """What the torque so far says.
 
     Attributes:
@@ -187,6 +215,11 @@ class TraceReader:
     depths_m: Float64Array
     rings_m: Float64Array
     _last: tuple[list[FeltSweep], trace_belief.TraceBelief] | None = field(default=None, init=False)
+
+    @property
+    def flat(self) -> Float64Array:
+        """Probabilities of the classes before a trial, shape (m,)."""
+        return np.exp(bayes.flat_prior(len(self.depths_m)))
 
     def setting(self, ring_m: float) -> int | None:
         """Return the index of a ring position, or None if it was not trained."""
@@ -240,7 +273,7 @@ class TraceReader:
         seen: int,
         rule: StopRule,
         posteriors: Sequence[Float64Array],
-    ) -> Outlook:
+    ) -> TraceSoFar:
         """Return what a sweep says after the bins that nobody has looked at yet, or after that which decides.
 
         Args:
@@ -250,14 +283,13 @@ class TraceReader:
             rule: The stop rule; one that counts probes is asked when a sweep is over only.
             posteriors: After each of the sweeps before it.
         """
-        found = np.full(len(self.depths_m), 1.0 / len(self.depths_m))
-        flat, count = found, len(sweep.torque_n_m)
+        found, count = self.flat, len(sweep.torque_n_m)
         for bins in range(min(seen + 1, count) if rule.within_a_sweep else count, count + 1):
             so_far = FeltSweep(sweep.setting, sweep.landed, sweep.torque_n_m[:bins])
             found = self.posterior([*earlier, so_far])
             if rule.within_a_sweep:
                 history = [*posteriors, found]
-                step = BeliefStep.last(history, [gain_vector(one, flat) for one in history])
+                step = BeliefStep.last(history, [gain_vector(one, self.flat) for one in history])
                 if bool(rule.check(step).converged):
-                    return Outlook(found, bins, decided=True)
-        return Outlook(found, count, decided=False)
+                    return TraceSoFar(found, bins, decided=True)
+        return TraceSoFar(found, count, decided=False)

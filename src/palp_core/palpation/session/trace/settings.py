@@ -13,7 +13,7 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import quantisation_sd
-from palp_core.palpation.perception.belief.rig_noise import noise_of
+from palp_core.palpation.perception.belief.rig_noise import RigNoise, noise_of
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.perception.trace.bins import PositionBins
 from palp_core.palpation.perception.trace.filters import TraceKnowledge, model_of
@@ -98,20 +98,27 @@ class TraceSettings:
         """Least scatter of a bin: what the sensor's steps make of it."""
         return quantisation_sd(self.resolution_n_mm * 1e-3)
 
-    def model(self, trained: TrainedTraces) -> TraceModel:
+    def model(
+        self, trained: TrainedTraces, noise: RigNoise | None = None, scene: Scene | None = None
+    ) -> TraceModel:
         """Return what sweeps of a trial look like.
+
+        Args:
+            trained: What training taught.
+            noise: In place of the settings' spreads of landing and height.
+            scene: In place of the settings' scene.
 
         Raises:
             PerceptionError: The filter needs an offset and there is none, or the noise file is none.
             MethodError: There is no such filter, or no contact rung is good enough for the scene.
         """
-        known = self._known(trained)
+        scene = scene or (read_scene(self.scene) if self.scene else Scene())
+        noise = noise or noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3)
+        known = self._known(trained, noise, scene)
         return model_of(self.trace_filter, trained, known, classes_of(trained.depths_m.tolist(), self.depths))
 
-    def _known(self, trained: TrainedTraces) -> TraceKnowledge:
+    def _known(self, trained: TrainedTraces, noise: RigNoise, scene: Scene) -> TraceKnowledge:
         """Return how sweeps answer to what differs, by the mechanics of the scene."""
-        scene = read_scene(self.scene) if self.scene else Scene()
-        noise = noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3)
         spread = {
             "ring_m": noise.ring_sd_m.value,
             "height_m": noise.height_sd_m.value,

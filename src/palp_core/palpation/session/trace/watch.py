@@ -9,7 +9,13 @@ import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import StopRule
 from palp_core.palpation.perception.trace.bins import sample_times_ns
-from palp_core.palpation.session.trace.reader import FeltSweep, Outlook, TraceMemory, TraceReader, reader_of
+from palp_core.palpation.session.trace.reader import (
+    FeltSweep,
+    TraceMemory,
+    TraceReader,
+    TraceSoFar,
+    reader_of,
+)
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.units import Float64Array
 
@@ -53,7 +59,7 @@ class TraceWatch:
         posteriors: Sequence[Sequence[float]],
         *,
         landed: bool,
-    ) -> Outlook | None:
+    ) -> TraceSoFar | None:
         """Return what the bins that are new say; None where none is, or the sweep is decided or not trained.
 
         Args:

@@ -1,0 +1,139 @@
+"""A decision within the sweep, in whole runs: the stage stops, and the record lets it be made again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nodes.experiment import Experiment
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.replay.replay import replay
+from palp_core.palpation.perception.belief.stopping import stop_rule
+from palp_core.palpation.session.reanalysis import Methods, reanalyse
+from palp_core.palpation.session.recorded_sweeps import read_sweeps
+from palp_core.palpation.session.trace.again import decide_again, trace_reader
+from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trials_csv import Row, read_rows
+from tests.support.palp import Palp, palp
+
+__all__ = ["palp"]
+
+ROOT = Path(__file__).resolve().parents[2]
+SIM = ROOT / "launch" / "sim.yaml"
+WHOLE_S = 2.5
+SWIFT = Methods(stop="posterior_threshold", stop_value=0.99, trace_filter="linear")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of two trials a phantom, with the ring moved between probes, and its bag."""
+    path = tmp_path_factory.mktemp("swift")
+    with Graph(
+        SIM, compose=True, record=path / "bag", out=str(path / "out"), protocol="swift", trials=2, training=2,
+        policy="uniform",
+    ) as graph:  # fmt: skip
+        assert graph.run().exit_code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def rows(folder: Path) -> list[Row]:
+    return [row for row in read_rows(folder / "out") if row.phase == "estimation"]
+
+
+def length_s(row: Row) -> float:
+    return (row.end_ns - row.start_ns) * 1e-9
+
+
+def test_trials_end_within_a_sweep_and_the_record_has_what_was_swept(folder: Path, rows: list[Row]) -> None:
+    stored = {(one.trial, one.iteration): one for one in read_sweeps(folder / "out").sweeps}
+    ends = [row for row in rows if row.verdict == "decided"]
+    assert len({row.trial for row in rows}) == len(ends) == 6
+    assert sum(length_s(row) < WHOLE_S - 0.2 for row in ends) >= 4
+    for row in rows:
+        sweep = stored[row.trial, row.iteration]
+        assert len(sweep.torque_n_m) == round(length_s(row) * 1000) + 1
+        if row.verdict == "continue":
+            assert len(sweep.torque_n_m) >= WHOLE_S * 1000
+        else:
+            assert max(row.posterior) >= 0.99
+
+
+@pytest.mark.parametrize("kind", ["out", "bag"])
+def test_the_nodes_own_verdicts_are_found_again_bit_by_bit(folder: Path, rows: list[Row], kind: str) -> None:
+    session = read_sweeps(folder / kind)
+    settings = TraceSettings.of(session.read_by)
+    assert (settings.from_m, settings.to_m) == (-0.02, 0.03)
+    reader, rule = trace_reader(session, settings, None, None), stop_rule("posterior_threshold", 0.99)
+    again = list(decide_again(session, reader, settings, rule, 15))
+    found = [one for trial in again for one in trial.posteriors]
+    assert [one.tolist() for one in found] == [row.posterior for row in rows]
+    assert [trial.word for trial in again] == ["decided"] * 6
+    whole = reanalyse(session, SWIFT)
+    assert [t.estimate_m for t in whole.trials] == [r.estimate_m for r in rows if r.verdict == "decided"]
+
+
+def test_another_filter_decides_the_same_sweeps(folder: Path) -> None:
+    session = read_sweeps(folder / "out")
+    grid = reanalyse(session, Methods(stop="posterior_threshold", stop_value=0.9, trace_filter="grid"))
+    assert {trial.verdict for trial in grid.trials} <= {"decided", "ran_out"}
+    assert sum(trial.estimate_m == trial.depth_m for trial in grid.trials) >= 5
+
+
+def by_topic(bag: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    with Bag(bag) as opened:
+        for message in opened.messages():
+            found.setdefault(message.topic, []).append(message)
+    return found
+
+
+def test_the_stage_rests_within_a_millimetre_of_the_block_that_decided(folder: Path) -> None:
+    said = by_topic(folder / "bag")
+    decided = [one for one in said["/estimator/outlook"] if one.value.verdict == "decided"]
+    cancelled = [one for one in said["/stage/status"] if one.value.status == "cancelled"]
+    assert 4 <= len(cancelled) <= len(decided)
+    speed, brakes_m = 0.020, 0.020**2 / 2.0
+    for stop in cancelled:
+        last = max(one.value.sample_ns for one in decided if one.log_ns <= stop.log_ns)
+        assert (stop.value.stamp_ns - last) * 1e-9 * speed + brakes_m < 1e-3 + 0.050 * speed
+    resting = {one.value.goal_id for one in said["/stage/status"] if one.value.status == "ready"}
+    assert {stop.value.goal_id for stop in cancelled[:-1]} <= resting  # the run ends with the last decision
+
+
+def test_replayed_nodes_say_the_same_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(Experiment, "records", False)
+    monkeypatch.chdir(tmp_path)
+    for one in replay(folder / "bag", ["estimator", "stage"], ROOT):
+        assert one.divergence is None, one.divergence
+        assert one.compared > 0
+
+
+@pytest.mark.nightly
+def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Path) -> None:
+    digests: list[Any] = []
+    for how in ((), ("--compose",)):
+        to = tmp_path / f"digest{len(digests)}.json"
+        given = ("protocol:=swift", "policy:=fixed", "trials:=1", "training:=2", "rings_mm:=16")
+        out = (f"out:={tmp_path / 'out'}", "overwrite:=true")
+        done = palp.run("launch", SIM, "--digest", to, *how, *given, *out)
+        assert done.returncode == 0, done.stderr
+        digests.append(json.loads(to.read_text(encoding="utf-8")))
+    assert digests[0] == digests[1]
+    assert "/estimator/outlook" in json.dumps(digests[0])
+
+
+@pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
+def test_each_setting_of_the_protocol_can_be_given(file: str) -> None:
+    swift = check_file(ROOT / "launch" / file, ["protocol:=swift", "stop_value:=0.9", "lift_mm:=7"])
+    by_name = {spec.name: spec.params for spec in swift.nodes}
+    assert (by_name["estimator"]["reading"], by_name["estimator"]["stop_value"]) == ("trace", 0.9)
+    assert (by_name["experiment"]["rehome"], by_name["stage"]["lift_mm"]) == ("never", 7.0)
+    for node in ("experiment", "estimator", "phantom"):
+        assert (by_name[node]["from_m"], by_name[node]["to_m"]) == (-0.02, 0.03)
