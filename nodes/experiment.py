@@ -8,7 +8,7 @@ from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
-from nodes.experiment_plan import believed, design_of, is_right, mistakes, name_of, plan_of, planned
+from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_of
 from nodes.experiment_record import progress_of, result_of, trial_of
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
@@ -42,7 +42,7 @@ class Experiment(Node):
 
     def on_configure(self) -> None:
         self.design = design_of(self.params)
-        self.swaps = planned(self.params.swaps)
+        self.swaps = plan.planned(self.params.swaps)
         self.record = SessionWriter(self.params.out, believed(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
@@ -174,7 +174,7 @@ class Experiment(Node):
         self.trial.publish(trial_of(state, self.now_ns()))
         run = self.swaps.get(state.trials_done + 1, "") if state.phase == "estimation" else ""
         if run:  # the policy that is there begins the trial, the next one goes on with it
-            state.next_policy = name_of(run)
+            state.next_policy = plan.policy_name(run)
             self.swap.publish(Swap(stamp_ns=self.now_ns(), node=POLICY, run=run))
 
     # What the rig answers

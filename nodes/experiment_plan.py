@@ -1,4 +1,4 @@
-"""Which plan the experiment follows, from its parameters, and which policies take over in it."""
+"""Which plan the experiment follows, from its parameters."""
 
 from collections.abc import Callable
 
@@ -69,7 +69,7 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
     checks: tuple[tuple[str, Callable[[], object]], ...] = (
         ("rings_mm", lambda: rings_of(params.rings_mm)),
         ("", lambda: design_of(params)),
-        ("swaps", lambda: planned(params.swaps)),
+        ("swaps", lambda: plan.planned(params.swaps)),
     )
     for name, check in checks:
         try:
@@ -87,32 +87,3 @@ def plan_of(design: plan.ExperimentDesign | RepeatDesign, seed: int) -> plan.Pla
     if isinstance(design, RepeatDesign):
         return repeatability(design)
     return plan.experiment(design, np.random.default_rng(seed))
-
-
-def planned(text: str) -> dict[int, str]:
-    """Return the class by the number of the trial in which it takes over, counted from 1.
-
-    >>> planned("30=nodes.policy_markov:Markov, 60=nodes.policy_uniform:Uniform")
-    {30: 'nodes.policy_markov:Markov', 60: 'nodes.policy_uniform:Uniform'}
-
-    Raises:
-        ValueError: Not of that form.
-    """
-    found = {}
-    for entry in filter(None, map(str.strip, text.split(","))):
-        number, sign, run = entry.partition("=")
-        if not sign or not number.strip().isdigit() or ":" not in run:
-            raise ValueError(
-                f"swaps: '{entry}' is not TRIAL=MODULE:CLASS, as in 30=nodes.policy_markov:Markov"
-            )
-        found[int(number)] = run.strip()
-    return found
-
-
-def name_of(run: str) -> str:
-    """Return the name under which a policy stands in the record.
-
-    >>> name_of("nodes.policy_markov:Markov")
-    'markov'
-    """
-    return run.rpartition(":")[2].lower()

@@ -87,6 +87,17 @@ def test_what_is_not_there_is_said(call: list[str], words: str) -> None:
     assert words in str(result.exception)
 
 
+def test_a_scene_that_cannot_be_swept_is_refused_as_sweeping_it_is(tmp_path: Path) -> None:
+    file = tmp_path / "under.yaml"
+    file.write_text("ring_m: -0.004\n", encoding="utf-8")
+    said = [
+        str(CliRunner().invoke(app, call).exception)
+        for call in (["methods", "--scene", str(file)], ["scene", "run", str(file)])
+    ]
+    assert said[0] == said[1]
+    assert "ring_m: -0.004 m makes the joint unstable; keep the ring at or over the pivot" in said[0]
+
+
 @pytest.mark.parametrize("width", [30, 60, 80, 100, 160])
 @pytest.mark.parametrize("task", ["contact", "stop", "policy"])
 def test_no_word_is_lost_in_a_terminal_however_narrow(

@@ -15,7 +15,9 @@ from nodes.estimator import Estimator
 from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.cli.main import app
+from palp_core.errors import MethodError
 from palp_core.methods import find, names, register
+from tests.support.palp import SIM
 
 LAB = """
 from palp_core.methods import Bound, method
@@ -38,6 +40,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     (tmp_path / "lab_of_ours.py").write_text(LAB, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
+    monkeypatch.setattr(register, "_BROKEN", dict(register._BROKEN))
     yield "lab_of_ours"
     sys.modules.pop("lab_of_ours", None)
 
@@ -68,3 +71,25 @@ def test_it_is_found_by_an_entry_point_and_chosen_where_it_is_the_cheapest_that_
     (said,) = bench.sent(Phantom.methods)
     rungs = [use for use in said.uses if use.task == "contact"]
     assert {(use.name, use.bound, use.asked) for use in rungs} == {("felt", 0.004, False)}
+
+
+def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
+    lab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    broken = LAB.replace("cost_s=1e-3, bounds", "cost_s=1e-3, valid={'dpeth_m': (0, 1)}, bounds")
+    (tmp_path / f"{lab}.py").write_text(broken, encoding="utf-8")
+    points = (*register._points(), EntryPoint("contact", lab, register.GROUP))
+    monkeypatch.setattr(register, "_points", lambda: points)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    words = f"{lab} cannot be imported: method 'felt' of task 'contact': 'dpeth_m' is no quantity"
+    shown = CliRunner().invoke(app, ["methods", "contact"], catch_exceptions=False)
+    assert words in shown.stderr
+    assert "felt" not in shown.stdout
+    assert "chosen: is the cheapest" in shown.stdout
+    (said,) = Bench(Phantom, {}).sent(Phantom.methods)
+    assert {use.name for use in said.uses if use.task == "contact"} == {"l2"}
+    assert words in caplog.text
+    with pytest.raises(MethodError, match=r"no method 'felt' for task 'contact'; .*'dpeth_m' is no quantity"):
+        find("contact", "felt")
+    checked = CliRunner().invoke(app, ["launch", str(SIM), "--check"], catch_exceptions=False)
+    assert words in checked.stderr

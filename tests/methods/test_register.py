@@ -15,17 +15,23 @@ from palp_core.errors import MethodError
 from palp_core.methods import (
     Bound,
     choose,
+    declare_quantity,
     declare_task,
     find,
+    left_out,
     method,
     methods,
     names,
     outside,
+    quantities,
     register,
     weigh,
 )
+from palp_core.palpation.mechanics.scene.scene import Scene, Tolerance
+from palp_core.palpation.session.method_choices import session_quantities
 
 TASK = "sharpen"
+declare_quantity("steel", "1", "how hard a blade is")
 
 
 @pytest.fixture
@@ -33,6 +39,7 @@ def empty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let declarations of a test be forgotten after it."""
     monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
     monkeypatch.setattr(register, "_TASKS", dict(register._TASKS))
+    monkeypatch.setattr(register, "_BROKEN", dict(register._BROKEN))
 
 
 def declared(
@@ -133,6 +140,27 @@ def test_a_range_without_an_inside_is_refused(within: tuple[float, float]) -> No
         method(task=TASK, name="fine", cost_s=1.0, evidence="here", valid={"steel": within})
 
 
+@pytest.mark.usefixtures("empty")
+def test_a_range_in_a_quantity_that_nobody_declared_is_refused_with_those_that_are_near() -> None:
+    """It would be checked in no scene, and so hold in all of them."""
+    words = r"'fine' of task 'sharpen': 'dpeth_m' is no quantity that scenes tell; did you mean depth_m"
+    with pytest.raises(MethodError, match=words):
+        declared("fine", 1.0, Bound("edge", 0.1), Bound("edge", 0.01, within={"dpeth_m": (0.0, 0.004)}))
+    with pytest.raises(MethodError, match="did you mean speed_m_s"):
+        method(task=TASK, name="fine", cost_s=1.0, evidence="here", valid={"speed": (0.0, 1.0)})
+    with pytest.raises(MethodError, match=r"a scene for task 'sharpen': 'dpeth_m' is no quantity"):
+        choose(TASK, "edge", 0.05, {"dpeth_m": 0.5})
+    with pytest.raises(MethodError, match=r"'steel' is declared already: how hard a blade is \(1\)"):
+        declare_quantity("steel", "kg", "how heavy a blade is")
+
+
+def test_every_quantity_that_a_session_tells_is_declared_and_every_one_has_unit_and_meaning() -> None:
+    told = {*session_quantities(Scene()), *Scene(tolerance=Tolerance(output="separation")).quantities()}
+    known = {one.name: one for one in quantities()}
+    assert told <= known.keys()
+    assert all(one.unit and one.meaning for one in known.values())
+
+
 @pytest.mark.parametrize("name", ["", "auto", "my own", "lab:fine", "fine\x1b[31m"])
 def test_a_name_that_no_parameter_could_give_is_refused(name: str) -> None:
     with pytest.raises(MethodError, match="a name is of letters"):
@@ -153,6 +181,17 @@ def test_a_task_that_nobody_declared_is_told_with_its_methods() -> None:
         register.task(TASK)
 
 
+def break_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str) -> None:
+    """Install a package whose module declares methods for the task of these tests, and fails."""
+    (tmp_path / "broken_lab.py").write_text(source, encoding="utf-8")
+    folder = tmp_path / "broken_package-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-package\nVersion: 1.0\n", "utf-8")
+    (folder / "entry_points.txt").write_text("[palp.methods]\nsharpen = broken_lab\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(register, "_points", lambda: tuple(entry_points(group=register.GROUP)))
+
+
 @pytest.mark.usefixtures("empty")
 @pytest.mark.parametrize(
     ("source", "words"),
@@ -166,16 +205,52 @@ def test_a_task_that_nobody_declared_is_told_with_its_methods() -> None:
 def test_a_package_whose_module_fails_is_named_with_what_it_failed_at(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, words: str
 ) -> None:
-    (tmp_path / "broken_lab.py").write_text(source, encoding="utf-8")
-    folder = tmp_path / "broken_package-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-package\nVersion: 1.0\n", "utf-8")
-    (folder / "entry_points.txt").write_text("[palp.methods]\nsharpen = broken_lab\n", "utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(register, "_points", lambda: tuple(entry_points(group=register.GROUP)))
+    break_lab(tmp_path, monkeypatch, source)
     with pytest.raises(MethodError, match="broken_lab, an entry point of package 'broken-package',") as told:
         methods(TASK)
     assert words in str(told.value)
+
+
+@pytest.mark.usefixtures("empty")
+def test_a_broken_package_leaves_the_others_theirs_and_is_named_wherever_it_is_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = (
+        "from palp_core.methods import method\n"
+        "@method(task='sharpen', name='half', cost_s=1e-9, evidence='the lab')\n"
+        "class Half: ...\n"
+        "raise RuntimeError('boom')\n"
+    )
+    break_lab(tmp_path, monkeypatch, source)
+    declared("fine", 2.0, Bound("edge", 0.01))
+    assert names(TASK) == ["fine"]
+    (words,) = left_out(TASK)
+    assert words.endswith("entry point of package 'broken-package', cannot be imported: RuntimeError: boom")
+    assert words in left_out()
+    for missed in ("half", "felt"):
+        with pytest.raises(MethodError, match=rf"no method '{missed}' .* declared: fine; .*broken_lab.*boom"):
+            choose(TASK, "edge", 0.05, {}, asked=missed)
+    assert choose(TASK, "edge", 0.05, {}).reason.endswith(f"; left out: {words}")
+    with pytest.raises(MethodError, match=r"is within 1\.0% only; .*broken_lab.*boom; relax"):
+        choose(TASK, "edge", 1e-9, {})
+
+
+@pytest.mark.usefixtures("empty")
+def test_survivors_that_lead_nowhere_leave_a_method_out_whoever_declared_it() -> None:
+    for name, survivor in (("a", "b"), ("b", "c"), ("c", "a"), ("lost", "nobody"), ("to_lost", "lost")):
+        declared(name, 1.0, fails="often", survivor=survivor)
+    declared("one", 2.0, fails="often", survivor="other")
+    declared("other", 3.0, fails="often", survivor="one")
+    declared("to_one", 4.0, fails="often", survivor="one")
+    assert names(TASK) == ["one", "other", "to_one"]
+    words = "\n".join(left_out(TASK))
+    assert "'a' of task 'sharpen'" in words
+    assert "its survivors lead nowhere: a -> b -> c -> 'a' again" in words
+    assert "lost -> 'nobody', which is no method of the task" in words
+    with pytest.raises(MethodError, match="to_lost -> lost -> 'nobody', which is no method"):
+        find(TASK, "to_lost")
+    declared("nobody", 5.0)
+    assert "lost" in names(TASK)
 
 
 @pytest.mark.usefixtures("empty")

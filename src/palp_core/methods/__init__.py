@@ -13,12 +13,14 @@ A contact rung, a root finder, a smoother, a stop rule, a policy, a codec is dec
     )
     class LayeredHertz: ...
 
-and :func:`choose` answers "what is the cheapest method that is good enough here?" and says why. A package
+and :func:`choose` answers "what is the cheapest method that is good enough here?" and says why. Ranges are in
+the quantities of :mod:`palp_core.methods.quantities`; :func:`declare_quantity` adds one's own. A package
 that brings methods of its own names the module that declares them as an entry point of the group
 :data:`~palp_core.methods.register.GROUP`; a name with a colon, ``package.module:name``, needs none.
 """
 
 from palp_core.methods.choice import Candidate, MethodChoice, choose, weigh
+from palp_core.methods.quantities import Quantity, declare_quantity, quantities
 from palp_core.methods.register import (
     Bound,
     Method,
@@ -27,6 +29,7 @@ from palp_core.methods.register import (
     Task,
     declare_task,
     find,
+    left_out,
     method,
     methods,
     names,
@@ -41,15 +44,19 @@ __all__ = [
     "Method",
     "MethodChoice",
     "Quantities",
+    "Quantity",
     "Range",
     "Task",
     "choose",
+    "declare_quantity",
     "declare_task",
     "find",
+    "left_out",
     "method",
     "methods",
     "names",
     "outside",
+    "quantities",
     "task",
     "tasks",
     "weigh",

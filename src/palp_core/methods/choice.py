@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from palp_core.errors import MethodError
-from palp_core.methods.register import Method, Quantities, find, methods, values_of
+from palp_core.methods.quantities import require_declared
+from palp_core.methods.register import Method, Quantities, find, left_out, methods, values_of
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,9 @@ def choose(
         budget_s: Seconds of one core that all uses may take; None: as many as it takes.
 
     Raises:
-        MethodError: None is good enough, the cheapest takes longer than the budget, or none has the name
-            asked for; the message says what each one vouches for.
+        MethodError: None is good enough, the cheapest takes longer than the budget, none has the name asked
+            for, or the scene tells a quantity that nobody declared; the message says what each one vouches
+            for.
     """
     wanted = find(task, asked) if asked else None
     candidates = weigh(task, output, tolerance, scene, asked=asked, uses=uses)
@@ -98,6 +100,7 @@ def choose(
     refused = [f"{c.name} {c.why}" for c in candidates[: candidates.index(found)]]
     if refused:
         why += f"; cheaper but refused: {'; '.join(refused)}"
+    why += "".join(f"; left out: {words}" for words in left_out(task))
     return MethodChoice(chosen, found.bound, why, output, tolerance, candidates)
 
 
@@ -107,7 +110,11 @@ def weigh(
     """Return what every method of a task offers a scene, cheapest first; arguments as for :func:`choose`.
 
     One of them is marked as chosen: the one asked for, or the cheapest that is good enough, if any is.
+
+    Raises:
+        MethodError: The scene tells a quantity that nobody declared.
     """
+    require_declared(scene, f"a scene for task '{task}'")
     name = asked.rpartition(":")[2]
     found: list[Candidate] = []
     taken = False
@@ -172,7 +179,7 @@ def _none(
         for name, value in sorted(scene.items())
         if name in told
     )
-    refused = "; ".join(f"{c.name} {c.why}" for c in candidates) or "none is declared"
+    refused = "; ".join([*(f"{c.name} {c.why}" for c in candidates), *left_out(task)]) or "none is declared"
     return (
         f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where or 'this'}: "
         f"{refused}; "

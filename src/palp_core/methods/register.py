@@ -4,6 +4,7 @@ import importlib
 import inspect
 import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -11,6 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
 from palp_core.errors import MethodError, PalpError
+from palp_core.methods.quantities import require_declared
 
 T = TypeVar("T")
 Range = tuple[float, float]
@@ -22,6 +24,9 @@ GROUP = "palp.methods"
 
 # A parameter's `auto` leaves it to the register, and a colon parts a name from its module.
 _NAME = re.compile(r"(?!auto$)\w[\w.-]*")
+
+_PALP = "palp_core."
+_EACH_OTHER = 2  # that survive where the other fails; a longer way round leads nowhere
 
 _ROLE = re.compile(r":\w+:`[.~]*([^`]*)`|``")  # of a docstring's words, not for people
 
@@ -52,7 +57,7 @@ class Bound:
     Attributes:
         output: What the bound is about, as in ``peak`` or ``contrast``.
         error: Largest error; relative, dimensionless, unless the task's output says otherwise.
-        within: Inclusive range per scene quantity; a quantity that the scene does not name is not checked.
+        within: Inclusive range per declared quantity; one that the scene does not tell is not checked.
     """
 
     output: str
@@ -137,6 +142,7 @@ class Method:
 
 _REGISTER: dict[tuple[str, str], Method] = {}
 _TASKS: dict[str, Task] = {}
+_BROKEN: dict[tuple[str, str], str] = {}  # by task and module: why it could not be imported
 
 
 def declare_task(name: str, question: str, *, per: str, output: str, tolerance: float) -> None:
@@ -177,7 +183,8 @@ def method(
 
     Raises:
         MethodError: The name is already taken within the task or is none, the cost is not positive and
-            finite, there is no evidence, a range has no inside, or the method is its own survivor.
+            finite, there is no evidence, a range has no inside or is of a quantity that nobody declared, or
+            the method is its own survivor.
     """
     what = f"method '{name}' of task '{task}'"
     if not _NAME.fullmatch(name):
@@ -189,6 +196,8 @@ def method(
     if survivor == name:
         raise MethodError(f"{what} cannot survive where it fails itself; name another survivor, or none")
     _check_ranges(valid or {}, what)
+    for within in (valid or {}, *(bound.within for bound in bounds)):
+        require_declared(within, what)
 
     def declare(target: T) -> T:
         taken = _REGISTER.get((task, name))
@@ -237,9 +246,64 @@ def task(name: str) -> Task:
 
 
 def methods(task: str) -> list[Method]:
-    """Return the methods of a task, cheapest first."""
+    """Return the methods of a task, cheapest first; what is broken is left out, see :func:`left_out`.
+
+    Raises:
+        MethodError: None is left, as what declares them is broken.
+    """
     _load(task)
-    return sorted((m for m in _REGISTER.values() if m.task == task), key=lambda m: (m.cost_s, m.name))
+    found = _sound(_own(task))
+    if not found and (why := _left_out(task)):
+        raise MethodError("; ".join(why))
+    return found
+
+
+def left_out(task: str = "") -> list[str]:
+    """Return in words what a task's methods lack, and why: a broken package leaves the others theirs.
+
+    Args:
+        task: The task; empty: every one to which packages beside palp itself bring methods.
+    """
+    every = {point.name for point in _points() if not point.value.startswith(_PALP)}
+    every |= {one.task for one in _REGISTER.values() if not one.module.startswith(_PALP)}
+    found = []
+    for name in [task] if task else sorted(every):
+        _load(name)
+        found += _left_out(name)
+    return found
+
+
+def _left_out(task: str) -> list[str]:
+    own = _own(task)
+    broken = [why for (of, _), why in _BROKEN.items() if of == task]
+    return broken + [why for one in own.values() if (why := _leads_nowhere(one, own))]
+
+
+def _own(task: str) -> dict[str, Method]:
+    return {one.name: one for one in _REGISTER.values() if one.task == task}
+
+
+def _sound(own: Mapping[str, Method]) -> list[Method]:
+    found = (one for one in own.values() if not _leads_nowhere(one, own))
+    return sorted(found, key=lambda m: (m.cost_s, m.name))
+
+
+def _leads_nowhere(one: Method, own: Mapping[str, Method]) -> str:
+    """Return why a method's survivors lead nowhere, in words; empty if they end or are each other's."""
+    way = [one.name]
+    while survivor := own[way[-1]].survivor:
+        if survivor not in own:
+            words = f"'{survivor}', which is no method of the task"
+        elif survivor not in way:
+            way.append(survivor)
+            continue
+        elif len(way) - way.index(survivor) <= _EACH_OTHER:
+            return ""
+        else:
+            words = f"'{survivor}' again"
+        lead = f"method '{one.name}' of task '{one.task}', declared in {one.module}"
+        return f"{lead}: its survivors lead nowhere: {' -> '.join(way)} -> {words}"
+    return ""
 
 
 def names(task: str) -> list[str]:
@@ -255,17 +319,21 @@ def find(task: str, name: str) -> Method:
         name: Its name; ``package.module:name`` imports that module first, which declares it.
 
     Raises:
-        MethodError: There is none of that name; the message lists those there are.
+        MethodError: There is none of that name, or its survivors lead nowhere; the message lists those there
+            are, and what is broken.
     """
     module, _, local = name.rpartition(":")
     if module:
         _import(module, f"method '{name}'")
     _load(task)
-    found = _REGISTER.get((task, local))
-    if found is None:
-        known = ", ".join(names(task)) or "none"
-        raise MethodError(f"no method '{name}' for task '{task}'; declared: {known}")
-    return found
+    own = _own(task)
+    if local not in own:
+        lack = "".join(f"; {why}" for why in _left_out(task))
+        known = ", ".join(one.name for one in _sound(own)) or "none"
+        raise MethodError(f"no method '{name}' for task '{task}'; declared: {known}{lack}")
+    if why := _leads_nowhere(own[local], own):
+        raise MethodError(why)
+    return own[local]
 
 
 def outside(task: str, name: str, scene: Quantities) -> str:
@@ -285,14 +353,21 @@ def _points() -> tuple[EntryPoint, ...]:
 
 def _load(task: str) -> None:
     for point in _points():
-        if point.name == task:
-            _import(point.value, f"the methods of task '{task}'", point)
+        if point.name == task and (task, point.value) not in _BROKEN:
+            try:
+                _import(point.value, f"the methods of task '{task}'", point)
+            except MethodError as error:
+                _BROKEN[task, point.value] = str(error)
 
 
 def _import(module: str, what: str, point: EntryPoint | None = None) -> None:
+    before = set(_REGISTER)
     try:
         importlib.import_module(module)
     except Exception as error:
+        for half in set(_REGISTER) - before:  # what a module declared before it broke off is not whole
+            if _REGISTER[half].module not in sys.modules:
+                del _REGISTER[half]
         of = f", an entry point of package '{point.dist.name}'," if point and point.dist else ""
         kind = "" if isinstance(error, ImportError | PalpError) else f"{type(error).__name__}: "
         raise MethodError(f"{what}: {module}{of} cannot be imported: {kind}{error}") from error

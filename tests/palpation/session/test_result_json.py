@@ -204,8 +204,11 @@ def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: 
 
 def test_a_label_names_the_policies_that_took_over() -> None:
     swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine"}
-    found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
+    counts = {"trials_done": 58, "trials_dropped": [{}], "trials_unfinished": 1}
+    found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}, **counts}
     assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"
+    assert result.policy_label(found | {"trials_dropped": []}) == "fixed, from trial 30 on markov"
+    assert result.policy_label(found | {"trials_done": 12}) == "fixed"
 
 
 def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(

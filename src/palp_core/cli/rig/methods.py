@@ -38,8 +38,8 @@ def methods(
     is a time. A method is chosen, valid (good enough, but dearer), refused, or a reference (to compare with,
     never chosen). The choice is the one that runs obey. Of one task it also says what each method is.
     """
+    from palp_core.methods import left_out, tasks
     from palp_core.methods import task as task_of
-    from palp_core.methods import tasks
     from palp_core.methods.choice import amount
     from palp_core.methods.machine import UNIT_S, slowness
     from palp_core.palpation.mechanics.scene.file import read_scene
@@ -48,6 +48,8 @@ def methods(
 
     given = read_scene(scene) if scene else Scene()
     found = [choose_for(one, given) for one in ([task_of(task)] if task else tasks())]
+    for words in left_out(task):
+        note(f"left out: {words}")
     if as_json:
         here = {"unit_s": UNIT_S, "slowness": slowness()}
         print_json([_record(one, *pair) | here for one in found for pair in one.declared()])

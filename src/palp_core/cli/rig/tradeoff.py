@@ -53,6 +53,7 @@ def tradeoff(
 
     All tasks in turns, the cheap methods first. When time is up, or on Ctrl-C, the page has what there is.
     """
+    from palp_core.methods import left_out
     from palp_core.methods import task as task_of
     from palp_core.methods.measured import measure_of, measured_tasks
     from palp_core.palpation.mechanics.scene.file import read_scene
@@ -71,6 +72,8 @@ def tradeoff(
     for name in names:
         measure_of(name)
     choices = [choose_for(task_of(name), given) for name in names]
+    for words in left_out():
+        note(f"left out: {words}")
     make_folder(out)
     with told() as tell:
         survey = take(given, choices, budget_s=budget_s, tell=tell)

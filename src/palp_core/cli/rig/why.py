@@ -34,6 +34,7 @@ def why(
 
     All of it is what the run itself has recorded; nothing is computed again.
     """
+    from palp_core.methods import left_out
     from palp_core.palpation.session.methods.record import deliveries_of, methods_of, unsaid
     from palp_core.palpation.session.methods.text import paragraphs
 
@@ -45,6 +46,8 @@ def why(
         note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
     for words in unsaid(summary, rows):
         note(words)
+    for words in left_out():
+        note(f"left out of what there is to choose from: {words}")
     if as_json:
         print_json(record)
         return

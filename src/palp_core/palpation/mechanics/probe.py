@@ -72,6 +72,17 @@ class Probe:
         """Return the largest torque of the joint's springs, 2 r_a R k_s, at q = 90 degrees."""
         return 2.0 * ring_m * self.pivot_radius_m * self.spring_n_per_m
 
+    def require_held(self, ring_m: float) -> None:
+        """Refuse a ring so far under the pivot that springs and weight push the joint over.
+
+        Raises:
+            OutOfRange: It is; at 90 degrees they bring less than nothing.
+        """
+        if self.spring_n_m(ring_m) + self.weight_n_m < 0.0:
+            raise OutOfRange(
+                "ring_m", f"{ring_m:g} m makes the joint unstable; keep the ring at or over the pivot"
+            )
+
     @overload
     def joint_torque(self, ring_m: float, angle_rad: float) -> float: ...
     @overload

@@ -24,6 +24,7 @@ from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
+from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.roles import GUARD, Roles, roles_of
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
@@ -289,7 +290,7 @@ class _Retold:
             case "ContactGuard" if value.code == facts.code:
                 facts.guards = list(value.words)
             case "Swap":
-                facts.next_policy = value.run.rpartition(":")[2].lower()
+                facts.next_policy = policy_name(value.run)
             case "Palpation":
                 self._palpation = value
             case "Belief":

@@ -242,3 +242,32 @@ def resume(plan: Plan, replies: Iterable[StepReply]) -> Step | None:
         except StopIteration:
             step = None
     return step
+
+
+def planned(text: str) -> dict[int, str]:
+    """Return the class by the number of the trial in which it takes over, counted from 1.
+
+    >>> planned("30=nodes.policy_markov:Markov, 60=nodes.policy_uniform:Uniform")
+    {30: 'nodes.policy_markov:Markov', 60: 'nodes.policy_uniform:Uniform'}
+
+    Raises:
+        ValueError: Not of that form.
+    """
+    found = {}
+    for entry in filter(None, map(str.strip, text.split(","))):
+        number, sign, run = entry.partition("=")
+        if not sign or not number.strip().isdigit() or ":" not in run:
+            raise ValueError(
+                f"swaps: '{entry}' is not TRIAL=MODULE:CLASS, as in 30=nodes.policy_markov:Markov"
+            )
+        found[int(number)] = run.strip()
+    return found
+
+
+def policy_name(run: str) -> str:
+    """Return the name under which a policy stands in the record.
+
+    >>> policy_name("nodes.policy_markov:Markov")
+    'markov'
+    """
+    return run.rpartition(":")[2].lower()

@@ -29,6 +29,7 @@ from palp_core.palpation.session.methods.record import deliveries_of, methods_of
 from palp_core.palpation.session.methods.text import reason
 from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
+from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.roles import Roles, roles_of
@@ -151,13 +152,17 @@ def unfinished_words(result: dict[str, Any]) -> str:
 
 
 def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy's name, with its ring position where it has one, and those that took over from it."""
+    """Return the policy's name, with its ring position where it has one, and those that took over from it.
+
+    One that was to take over in a trial that was never begun did not.
+    """
     ring = _of_role(result, "policy").get("ring_mm")
     label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
     swaps = _of_role(result, "experiment").get("swaps", {}).get("value", "")
-    for swap in filter(None, swaps.split(",")):
-        trial, _, run = swap.partition("=")
-        label += f", from trial {trial.strip()} on {run.rpartition(':')[2].lower()}"
+    begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
+    for trial, run in planned(swaps).items():
+        if 1 <= trial <= begun:
+            label += f", from trial {trial} on {policy_name(run)}"
     return label
 
 

@@ -67,6 +67,18 @@ def test_samples_that_come_later_than_asked_are_told_how_long_blocks_may_be(
     assert late_blocks("load", 1 / 344, wall_clock=True) != ""
 
 
+def test_a_policy_that_is_to_take_over_in_a_trial_that_there_will_not_be_is_told(sim: RunSummary) -> None:
+    late = "12=nodes.policy_markov:Markov, 300=nodes.policy_uniform:Uniform"
+    (words,) = advice(changed(sim, "experiment", trials=4, swaps=late))
+    assert words == (
+        "/experiment: swaps: 300=nodes.policy_uniform:Uniform: uniform never takes over: "
+        "trials are counted from 1 to 12, over all phantoms"
+    )
+    assert advice(changed(sim, "experiment", trials=100, swaps=late)) == []
+    never = advice(changed(sim, "experiment", plan="repeatability", swaps=late))
+    assert [words.endswith("never takes over: it has no trials") for words in never] == [True, True]
+
+
 def test_the_check_of_a_launch_file_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     checked = check_file(SIM)

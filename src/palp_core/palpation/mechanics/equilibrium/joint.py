@@ -114,9 +114,5 @@ def joint_at(
     require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
     highest_m = max(model.indentation_max_m, probe.tip_radius_m)
     require("indentation_m", indentation_m, -1.0, min(highest_m, 0.999 * probe.lever_m), "press less deep")
-    joint = Joint(model, probe, ring_m, indentation_m, direction)
-    if joint.restoring_n_m < 0.0:
-        raise OutOfRange(
-            "ring_m", f"{ring_m:g} m makes the joint unstable; keep the ring at or over the pivot"
-        )
-    return joint
+    probe.require_held(ring_m)
+    return Joint(model, probe, ring_m, indentation_m, direction)

@@ -139,7 +139,8 @@ class Scene:
         budget_s: Seconds of CPU that set-up and sweeps may take; None for as many as it takes.
 
     Raises:
-        OutOfRange: No ring position, one that is no number, or a budget that is not positive.
+        OutOfRange: No ring position, one that is no number or leaves the joint unstable, or a budget that is
+            not positive.
     """
 
     phantom: Phantom = field(default_factory=lambda: Phantom(bead=Bead(depth_m=0.004)))
@@ -154,6 +155,7 @@ class Scene:
             raise OutOfRange("ring_m", "give at least one ring position in metres, as in [0.008]")
         for ring_m in self.ring_m:
             require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
+            self.probe.require_held(ring_m)
         try:
             _ = self.phantoms
         except OutOfRange as error:

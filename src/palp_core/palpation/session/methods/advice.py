@@ -1,4 +1,4 @@
-"""What of a run's parameters no method vouches for, told before it begins, with what to do about it."""
+"""What of a run no method vouches for, or will not be as it is asked for: told before it begins."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from palp_core.methods import MethodChoice
+from palp_core.methods import MethodChoice, left_out
 from palp_core.palpation.devices.blocks import Stream, late_blocks, longest_s
 from palp_core.palpation.mechanics.scene.guard import speed_guard
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.session.methods.used import rig_of
+from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.roles import Roles, roles_of
 
 if TYPE_CHECKING:
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def advice(summary: RunSummary) -> list[str]:
-    """Return in words which parameters of a run are beyond what its methods vouch for, and what to do.
+    """Return in words what of a run its methods do not vouch for, or will not happen, and what to do.
 
     Args:
         summary: The run, before it begins.
@@ -26,7 +28,29 @@ def advice(summary: RunSummary) -> list[str]:
         PalpError: A node that a session needs is missing, or a file that one names is wrong.
     """
     roles, wall_clock = roles_of(summary), summary.clock == "wall"
-    return [*_speed(roles), *_late(roles, wall_clock=wall_clock)]
+    broken = [f"left out: {words}" for words in left_out()]
+    return [*broken, *_speed(roles), *_late(roles, wall_clock=wall_clock), *_too_late_swaps(roles)]
+
+
+def _too_late_swaps(roles: Roles) -> Iterator[str]:
+    """Yield which policies are to take over in a trial that there will not be."""
+    params = roles.params("experiment")
+    swaps = planned(params.get("swaps") or "")
+    if not swaps or "trials" not in params:  # of an experiment of one's own
+        return
+    each = params["trials"] if params.get("plan", "paper") == "paper" else 0
+    beads = [one.bead for one in load_phantoms(params.get("phantoms", "")).values() if one.bead is not None]
+    count = each * len(beads)
+    for trial, run in swaps.items():
+        if not 1 <= trial <= count:
+            yield (
+                f"/{roles.node['experiment']}: swaps: {trial}={run}: {policy_name(run)} never takes over: "
+                + (
+                    f"trials are counted from 1 to {count}, over all phantoms"
+                    if count
+                    else "it has no trials"
+                )
+            )
 
 
 def _speed(roles: Roles) -> Iterator[str]:

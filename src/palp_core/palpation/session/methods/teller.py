@@ -4,6 +4,7 @@ from palp_core.graph.messages.builtin import MethodsUsed, MethodUse
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.node import Node, State
 from palp_core.graph.node.ports import Pub
+from palp_core.methods import left_out
 
 
 class MethodTellerState(State):
@@ -26,7 +27,10 @@ class MethodTeller(Node):
         return []
 
     def on_activate(self) -> None:
-        self.tell_methods(self.uses())
+        uses = self.uses()
+        for words in dict.fromkeys(words for use in uses for words in left_out(use.task)):
+            self.log.warning("left out: %s", words)
+        self.tell_methods(uses)
 
     def on_resume(self) -> None:
         self.tell_methods(self.uses())

@@ -1,0 +1,119 @@
+"""The quantities that a scene can name: what the ranges of methods are in, each with unit and meaning.
+
+A range is checked only where the scene tells its quantity: bare gel has no bead's depth, and a bound on
+contrast need not hold there. So a name that no scene ever tells would bound nothing and look like a bound;
+declared names are the only ones there are.
+"""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from palp_core.errors import MethodError
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something by which methods are told apart.
+
+    Attributes:
+        name: As scenes tell it and ranges name it.
+        unit: SI; ``1`` where it has none.
+        meaning: What it is, in words.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+
+
+_QUANTITIES: dict[str, Quantity] = {}
+
+
+def declare_quantity(name: str, unit: str, meaning: str) -> None:
+    """Declare a quantity, before the methods whose ranges name it; see :class:`Quantity`.
+
+    Raises:
+        MethodError: It is declared already, as something else.
+    """
+    made = Quantity(name, unit, meaning)
+    held = _QUANTITIES.setdefault(name, made)
+    if held != made:
+        raise MethodError(f"quantity '{name}' is declared already: {held.meaning} ({held.unit})")
+
+
+def quantities() -> list[Quantity]:
+    """Return every quantity there is, by name."""
+    return sorted(_QUANTITIES.values(), key=lambda one: one.name)
+
+
+def require_declared(names: Iterable[str], what: str) -> None:
+    """Refuse names that are no quantities.
+
+    Args:
+        names: What ranges or a scene name.
+        what: Whose, for the message.
+
+    Raises:
+        MethodError: One is not declared; the message has the nearest that are.
+    """
+    for name in names:
+        if name not in _QUANTITIES:
+            near = difflib.get_close_matches(name, _QUANTITIES, n=3)
+            meant = f"did you mean {' or '.join(near)}? " if near else ""
+            raise MethodError(
+                f"{what}: '{name}' is no quantity that scenes tell; {meant}"
+                f"declare_quantity('{name}', unit, meaning) makes it one"
+            )
+
+
+for _name, _unit, _meaning in (
+    # of what is touched, and with what
+    ("modulus_pa", "Pa", "Young's modulus of the gel"),
+    ("poisson", "1", "Poisson's ratio of the gel"),
+    ("height_m", "m", "thickness of the gel"),
+    ("beads", "1", "how many beads the gel holds"),
+    ("bead_radius_m", "m", "radius of the bead"),
+    ("depth_m", "m", "gel over the bead"),
+    ("depth_per_tip", "1", "gel over the bead, in radii of the ball"),
+    ("depth_ratio", "1", "least ratio of neighbouring depths that are compared"),
+    ("tip_radius_m", "m", "radius of the ball"),
+    ("tip_mass_kg", "kg", "mass of the tip link"),
+    ("friction", "1", "Coulomb's coefficient between ball and gel"),
+    ("indentation_m", "m", "nominal indentation"),
+    ("ring_m", "m", "position of the anchor ring over the pivot"),
+    ("yielding", "1", "moment of the gel's force over what the joint can hold"),
+    ("pressed_share", "1", "how deep the tip comes, over the ball's radius or the gel over the bead"),
+    ("margin_m", "m", "how far the path goes past the bead, on its shorter side"),
+    ("speed_m_s", "m/s", "speed of the stage in a sweep"),
+    ("sweep_s", "s", "duration of a sweep"),
+    # of a session and what is decided in it
+    ("class_count", "1", "depths told apart"),
+    ("class_ratio", "1", "each depth over the next smaller one"),
+    ("class_gap_sd", "1", "least distance of depths over a reading's spread, at the stiffest ring"),
+    ("training_count", "1", "palpations in training, per depth and ring"),
+    ("probe_count", "1", "palpations in a trial at most"),
+    ("ring_sd_m", "m", "spread of the ring's landing"),
+    ("height_sd_m", "m", "spread of a mounting's height"),
+    ("stiffest_m", "m", "largest position of the ring"),
+    ("noise_n_m", "N m", "noise of a sample of torque"),
+    ("sample_hz", "Hz", "samples a second"),
+    ("outlier_share", "1", "share of readings that are outliers"),
+    ("session_count", "1", "sessions compared"),
+    ("session_sd", "1", "spread over sessions of the logit of being right"),
+    ("paired_sd", "1", "spread over sessions of the difference of two policies' logits"),
+    # of co-contraction
+    ("live", "1", "1 where methods work while it is measured, 0 on recordings"),
+    ("window_s", "s", "window of the RMS of EMG"),
+    ("burst_distance_s", "s", "least time between two bursts"),
+    ("relax_share", "1", "share of a level by which a person relaxes"),
+    # of the graph
+    ("wall_clock", "1", "1 on the machine's clock, 0 in simulated time"),
+    ("process_count", "1", "processes that the nodes are in"),
+    ("array_bytes", "B", "largest array of a message"),
+    ("reader_load", "1", "messages a second times the seconds that the reader takes for each"),
+    ("reader_s", "s", "time that a reader takes for a message"),
+    ("backlog", "1", "messages that wait at most"),
+    ("depth", "1", "last messages that are kept for a reader"),
+):
+    declare_quantity(_name, _unit, _meaning)
