@@ -14,6 +14,7 @@ import pytest
 from palp_core.graph.messages.message import encode
 from palp_core.methods import methods, tasks
 from palp_core.palpation.perception.belief.stopping import StopRule
+from palp_core.palpation.perception.emg.stream import CoContractionStream
 from palp_core.palpation.perception.signal.smoothers import Smoother
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 
@@ -21,6 +22,7 @@ NO_METHOD = {
     StopRule: "what rules have in common",
     Smoother: "what smoothers have in common",
     StiffnessPolicy: "what policies have in common",
+    CoContractionStream: "goes by a rule for bursts, which is the method",
     encode: "the codec 'one_frame' is a name for it",
 }
 """What looks like a method and is none, and why."""
