@@ -70,9 +70,10 @@ class EstimatorParams(Params):
 
     With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
     told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
-    above, and by ``scene``'s mechanics height, friction, modulus, the bead's place and the ball's radius,
-    which spread as stated here (assumed), never as the simulated phantom's do. ``run_in``: whether a sweep
-    begins upright, with a tip that sticks. What is below ``from_m`` is of this reading only.
+    above, and by ``scene``'s mechanics height, friction, modulus, the bead's place, the ball's radius and the
+    sensor's zero, which spread as stated here (assumed), never as the simulated phantom's do; the texture is
+    that of training's mountings where a depth had several. ``run_in``: whether a sweep begins upright, with a
+    tip that sticks. What is below ``from_m`` is of this reading only.
     """
 
     reading: ReadOnly[Literal["feature", "trace"]] = "feature"
@@ -98,14 +99,16 @@ class EstimatorParams(Params):
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
     bin_mm: ReadOnly[MillimetresPositive] = 2.0
-    trace_filter: TraceFilterName = "linear"
+    trace_filter: TraceFilterName = "second_order"
     trace_height_sd_mm: MillimetresNonNegative = 0.2
     friction_sd: RatioNonNegative = 0.1
-    modulus_sd: RatioNonNegative = 0.05
-    place_sd_mm: MillimetresNonNegative = 0.3
-    tip_sd_mm: MillimetresNonNegative = 0.02
-    texture_sd_n_mm: NewtonMillimetresNonNegative = 0.05
-    texture_length_mm: MillimetresPositive = 4.0
+    modulus_sd: RatioNonNegative = 0.1
+    place_sd_mm: MillimetresNonNegative = 1.0
+    tip_sd_mm: MillimetresNonNegative = 0.1
+    bias_sd_n_mm: NewtonMillimetresNonNegative = 0.02
+    slope_error: RatioNonNegative = 0.2
+    texture_sd_n_mm: NewtonMillimetresNonNegative = 0.2
+    texture_length_mm: MillimetresPositive = 3.0
     run_in: bool = False
 
 

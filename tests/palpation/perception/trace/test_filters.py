@@ -1,6 +1,7 @@
 """Filters over traces: straight and over a grid, against touches whose answers are known."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,43 +9,49 @@ import pytest
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.methods import names
 from palp_core.palpation.perception.trace.belief import begin_sweep, classes, observe, start
-from palp_core.palpation.perception.trace.filters import NODES, TraceKnowledge, model_of
+from palp_core.palpation.perception.trace.filters import NODES, DepthGrid, TraceKnowledge, model_of
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
-from palp_core.palpation.perception.trace.training import LANDING, TrainedTraces, learn
+from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.units import Float64Array
 
 DEPTHS_M, RINGS_M, BINS = (0.002, 0.004, 0.008), (0.008, 0.016), 12
 PLACE_M = np.arange(BINS) * 2e-3
 NOISE_N_M = 3e-5
+LANDING = "ring_m"
 SD = {LANDING: 1e-4, "height": 2e-4, "friction": 0.1}
 
 
-def touch(offsets: Mapping[str, float]) -> Float64Array:
+def touch(offsets: Mapping[str, float], depths_m: tuple[float, ...] = DEPTHS_M) -> Float64Array:
     """A bump the higher the shallower, a straight answer to the height, a curved one to the friction."""
     height, friction = offsets.get("height", 0.0), offsets.get("friction", 0.0)
+    landing = offsets.get(LANDING, 0.0)
     bump = np.exp(-(((PLACE_M - 0.012) / 0.004) ** 2))
-    peak = np.array([5e-3, 4.5e-3, 4e-3])[:, None, None] * (1.0 + 0.4 * friction + 2.0 * friction**2)
-    base = 0.6 * np.array(RINGS_M)[None, :, None]
+    peak = (5.5e-3 - 0.25 * np.array(depths_m))[:, None, None] * (1.0 + 0.4 * friction + 2.0 * friction**2)
+    base = 0.6 * (np.array(RINGS_M) + landing)[None, :, None]
     return np.asarray(peak * bump + base + 2.0 * height)
 
 
-def known(names: tuple[str, ...] = tuple(SD)) -> TraceKnowledge:
+def known(names: tuple[str, ...] = tuple(SD), depths_m: tuple[float, ...] = DEPTHS_M) -> TraceKnowledge:
     """What the touch answers, by differences over a standard deviation."""
     sd = np.array([SD[name] for name in names])
     slope, bend = [], []
     for name, step in zip(names, sd, strict=True):
-        up, down = touch({name: step}), touch({name: -step})
+        up, down = touch({name: step}, depths_m), touch({name: -step}, depths_m)
         slope.append((up - down) / (2.0 * step))
-        bend.append((up + down - 2.0 * touch({})) / (2.0 * step**2))
+        bend.append((up + down - 2.0 * touch({}, depths_m)) / (2.0 * step**2))
     stays: tuple[Stays, ...] = tuple("landing" if name == LANDING else "trial" for name in names)
-    place_m = np.tile(PLACE_M, (3, len(RINGS_M), 1))
+    place_m = np.tile(PLACE_M, (len(depths_m), len(RINGS_M), 1))
+    bends = np.stack(bend, -1)
+    bends[np.abs(bends) * sd**2 < 1e-9] = 0.0  # rounding of what is straight
     return TraceKnowledge(
         names,
         sd,
         stays,
+        touch({}, depths_m),
         np.stack(slope, -1),
-        np.stack(bend, -1),
+        bends,
+        0.0,
         Texture(1e-6),
         place_m,
     )
@@ -75,38 +82,65 @@ def stated_and_right(model: TraceModel, count: int = 3000) -> tuple[float, float
     return float(found.max(axis=1).mean()), float((found.argmax(axis=1) == truth).mean())
 
 
-def test_slopes_are_those_of_the_touch_and_the_landings_of_training() -> None:
-    model = model_of("linear", trained(), known(), np.array(DEPTHS_M))
+def test_slopes_are_those_of_the_touch_and_count_against_training() -> None:
+    model = model_of("linear", trained(), known())
     twice = np.sqrt(2.0)  # one mounting a class: the offset counts against training's own
     np.testing.assert_allclose(model.slope[..., 1], 2.0 * twice, rtol=1e-9)
     bump = np.exp(-(((PLACE_M - 0.012) / 0.004) ** 2))
     np.testing.assert_allclose(model.slope[0, 0, :, 2], 0.4 * 5e-3 * bump * twice, rtol=1e-9)
-    np.testing.assert_allclose(model.slope[..., 0], 0.6 * np.sqrt(1.0 + 1.0 / 20.0), rtol=0.05)
+    np.testing.assert_allclose(model.slope[..., 0], 0.6 * np.sqrt(1.0 + 1.0 / 20.0), rtol=1e-9)
     assert model.stays == ("landing", "trial", "trial")
 
 
-def test_the_grid_is_over_the_offset_with_the_most_curved_answer_and_beats_the_line_there() -> None:
-    straight = model_of("linear", trained(), known(), np.array(DEPTHS_M))
-    nodes = model_of("grid", trained(), known(), np.array(DEPTHS_M))
+def test_squares_of_offsets_and_a_grid_over_the_most_curved_beat_the_line_there() -> None:
+    straight = model_of("linear", trained(), known())
+    bent = model_of("second_order", trained(), known())
+    nodes = model_of("grid", trained(), known())
     assert known().names[known().most_curved()] == "friction"
+    assert known().bent.names == (*known().names, "friction squared")
     assert len(nodes.class_of) == NODES * len(straight.class_of)
-    (of_line, line_right), (of_grid, grid_right) = stated_and_right(straight), stated_and_right(nodes)
-    assert abs(of_grid - grid_right) < abs(of_line - line_right)
-    assert grid_right > line_right
+    of_line, of_squares, of_grid = (stated_and_right(one) for one in (straight, bent, nodes))
+    for stated, right in (of_squares, of_grid):
+        assert abs(stated - right) < abs(of_line[0] - of_line[1])
+    assert of_grid[1] > of_line[1]
 
 
-def test_depths_between_the_trained_ones_are_interpolated() -> None:
+def test_depths_between_are_the_mechanics_and_what_training_adds() -> None:
     depths_m = np.linspace(0.002, 0.008, 7)
-    model = model_of("linear", trained(), known(), depths_m)
+    off = replace(trained(), mean=trained().mean + 1e-4)
+    model = model_of("second_order", off, known(), DepthGrid(depths_m, known(depths_m=tuple(depths_m))))
     assert model.class_count == 7
-    np.testing.assert_allclose(model.mean[0], trained().mean[0], rtol=1e-12)
-    np.testing.assert_allclose(model.mean[-1], trained().mean[-1], rtol=1e-12)
-    assert (np.diff(model.mean[:, 1, 6]) < 0.0).all()
+    np.testing.assert_allclose(model.mean, touch({}, tuple(depths_m)) + 1e-4, atol=3e-5)
+    np.testing.assert_allclose(model.mean[0], off.mean[0], rtol=1e-12)
+
+
+def test_the_texture_is_that_of_trainings_mountings_where_there_are_several() -> None:
+    rng, field = np.random.default_rng(6), Texture(2e-4, 3e-3)
+    place_m = np.asarray(PLACE_M, dtype=np.float64)
+    tracks = rng.multivariate_normal(
+        np.zeros(BINS), field.covariance(place_m, place_m) + 1e-14 * np.eye(BINS), 24
+    )
+    cells = [(d, r, m) for d in range(3) for r in range(2) for m in range(8)]
+    felt = np.array([touch({})[d, r] + tracks[8 * d + m] for d, r, m in cells])
+    felt += rng.normal(0.0, 1e-6, felt.shape)
+    several = learn(
+        felt,
+        [DEPTHS_M[d] for d, _, _ in cells],
+        [RINGS_M[r] for _, r, _ in cells],
+        [8 * d + m for d, _, m in cells],
+        floor_n_m=1e-6,
+    )
+    model = model_of("linear", several, known((LANDING,)))
+    assert model.texture.sd_n_m == pytest.approx(2e-4 * np.sqrt(1.0 + 1.0 / 8.0), rel=0.25)
+    assert model.texture.length_m == pytest.approx(3e-3, rel=0.35)
+    assert model_of("linear", trained(), known((LANDING,))).texture.sd_n_m == pytest.approx(
+        1e-6 * np.sqrt(2.0)
+    )
 
 
 def test_what_it_cannot_know_is_said() -> None:
-    assert set(names("trace_filter")) >= {"linear", "grid"}
+    assert set(names("trace_filter")) >= {"linear", "second_order", "grid"}
     with pytest.raises(MethodError, match="no method 'magic'"):
-        model_of("magic", trained(), known(), np.array(DEPTHS_M))
+        model_of("magic", trained(), known())
     with pytest.raises(PerceptionError, match="a grid needs an offset"):
-        model_of("grid", trained(), known((LANDING,)), np.array(DEPTHS_M))
+        model_of("grid", trained(), known((LANDING,)))

@@ -90,11 +90,11 @@ def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_land
     np.testing.assert_allclose(learnt.mean, wanted, atol=3e-4)
     steep = np.array([0.1 / (1.0 + 1e3 * d) for d in depths])[:, None, None] * shape
     np.testing.assert_allclose(learnt.ring_slope, np.broadcast_to(steep, learnt.mean.shape), atol=2e-3)
-    offsets = TraceOffsets(
-        ("height", "landing"), np.array([1e-4, 1.7e-4]), ("trial", "landing"), np.zeros((2, 3, PATH.count, 2))
-    )
+    ones = np.ones((2, 3, PATH.count, 2))
+    offsets = TraceOffsets(("height", "landing"), np.array([1e-4, 1.7e-4]), ("trial", "landing"), ones)
     model = trace_model(learnt, offsets, Texture(), np.tile(place, (2, 3, 1)))
-    np.testing.assert_allclose(model.slope[..., 1], learnt.ring_slope * np.sqrt(1.0 + 1.0 / 60.0))
+    np.testing.assert_allclose(model.slope[..., 0], np.sqrt(1.0 + 1.0 / 3.0))
+    np.testing.assert_allclose(model.slope[..., 1], np.sqrt(1.0 + 1.0 / 60.0))
 
 
 def test_a_cell_without_a_sweep_is_named() -> None:

@@ -31,6 +31,15 @@ PARAMS: dict[str, Any] = {
     "stop_value": 0.99,
     "from_m": FROM_M,
     "to_m": TO_M,
+    # torques by a formula answer to none of the mechanics' offsets, and have no texture
+    "trace_filter": "linear",
+    "modulus_sd": 0.05,
+    "place_sd_mm": 0.3,
+    "tip_sd_mm": 0.02,
+    "bias_sd_n_mm": 0.0,
+    "slope_error": 0.0,
+    "texture_sd_n_mm": 0.05,
+    "texture_length_mm": 4.0,
 }
 CLEAN: dict[tuple[float, float], Float64Array] = {}
 

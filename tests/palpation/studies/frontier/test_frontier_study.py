@@ -15,10 +15,9 @@ from palp_core.palpation.studies.frontier.schemes import Scheme, run_schemes
 from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
     MostBits,
-    Spreads,
     model_of,
     run_trace_trials,
-    slopes_of,
+    settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -33,7 +32,7 @@ PLAN = WorldPlan(
 
 def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     session = begin(replace(PLAN, path_m=SWIFT.path_m), (3, 1))
-    model = model_of(session, slopes_of(session, Spreads()), Spreads())
+    model = model_of(session, settings_of(session))
     early = run_trace_trials(session, model, SWIFT, asking=Keep(1))
     late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(1))
     assert early.ended.correct.mean() > 0.9
@@ -44,7 +43,7 @@ def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
 
 def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:
     session = begin(PLAN, (3, 2))
-    model = model_of(session, slopes_of(session, Spreads()), Spreads())
+    model = model_of(session, settings_of(session))
     done = run_trace_trials(session, model, PAPER_PROTOCOL, asking=MostBits(RINGS.rings_m, PAPER_PROTOCOL))
     assert done.ended.correct.mean() > 0.9
     assert done.ended.probes.mean() < 2.0
@@ -67,7 +66,6 @@ def test_schemes_of_one_session_meet_the_same_trials() -> None:
     runs = run_schemes(
         lambda protocol: begin(replace(PLAN, path_m=protocol.path_m), (3, 3)),
         (Scheme("peak", "uniform", "paper"), Scheme("trace", "uniform", "threshold", "swift")),
-        Spreads(),
     )
     first, second = (run.ended for run in runs.values())
     assert np.array_equal(first.depth, second.depth)

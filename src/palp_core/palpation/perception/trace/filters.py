@@ -10,12 +10,14 @@ from palp_core.errors import PerceptionError
 from palp_core.methods import declare_task, find, method
 from palp_core.palpation.perception.belief.rig_noise import on_depths
 from palp_core.palpation.perception.trace.model import Stays, TraceModel, on_grid
-from palp_core.palpation.perception.trace.texture import Texture
-from palp_core.palpation.perception.trace.training import LANDING, TraceOffsets, TrainedTraces, trace_model
+from palp_core.palpation.perception.trace.texture import Texture, fit_texture
+from palp_core.palpation.perception.trace.training import TraceOffsets, TrainedTraces, trace_model
 from palp_core.units import Float64Array
 
 NODES = 5
 """Of a grid over an offset: they stand one standard deviation apart."""
+FEW = 4
+"""Mountings, of classes with several, from which a texture is fitted; from fewer it is assumed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,37 +25,57 @@ class TraceKnowledge:
     """What is known of a rig beside what its training taught: how sweeps differ, and by how much.
 
     Attributes:
-        names: Of the offsets; ``landing`` takes its slope from training.
+        names: Of the offsets.
         sd: Spread of each, in its unit, shape (l,).
         stays: How long each stays.
-        slope: Change of the trace by a unit of each by the mechanics, shape (m, k, b, l).
-        bend: What its square adds, shape (m, k, b, l).
-        texture: What the surface adds along a track.
+        mean_n_m: The trace by the mechanics, shape (m, k, b).
+        slope: Its change by a unit of each offset, shape (m, k, b, l).
+        bend: What the offset's square adds, shape (m, k, b, l).
+        slope_error: What slopes are taken to be wrong by, relative.
+        texture: What the surface adds along a track, where training does not tell it.
         place_m: Where the ball touches in each bin, shape (m, k, b).
     """
 
     names: tuple[str, ...]
     sd: Float64Array
     stays: tuple[Stays, ...]
+    mean_n_m: Float64Array
     slope: Float64Array
     bend: Float64Array
+    slope_error: float
     texture: Texture
     place_m: Float64Array
 
     @property
-    def offsets(self) -> TraceOffsets:
-        """Without the bends."""
-        return TraceOffsets(self.names, self.sd, self.stays, self.slope)
+    def straight(self) -> TraceOffsets:
+        """The offsets, to which the torque answers in straight lines."""
+        return TraceOffsets(self.names, self.sd, self.stays, self.slope, self.slope_error)
+
+    @property
+    def bent(self) -> TraceOffsets:
+        """The offsets and, as further ones, the squares of those whose answer bends.
+
+        The square of a normal number of spread s has the spread sqrt(2) s^2 about its mean, which training's
+        own mean has in it.
+        """
+        which = [i for i in range(len(self.names)) if self.bend[..., i].any()]
+        return TraceOffsets(
+            (*self.names, *(f"{self.names[i]} squared" for i in which)),
+            np.concatenate([self.sd, 2**0.5 * self.sd[which] ** 2]),
+            (*self.stays, *(self.stays[i] for i in which)),
+            np.concatenate([self.slope, self.bend[..., which]], axis=-1),
+            self.slope_error,
+        )
 
     def most_curved(self) -> int:
         """Return the index of the offset to which the torque answers least in a straight line.
 
         Raises:
-            PerceptionError: Nothing is known to differ but the landing.
+            PerceptionError: Nothing that stays for a trial answers in a curve.
         """
         curved = np.abs(self.bend).max(axis=(0, 1, 2)) * self.sd**2
-        curved = np.where(np.array(self.names) == LANDING, -1.0, curved)
-        if not (curved >= 0.0).any():
+        curved = np.where([stays == "trial" for stays in self.stays], curved, 0.0)
+        if not (curved > 0.0).any():
             raise PerceptionError("a grid needs an offset that stays; give one a spread, as friction_sd: 0.1")
         return int(np.argmax(curved))
 
@@ -73,11 +95,24 @@ declare_task(
     cost_s=6e-4,
     evidence="tests/palpation/perception/trace/test_filters.py",
     fails="offsets to which the torque does not answer in a straight line: it states more than it knows",
-    survivor="grid",
+    survivor="second_order",
 )
 def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     """Return a model with one component a class: the torque answers to every offset in a straight line."""
-    return trace_model(trained, known.offsets, known.texture, known.place_m)
+    return trace_model(trained, known.straight, known.texture, known.place_m)
+
+
+@method(
+    task="trace_filter",
+    name="second_order",
+    cost_s=6e-4,
+    evidence="tests/palpation/perception/trace/test_filters.py",
+    fails="answers that a parabola over two spreads of an offset does not follow, or two offsets at once",
+    survivor="grid",
+)
+def second_order(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
+    """Return a model with one component a class, in which squares of offsets are offsets of their own."""
+    return trace_model(trained, known.bent, known.texture, known.place_m)
 
 
 @method(
@@ -101,30 +136,72 @@ def grid(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     return on_grid(straight, of, nodes, 0.5 * float(known.sd[of]))
 
 
-def model_of(name: str, trained: TrainedTraces, known: TraceKnowledge, depths_m: Float64Array) -> TraceModel:
+@dataclass(frozen=True, eq=False)
+class DepthGrid:
+    """Depths to decide among that are not those of training.
+
+    Attributes:
+        depths_m: The depths, increasing, within the trained range.
+        known: What :class:`TraceKnowledge` says there.
+    """
+
+    depths_m: Float64Array
+    known: TraceKnowledge
+
+
+def model_of(
+    name: str, trained: TrainedTraces, known: TraceKnowledge, grid: DepthGrid | None = None
+) -> TraceModel:
     """Return the model of a method of task ``trace_filter``.
+
+    The texture is that of training's mountings where there are several, else the one that is assumed.
 
     Args:
         name: The method.
         trained: What training taught.
-        known: What else is known.
-        depths_m: Depths to decide among: the trained ones, or a grid over their range.
+        known: What else is known, at the trained depths.
+        grid: Depths to decide among; None: the trained ones.
 
     Raises:
         MethodError: There is no such method.
         PerceptionError: It needs to know of an offset and is told of none.
     """
-    taught_m = trained.depths_m
-    if depths_m.size != taught_m.size:
-        trained = replace(
-            trained,
-            depths_m=depths_m,
-            mean=on_depths(trained.mean, taught_m, depths_m),
-            mountings=np.full(depths_m.size, trained.mountings.min()),
-            landings=np.tile(trained.landings.min(axis=0), (depths_m.size, 1)),
-        )
-        between = (on_depths(one, taught_m, depths_m) for one in (known.slope, known.bend, known.place_m))
-        slope, bend, place_m = between
-        known = replace(known, slope=slope, bend=bend, place_m=place_m)
-    model: TraceModel = find("trace_filter", name).target(trained, known)
+    texture = _texture(trained, known)
+    if grid is not None:
+        trained, known = _between(trained, known, grid), grid.known
+    model: TraceModel = find("trace_filter", name).target(trained, replace(known, texture=texture))
     return model
+
+
+def _texture(trained: TrainedTraces, known: TraceKnowledge) -> Texture:
+    """Return the texture of the mountings at the stiffest ring, or the assumed one."""
+    if len(trained.between) < FEW:
+        return known.texture
+    of, stiffest, offsets = trained.between_class, len(trained.rings_m) - 1, known.bent
+    shrunk = np.sqrt(
+        1.0 - 1.0 / trained.mountings[of]
+    )  # a mounting is part of the mean that it is held against
+    return fit_texture(
+        trained.between[:, stiffest] / shrunk[:, None],
+        offsets.slope[of, stiffest],
+        offsets.sd,
+        trained.white_sd,
+        known.place_m[of, stiffest],
+    )
+
+
+def _between(trained: TrainedTraces, known: TraceKnowledge, grid: DepthGrid) -> TrainedTraces:
+    """Return training at other depths: the mechanics' traces there, and over them what training adds.
+
+    A trace changes its form with depth more than a curve through a few depths tells; what training differs by
+    from the mechanics changes slowly.
+    """
+    added = on_depths(trained.mean - known.mean_n_m, trained.depths_m, grid.depths_m)
+    count = grid.depths_m.size
+    return replace(
+        trained,
+        depths_m=grid.depths_m,
+        mean=grid.known.mean_n_m + added,
+        mountings=np.full(count, trained.mountings.min()),
+        landings=np.tile(trained.landings.min(axis=0), (count, 1)),
+    )

@@ -13,9 +13,6 @@ from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.units import Float64Array
 
-LANDING = "landing"
-"""Name of the offset that training itself shows: the ring's landing."""
-
 
 @dataclass(frozen=True, eq=False)
 class TrainedTraces:
@@ -144,7 +141,7 @@ class TraceOffsets:
     """What a sweep answers to beside depth and ring, and how much of it there is.
 
     Attributes:
-        names: One each; ``landing`` takes its slope from training.
+        names: One each.
         sd: Spread of each, in its unit, shape (l,).
         stays: How long each stays.
         slope: Change of the trace by a unit of each by the mechanics, shape (m, k, b, l).
@@ -174,9 +171,7 @@ def trace_model(
     """
     share = np.sqrt(1.0 + 1.0 / trained.mountings)[:, None]
     slope = offsets.slope.copy()
-    for number, (name, stays) in enumerate(zip(offsets.names, offsets.stays, strict=True)):
-        if name == LANDING and len(trained.rings_m) > 1:
-            slope[..., number] = trained.ring_slope
+    for number, stays in enumerate(offsets.stays):
         scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
         slope[..., number] *= scale[..., None]
     classes = len(trained.depths_m)

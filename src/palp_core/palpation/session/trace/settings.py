@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -16,22 +16,15 @@ from palp_core.palpation.perception.belief.primitives import quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import RigNoise, noise_of
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.perception.trace.bins import PositionBins
-from palp_core.palpation.perception.trace.filters import TraceKnowledge, model_of
+from palp_core.palpation.perception.trace.filters import DepthGrid, TraceKnowledge, model_of
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
-from palp_core.palpation.perception.trace.training import LANDING, TrainedTraces
+from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.world.latents import LATENTS, REACH
-from palp_core.palpation.world.slopes import SMALL, trace_slopes
+from palp_core.palpation.world.slopes import SMALL, TraceSlopes, trace_slopes
 
-_OFFSETS: dict[str, Stays] = {
-    "ring_m": "landing",
-    "height_m": "trial",
-    "friction": "trial",
-    "modulus": "trial",
-    "along_m": "trial",
-    "tip_radius_m": "trial",
-}
-"""Latents of the mechanics that the filter accounts for, and how long each stays."""
+BIAS = "bias"
+"""Name of the offset that is the sensor's zero in a sweep; the others are the latents of the mechanics."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +43,11 @@ class TraceSettings:
         trace_height_sd_mm: Of the surface's height over mountings; assumed.
         friction_sd: Of the friction over mountings, as a share of it; assumed.
         modulus_sd: Of the gel's modulus, likewise; assumed.
-        place_sd_mm: Of the bead's place along the path; assumed.
-        tip_sd_mm: Of the ball's radius against that of training; assumed.
-        texture_sd_n_mm: Of the torque that the surface adds; assumed.
+        place_sd_mm: Of the bead's place along the path, and beside it; assumed.
+        tip_sd_mm: Of the ball's radius; assumed.
+        bias_sd_n_mm: Of the sensor's zero in a sweep; assumed.
+        slope_error: What the mechanics' slopes are wrong by, relative; assumed.
+        texture_sd_n_mm: Of the torque that the surface adds, where training does not tell it; assumed.
         texture_length_mm: Over which that is correlated; assumed.
         run_in: Whether a sweep begins upright, with a tip that sticks until it lags.
         resolution_n_mm: The sensor's step.
@@ -61,18 +56,20 @@ class TraceSettings:
     from_m: float = -0.03
     to_m: float = 0.05
     bin_mm: float = 2.0
-    trace_filter: str = "linear"
+    trace_filter: str = "second_order"
     depths: int = 0
     scene: str = ""
     noise: str = ""
     ring_sd_mm: float = 0.17
     trace_height_sd_mm: float = 0.2
     friction_sd: float = 0.1
-    modulus_sd: float = 0.05
-    place_sd_mm: float = 0.3
-    tip_sd_mm: float = 0.02
-    texture_sd_n_mm: float = 0.05
-    texture_length_mm: float = 4.0
+    modulus_sd: float = 0.1
+    place_sd_mm: float = 1.0
+    tip_sd_mm: float = 0.1
+    bias_sd_n_mm: float = 0.02
+    slope_error: float = 0.2
+    texture_sd_n_mm: float = 0.2
+    texture_length_mm: float = 3.0
     run_in: bool = False
     resolution_n_mm: float = RESOLUTION_N_M * 1e3
 
@@ -114,40 +111,70 @@ class TraceSettings:
         """
         scene = scene or (read_scene(self.scene) if self.scene else Scene())
         noise = noise or noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3)
-        known = self._known(trained, noise, scene)
-        return model_of(self.trace_filter, trained, known, classes_of(trained.depths_m.tolist(), self.depths))
+        taught_m, rings_m = trained.depths_m.tolist(), trained.rings_m.tolist()
+        known = self._known(scene, noise, taught_m, rings_m)
+        classes_m = classes_of(taught_m, self.depths)
+        if not self.depths:
+            return model_of(self.trace_filter, trained, known)
+        grid = DepthGrid(classes_m, self._known(scene, noise, classes_m.tolist(), rings_m))
+        return model_of(self.trace_filter, trained, known, grid)
 
-    def _known(self, trained: TrainedTraces, noise: RigNoise, scene: Scene) -> TraceKnowledge:
-        """Return how sweeps answer to what differs, by the mechanics of the scene."""
-        spread = {
+    def spreads(self, noise: RigNoise) -> dict[str, float]:
+        """Return the spread of each latent of the mechanics, SI, in their order.
+
+        The square of a distance of spread s has the spread sqrt(2) s^2.
+        """
+        found = {
             "ring_m": noise.ring_sd_m.value,
             "height_m": noise.height_sd_m.value,
-            "friction": self.friction_sd,
             "modulus": self.modulus_sd,
+            "friction": self.friction_sd,
             "along_m": self.place_sd_mm * 1e-3,
+            "beside_m2": 2**0.5 * (self.place_sd_mm * 1e-3) ** 2,
             "tip_radius_m": self.tip_sd_mm * 1e-3,
         }
+        return {name: found[name] for name in LATENTS}
+
+    def _known(
+        self, scene: Scene, noise: RigNoise, depths_m: Sequence[float], rings_m: Sequence[float]
+    ) -> TraceKnowledge:
+        """Return how sweeps answer to what differs, by the mechanics of the scene."""
         forward, bins = self.to_m >= self.from_m, self.bins
         edges_m = bins.from_m + bins.width_m * np.arange(bins.count + 1)
-        steps = np.array([spread.get(name, 0.0) for name in LATENTS])
-        found = trace_slopes(
-            scene,
-            trained.depths_m.tolist(),
-            trained.rings_m.tolist(),
-            np.sort(edges_m),
-            forward=forward,
-            run_in=self.run_in,
-            steps=np.where(steps > 0.0, steps, SMALL * REACH),
+        spread = np.array(list(self.spreads(noise).values()))
+        steps = np.where(spread > 0.0, spread, SMALL * REACH)
+        found = _slopes(
+            scene, tuple(depths_m), tuple(rings_m), tuple(sorted(edges_m)), forward, self.run_in, tuple(steps)
         )
         order = slice(None) if forward else slice(None, None, -1)  # theirs rise, ours follow the stage
-        names = [name for name, sd in spread.items() if sd > 0.0]
-        which = [LATENTS.index(name) for name in names]
+        (which,) = np.nonzero(spread)
+        slope, bend = (one[:, :, order][..., which] for one in (found.slope, found.bend))
+        stays: list[Stays] = ["landing" if LATENTS[i] == "ring_m" else "trial" for i in which]
+        zero = np.ones((*slope.shape[:3], 1))
         return TraceKnowledge(
-            tuple(LANDING if name == "ring_m" else name for name in names),
-            np.array([spread[name] for name in names]),
-            tuple(_OFFSETS[name] for name in names),
-            found.slope[:, :, order][..., which],
-            found.bend[:, :, order][..., which],
+            (*(LATENTS[i] for i in which), BIAS),
+            np.append(spread[which], self.bias_sd_n_mm * 1e-3),
+            (*stays, "sweep"),
+            found.mean_n_m[:, :, order],
+            np.concatenate([slope, zero], axis=-1),
+            np.concatenate([bend, 0.0 * zero], axis=-1),
+            self.slope_error,
             Texture(self.texture_sd_n_mm * 1e-3, self.texture_length_mm * 1e-3),
             found.place_m[:, :, order],
         )
+
+
+@lru_cache(maxsize=64)  # sessions of a study ask for the same
+def _slopes(
+    scene: Scene,
+    depths_m: tuple[float, ...],
+    rings_m: tuple[float, ...],
+    edges_m: tuple[float, ...],
+    forward: bool,
+    run_in: bool,
+    steps: tuple[float, ...],
+) -> TraceSlopes:
+    edges = np.array(edges_m)
+    return trace_slopes(
+        scene, depths_m, rings_m, edges, forward=forward, run_in=run_in, steps=np.array(steps)
+    )

@@ -10,13 +10,12 @@ from palp_core.palpation.perception.belief.latent import start, update
 from palp_core.palpation.perception.belief.rig_noise import assumed_noise, latent_model, on_depths
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.schemes import TRACE, taught
+from palp_core.palpation.studies.frontier.schemes import HEIGHT_SD_M, RING_SD_M, TRACE, taught
 from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
-    Spreads,
     model_of,
     run_trace_trials,
-    slopes_of,
+    settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import WorldPlan, WorldSession, begin
 from palp_core.palpation.studies.simulation.trace_table import scene_of
@@ -45,13 +44,11 @@ def squared_errors(job: DepthJob) -> dict[str, float]:
     """Return the mean squared error of the mean depth after one sweep at the stiffest ring, m^2, by way."""
     gel = replace(job.plan.gel, rings_m=(0.008, 0.012, RING_M))
     plan = replace(job.plan, gel=gel, test_depths_m=GRID_M)
-    spreads = Spreads()
     whole = begin(plan, job.seed)
-    found = {feature: _by_feature(whole, feature, spreads) for feature in WAYS[:2]}
+    found = {feature: _by_feature(whole, feature) for feature in WAYS[:2]}
     for way, protocol in zip(WAYS[2:], (PAPER_PROTOCOL, SWIFT), strict=True):
         session = begin(replace(plan, path_m=protocol.path_m), job.seed)
-        slopes, fine = slopes_of(session, spreads), slopes_of(session, spreads, GRID_M)
-        model = model_of(session, slopes, spreads, GRID_M, fine)
+        model = model_of(session, settings_of(session, depths=len(GRID_M)))
         done = run_trace_trials(
             session,
             model,
@@ -64,13 +61,13 @@ def squared_errors(job: DepthJob) -> dict[str, float]:
     return found
 
 
-def _by_feature(session: WorldSession, feature: str, spreads: Spreads) -> float:
-    gel, known = session.plan.gel, taught(session, feature, spreads)
+def _by_feature(session: WorldSession, feature: str) -> float:
+    gel, known = session.plan.gel, taught(session, feature)
     trained, grid = np.asarray(gel.depths_m), np.asarray(GRID_M)
     slope = height_slope(gel.depths_m, gel.rings_m, feature, scene_of(gel, gel.depths_m[0]))
     model = latent_model(
         known.primitives.interpolated(grid),
-        assumed_noise(spreads.ring_sd_m, spreads.height_sd_m),
+        assumed_noise(RING_SD_M, HEIGHT_SD_M),
         on_depths(slope, trained, grid),
     )
     every = np.arange(len(session.depth))

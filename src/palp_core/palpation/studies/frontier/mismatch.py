@@ -20,7 +20,6 @@ from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.frontier.mismatch_charts import map_chart, power_chart
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.frontier.schemes import Scheme, SchemeRun, run_schemes
-from palp_core.palpation.studies.frontier.trace_trials import Spreads
 from palp_core.palpation.studies.frontier.world_session import Shift, WorldPlan, WorldSession, begin
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policy_summary import summarise
@@ -28,6 +27,7 @@ from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.palpation.world.model import LAB, PAPER
 from palp_core.whole_file import write_json
 
+SWIFT = Scheme("trace", "fixed_best", "threshold", "swift")
 SCHEMES = (
     Scheme("peak", "fixed_best", "paper"),
     Scheme("peak", "information_gain", "paper"),
@@ -35,8 +35,10 @@ SCHEMES = (
     Scheme("contrast", "fixed_best", "paper"),
     Scheme("contrast", "fixed_best", "threshold"),
     Scheme("contrast", "information_gain", "threshold"),
+    Scheme("trace", "fixed_best", "threshold", trace_filter="linear"),
     Scheme("trace", "fixed_best", "threshold"),
-    Scheme("trace", "fixed_best", "threshold", "swift"),
+    Scheme("trace", "fixed_best", "threshold", trace_filter="grid"),
+    SWIFT,
     Scheme("trace", "information_gain", "threshold", "swift"),
 )
 ALARM = 0.05
@@ -108,7 +110,7 @@ def mismatch_session(job: MismatchJob) -> dict[str, SchemeRun]:
     plan = replace(
         WORLDS[job.world], shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m
     )
-    return run_schemes(sessions_of(plan, job.seed), job.schemes, Spreads())
+    return run_schemes(sessions_of(plan, job.seed), job.schemes)
 
 
 def mismatch_rows(
@@ -180,7 +182,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     write_json(out / "mismatch.json", {"quick": quick, "sessions": count, "rows": rows})
     write_records(out / "mismatch.csv", rows)
     charts = [*(map_chart(rows, world) for world in WORLDS), power_chart(rows)]
-    swift = [row for row in rows if row["scheme"] == SCHEMES[7].name]
+    swift = [row for row in rows if row["scheme"] == SWIFT.name]
     return write_page(
         out / "index.html",
         "studies/mismatch.html",

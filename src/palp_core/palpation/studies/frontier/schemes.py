@@ -28,20 +28,20 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     Asking,
     Keep,
     MostBits,
-    Spreads,
     drawn,
     model_of,
     run_trace_trials,
-    slopes_of,
+    settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldSession
 from palp_core.palpation.studies.simulation.policies import best_ring
 from palp_core.palpation.studies.simulation.trace_table import scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
-from palp_core.palpation.world.slopes import TraceSlopes
 from palp_core.units import Float64Array
 
 TRACE = "trace"
+RING_SD_M, HEIGHT_SD_M = 0.3e-3 / 3**0.5, 0.2e-3
+"""Landing by the data sheet and height, of the filter of features, as of that of the trace."""
 THRESHOLD = 0.95
 SURE = 0.99
 """Threshold where the belief is looked at forty times a sweep."""
@@ -57,17 +57,22 @@ class Scheme:
         rule: ``paper``: the published filter and stop rule; ``threshold``: the filter that knows what stays,
             and a threshold on the posterior.
         protocol: ``paper`` or ``swift``.
+        trace_filter: Method of task ``trace_filter``, of the trace.
     """
 
     reading: str
     policy: str
     rule: str
     protocol: str = "paper"
+    trace_filter: str = "second_order"
 
     @property
     def name(self) -> str:
         """As in tables: ``trace, fixed_best, threshold, swift``."""
-        return f"{self.reading}, {self.policy}, {self.rule}" + (", swift" if self.protocol == "swift" else "")
+        words = [self.reading, self.policy, self.rule]
+        words += [self.protocol] * (self.protocol != "paper")
+        words += [self.trace_filter] * (self.trace_filter != "second_order")
+        return ", ".join(words)
 
     @property
     def steps(self) -> Protocol:
@@ -103,7 +108,7 @@ class Taught:
     latent: OffsetModel
 
 
-def taught(session: WorldSession, feature: str, spreads: Spreads) -> Taught:
+def taught(session: WorldSession, feature: str) -> Taught:
     """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file."""
     training, gel, trials = session.training, session.plan.gel, session.feature(feature)
     readings = trials.training()
@@ -117,7 +122,7 @@ def taught(session: WorldSession, feature: str, spreads: Spreads) -> Taught:
     )
     cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
     slope = height_slope(gel.depths_m, gel.rings_m, feature, scene_of(gel, gel.depths_m[0]))
-    noise = assumed_noise(spreads.ring_sd_m, spreads.height_sd_m)
+    noise = assumed_noise(RING_SD_M, HEIGHT_SD_M)
     return Taught(
         trials,
         primitives,
@@ -145,14 +150,13 @@ class SchemeRun:
 
 
 def run_schemes(
-    sessions: Callable[[Protocol], WorldSession], schemes: tuple[Scheme, ...], spreads: Spreads
+    sessions: Callable[[Protocol], WorldSession], schemes: tuple[Scheme, ...]
 ) -> dict[str, SchemeRun]:
     """Return what each scheme did in a session.
 
     Args:
         sessions: The session as a protocol sweeps it; of one luck.
         schemes: Which.
-        spreads: What is stated of the rig.
     """
     found: dict[str, SchemeRun] = {}
     features: dict[str, Taught] = {}
@@ -160,11 +164,11 @@ def run_schemes(
     for scheme in schemes:
         if scheme.reading == TRACE:
             session = sessions(scheme.steps)
-            found[scheme.name] = _by_trace(session, scheme, spreads, _best_ring(features, whole, spreads))
+            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole))
             continue
         key = f"{scheme.reading}, {scheme.protocol}"
         if key not in features:
-            features[key] = taught(sessions(scheme.steps), scheme.reading, spreads)
+            features[key] = taught(sessions(scheme.steps), scheme.reading)
         found[scheme.name] = _by_feature(features[key], scheme)
     return found
 
@@ -172,10 +176,10 @@ def run_schemes(
 _CONTRAST = "contrast, paper"
 
 
-def _best_ring(features: dict[str, Taught], session: WorldSession, spreads: Spreads) -> int:
+def _best_ring(features: dict[str, Taught], session: WorldSession) -> int:
     """Return the position at which training's contrasts are best decided: a trace's too."""
     if _CONTRAST not in features:
-        features[_CONTRAST] = taught(session, "contrast", spreads)
+        features[_CONTRAST] = taught(session, "contrast")
     return features[_CONTRAST].best_ring
 
 
@@ -200,14 +204,8 @@ def _by_feature(known: Taught, scheme: Scheme) -> SchemeRun:
     return SchemeRun(ended, np.ones(count), None, (time.process_time() - before) / count)
 
 
-_SLOPES: dict[object, TraceSlopes] = {}
-
-
-def _by_trace(session: WorldSession, scheme: Scheme, spreads: Spreads, ring: int) -> SchemeRun:
-    key = (session.plan.gel, session.plan.path_m, session.plan.run_in, spreads)
-    if key not in _SLOPES:
-        _SLOPES[key] = slopes_of(session, spreads)
-    model = model_of(session, _SLOPES[key], spreads)
+def _by_trace(session: WorldSession, scheme: Scheme, ring: int) -> SchemeRun:
+    model = model_of(session, settings_of(session, trace_filter=scheme.trace_filter))
     asking: Asking
     match scheme.policy:
         case "fixed_best":

@@ -22,10 +22,9 @@ from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, Scheme
 from palp_core.palpation.studies.frontier.trace_trials import (
     BIN_M,
     Keep,
-    Spreads,
     model_of,
     run_trace_trials,
-    slopes_of,
+    settings_of,
 )
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
@@ -75,11 +74,11 @@ class FrontierSession:
 
 def frontier_session(job: FrontierJob) -> FrontierSession:
     """Return what every scheme did in a session."""
-    plan, spreads = WORLDS[job.world], Spreads()
+    plan = WORLDS[job.world]
     swept = sessions_of(plan, job.seed)
-    runs = run_schemes(swept, SCHEMES, spreads)
+    runs = run_schemes(swept, SCHEMES)
     session = swept(SWIFT)
-    model = model_of(session, slopes_of(session, spreads), spreads)
+    model = model_of(session, settings_of(session))
     stiffest = len(session.rings_m) - 1
     before = time.perf_counter()
     looked = {

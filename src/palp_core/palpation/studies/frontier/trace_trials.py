@@ -8,9 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import of_classes
-from palp_core.palpation.perception.belief.rig_noise import on_depths
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, given
 from palp_core.palpation.perception.trace.belief import (
     TraceBelief,
@@ -22,73 +20,19 @@ from palp_core.palpation.perception.trace.belief import (
 )
 from palp_core.palpation.perception.trace.check import scores
 from palp_core.palpation.perception.trace.information import expected_bits
-from palp_core.palpation.perception.trace.model import Stays, TraceModel
-from palp_core.palpation.perception.trace.texture import Texture, fit_texture
-from palp_core.palpation.perception.trace.training import (
-    TraceOffsets,
-    TrainedTraces,
-    learn,
-    trace_model,
-)
+from palp_core.palpation.perception.trace.model import TraceModel
+from palp_core.palpation.perception.trace.training import learn
+from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.frontier.world_session import FINE_M, WorldSession
 from palp_core.palpation.studies.simulation.trace_table import scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.world.latents import LATENTS
-from palp_core.palpation.world.slopes import TraceSlopes, bin_edges_m, trace_slopes
-from palp_core.palpation.world.texture import white_sd_n_m
 from palp_core.units import Float64Array
 
 BIN_M = 0.002
-FEW = 4
-"""Mountings from which a texture is fitted; from fewer it is assumed."""
 MOST = 6
 """Sweeps of a trial that are read by their traces: more were never needed."""
 _TOGETHER = round(BIN_M / FINE_M)
-
-
-@dataclass(frozen=True)
-class Spreads:
-    """What a lab takes its rig to spread by: stated beforehand, all assumed but the ring's data sheet.
-
-    Attributes:
-        ring_sd_m: Of a landing: +-0.3 mm read as uniform.
-        height_sd_m: Of the surface, the indentation's error included.
-        modulus_sd: Relative, of the gel.
-        friction_sd: Relative.
-        along_sd_m: Of the bead's place along the path.
-        beside_m2_sd: Of the square of its distance beside the path.
-        tip_radius_sd_m: Of the ball.
-        bias_sd_n_m: Of the sensor's zero in a sweep.
-        texture_n_m: Of the surface where training does not tell it.
-        texture_length_m: Its correlation length there.
-    """
-
-    ring_sd_m: float = 0.3e-3 / 3**0.5
-    height_sd_m: float = 0.2e-3
-    modulus_sd: float = 0.1
-    friction_sd: float = 0.1
-    along_sd_m: float = 1e-3
-    beside_m2_sd: float = 1e-6
-    tip_radius_sd_m: float = 0.1e-3
-    bias_sd_n_m: float = 20e-6
-    texture_n_m: float = 0.2e-3
-    texture_length_m: float = 3e-3
-
-    @property
-    def latents(self) -> Float64Array:
-        """Of the latents, in their order."""
-        return np.array(
-            [
-                self.ring_sd_m,
-                self.height_sd_m,
-                self.modulus_sd,
-                self.friction_sd,
-                self.along_sd_m,
-                self.beside_m2_sd,
-                self.tip_radius_sd_m,
-            ]
-        )
 
 
 def coarse(traces: Float64Array) -> Float64Array:
@@ -97,88 +41,27 @@ def coarse(traces: Float64Array) -> Float64Array:
     return np.asarray(traces[:, : count * _TOGETHER].reshape(len(traces), count, _TOGETHER).mean(axis=2))
 
 
-def slopes_of(session: WorldSession, spreads: Spreads, depths_m: tuple[float, ...] = ()) -> TraceSlopes:
-    """Return how traces answer to the latents by the nominal scene, as a lab has it."""
-    gel, plan = session.plan.gel, session.plan
-    scene = scene_of(gel, gel.depths_m[0])
-    edges = bin_edges_m(*plan.path_m, BIN_M)
-    return trace_slopes(
-        scene, depths_m or gel.depths_m, gel.rings_m, edges, run_in=plan.run_in, steps=spreads.latents
+def settings_of(
+    session: WorldSession, *, depths: int = 0, trace_filter: str = "second_order"
+) -> TraceSettings:
+    """Return the estimator's settings on this rig: its path, and spreads as a lab states them beforehand."""
+    low_m, high_m = session.plan.path_m
+    return TraceSettings(
+        from_m=low_m, to_m=high_m, run_in=session.plan.run_in, depths=depths, trace_filter=trace_filter
     )
 
 
-def model_of(
-    session: WorldSession,
-    slopes: TraceSlopes,
-    spreads: Spreads,
-    depths_m: tuple[float, ...] = (),
-    fine: TraceSlopes | None = None,
-) -> TraceModel:
-    """Return the trace filter's model after the session's training.
-
-    Args:
-        session: The session.
-        slopes: By the nominal scene.
-        spreads: What is stated of the rig.
-        depths_m: Depths to decide among; none: the trained ones.
-        fine: Slopes at these.
-    """
+def model_of(session: WorldSession, settings: TraceSettings) -> TraceModel:
+    """Return the trace filter's model after the session's training, by the nominal scene."""
     training, gel = session.training, session.plan.gel
-    samples = round(BIN_M / 20e-6)
     learnt = learn(
         coarse(training.traces),
         np.asarray(gel.depths_m)[training.depth].tolist(),
         np.asarray(gel.rings_m)[training.ring].tolist(),
         training.mounting.tolist(),
-        floor_n_m=white_sd_n_m(0.0, RESOLUTION_N_M, samples),
+        floor_n_m=settings.floor_n_m,
     )
-    texture = Texture(spreads.texture_n_m, spreads.texture_length_m)
-    if len(learnt.between) >= FEW:
-        stiffest, known = len(gel.rings_m) - 1, _offsets(slopes, spreads)
-        shrink = np.sqrt(1.0 - 1.0 / learnt.mountings[learnt.between_class])
-        texture = fit_texture(
-            learnt.between[:, stiffest] / shrink[:, None],
-            known.slope[learnt.between_class, stiffest],
-            known.sd,
-            learnt.white_sd,
-            slopes.place_m[learnt.between_class, stiffest],
-        )
-    if fine is None:
-        return trace_model(learnt, _offsets(slopes, spreads), texture, slopes.place_m)
-    between = _between(learnt, slopes, fine, np.asarray(depths_m))
-    return trace_model(between, _offsets(fine, spreads), texture, fine.place_m)
-
-
-def _offsets(slopes: TraceSlopes, spreads: Spreads) -> TraceOffsets:
-    """Return what a sweep answers to: the latents, where it bends, and the sensor's zero."""
-    bias = np.ones((*slopes.slope.shape[:3], 1))
-    stays: tuple[Stays, ...] = tuple("landing" if name == "ring_m" else "trial" for name in LATENTS)
-    bent = [i for i in range(len(LATENTS)) if slopes.bend[..., i].any()]
-    return TraceOffsets(
-        (*LATENTS, "bias", *(f"{LATENTS[i]}, bent" for i in bent)),
-        np.concatenate([spreads.latents, [spreads.bias_sd_n_m], 2**0.5 * spreads.latents[bent] ** 2]),
-        (*stays, "sweep", *(stays[i] for i in bent)),
-        np.concatenate([slopes.slope, bias, slopes.bend[..., bent]], axis=-1),
-    )
-
-
-def _between(
-    learnt: TrainedTraces, slopes: TraceSlopes, fine: TraceSlopes, depths_m: Float64Array
-) -> TrainedTraces:
-    """Return training at depths between: the mechanics' traces there, and over them what training adds.
-
-    A trace changes its form with depth more than a curve through a few depths tells; what training differs by
-    from the mechanics changes slowly.
-    """
-    added = on_depths(learnt.mean - slopes.mean_n_m, learnt.depths_m, depths_m)
-    count = len(depths_m)
-    return replace(
-        learnt,
-        depths_m=depths_m,
-        mean=fine.mean_n_m + added,
-        mountings=np.full(count, learnt.mountings.min()),
-        landings=np.broadcast_to(learnt.landings.min(axis=0), (count, len(learnt.rings_m))),
-    )
+    return settings.model(learnt, scene_of(gel, gel.depths_m[0]))
 
 
 @dataclass(frozen=True, eq=False)
