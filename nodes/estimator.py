@@ -70,14 +70,11 @@ class EstimatorParams(Params):
 
     With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
     told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
-    above, and by ``scene``'s mechanics height, friction, modulus, the bead's place, the ball's radius and the
-    sensor's zero, which spread as stated here (assumed), never as the simulated phantom's do; the texture is
-    that of training's mountings where a depth had several. ``run_in``: whether a sweep begins upright, with a
-    tip that sticks. What is below ``from_m`` is of this reading only.
+    above, and by ``scene``'s mechanics what spreads as stated here (assumed), never as the simulated phantom
+    does. ``run_in``: whether a sweep begins with a tip that sticks. From ``from_m`` on, of this reading only.
     """
 
     reading: ReadOnly[Literal["feature", "trace"]] = "feature"
-
     wavelet: str = "db10"
     level: CountPositive = 5
     denoise: DenoiseName = "soft_universal"

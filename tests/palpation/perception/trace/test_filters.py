@@ -92,17 +92,25 @@ def test_slopes_are_those_of_the_touch_and_count_against_training() -> None:
     assert model.stays == ("landing", "trial", "trial")
 
 
-def test_squares_of_offsets_and_a_grid_over_the_most_curved_beat_the_line_there() -> None:
+def test_a_grid_over_the_most_curved_offset_beats_the_line_there() -> None:
     straight = model_of("linear", trained(), known())
-    bent = model_of("second_order", trained(), known())
     nodes = model_of("grid", trained(), known())
     assert known().names[known().most_curved()] == "friction"
-    assert known().bent.names == (*known().names, "friction squared")
     assert len(nodes.class_of) == NODES * len(straight.class_of)
-    of_line, of_squares, of_grid = (stated_and_right(one) for one in (straight, bent, nodes))
-    for stated, right in (of_squares, of_grid):
-        assert abs(stated - right) < abs(of_line[0] - of_line[1])
-    assert of_grid[1] > of_line[1]
+    (of_line, line_right), (of_grid, grid_right) = stated_and_right(straight), stated_and_right(nodes)
+    assert abs(of_grid - grid_right) < abs(of_line - line_right)
+    assert grid_right > line_right
+
+
+def test_squares_of_offsets_are_offsets_whose_variance_is_that_of_the_touch() -> None:
+    bent = model_of("second_order", trained(), known())
+    assert known().bent.names == (*known().names, "friction squared")
+    frictions = SD["friction"] * np.random.default_rng(3).standard_normal(20000)
+    top = np.array([touch({"friction": f})[0, 1, 6] for f in frictions])
+    of_friction = [2, 3]
+    spread = (bent.slope[0, 1, 6, of_friction] * bent.offset_sd[of_friction]) ** 2
+    assert spread.sum() / 2.0 == pytest.approx(top.var(), rel=0.05)  # half of it is training's own mounting
+    assert spread[0] / 2.0 < 0.9 * top.var()
 
 
 def test_depths_between_are_the_mechanics_and_what_training_adds() -> None:

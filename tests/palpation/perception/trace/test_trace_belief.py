@@ -39,7 +39,7 @@ def model_of(seed: int = 1, *, apart: float = 1.0) -> TraceModel:
         rng.normal(0.0, 1.0, (CLASSES, SETTINGS, BINS, 3)),
         np.array([4e-4, 2e-4, 1e-4]),
         STAYS,
-        1e-4,
+        np.tile(1e-8 * np.eye(BINS), (SETTINGS, 1, 1)),
         Texture(3e-4, 4e-3, 0.5, "exponential"),
         place,
         np.array([False, True]),

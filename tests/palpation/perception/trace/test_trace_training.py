@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.trace.bins import BinnedSweep, PositionBins, binned
 from palp_core.palpation.perception.trace.texture import Texture, fit_texture
-from palp_core.palpation.perception.trace.training import TraceOffsets, learn, trace_model
+from palp_core.palpation.perception.trace.training import (
+    TraceOffsets,
+    learn,
+    shrunk_covariance,
+    sticking,
+    trace_model,
+)
 
 PATH = PositionBins.over(-0.03, 0.05, 0.002)
 
@@ -58,7 +64,7 @@ def test_the_texture_of_residuals_is_found_again(form: str) -> None:
     covariance = true.covariance(place, place) + 1e-10 * np.eye(len(place))
     rows = rng.multivariate_normal(np.zeros(len(place)), covariance, 30)
     rows += slope[:, :, 0] * rng.normal(0.0, 1e-3, (30, 1))
-    found = fit_texture(rows, slope, np.array([1e-3]), 1e-5, np.tile(place, (30, 1)))
+    found = fit_texture(rows, slope, np.array([1e-3]), 1e-10 * np.eye(len(place)), np.tile(place, (30, 1)))
     assert found.form == form
     assert found.sd_n_m == pytest.approx(2e-4, rel=0.15)
     assert found.length_m == pytest.approx(5e-3, rel=0.35)
@@ -82,7 +88,10 @@ def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_land
                     ring.append(r)
                     mounting.append(mount + int(1e4 * d))
     learnt = learn(np.array(rows), depth, ring, mounting, floor_n_m=1e-9)
-    assert learnt.white_sd == pytest.approx(2e-6, rel=0.05)
+    noise = np.diagonal(learnt.scatter, axis1=1, axis2=2)
+    np.testing.assert_allclose(noise.mean(axis=1), 4e-12, rtol=0.1)
+    off = learnt.scatter - noise[:, :, None] * np.eye(PATH.count)
+    assert np.abs(off).max() < 1e-12
     assert learnt.mountings.tolist() == [3, 3]
     assert learnt.landings.tolist() == [[60] * 3] * 2
     assert learnt.between.shape == (6, 3, PATH.count)
@@ -100,3 +109,26 @@ def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_land
 def test_a_cell_without_a_sweep_is_named() -> None:
     with pytest.raises(PerceptionError, match="depth 4 mm and ring 8 mm"):
         learn(np.zeros((3, 5)), [0.002, 0.002, 0.004], [0.004, 0.008, 0.004], [1, 1, 2], floor_n_m=1e-6)
+
+
+def test_a_covariance_of_few_rows_keeps_what_is_no_chance() -> None:
+    rng = np.random.default_rng(8)
+    true = 0.9 ** np.abs(np.subtract.outer(np.arange(20), np.arange(20)))
+    plain, drawn = [], []
+    for _ in range(20):
+        rows = rng.multivariate_normal(np.zeros(20), true, 30)
+        rows = rows - rows.mean(axis=0)
+        plain.append(np.linalg.norm(rows.T @ rows / 29 - true))
+        drawn.append(np.linalg.norm(shrunk_covariance(rows, 29) - true))
+    assert np.mean(drawn) < np.mean(plain)
+    white = shrunk_covariance(rng.standard_normal((40, 20)), 40)
+    assert np.abs(white - np.diag(np.diag(white))).max() < 0.1
+    assert np.linalg.eigvalsh(shrunk_covariance(rng.standard_normal((5, 20)), 5)).min() > 0.0
+
+
+def test_bins_in_which_a_tip_may_stick_are_not_read() -> None:
+    place = np.concatenate([-0.03 + 1e-4 * np.arange(8), -0.028 + 2e-3 * np.arange(22)])
+    held = sticking(np.tile(place, (2, 3, 1)))
+    assert held.shape == (3, 30)
+    assert held[0].tolist() == [True] * 9 + [False] * 21  # seven, and a quarter more
+    assert not sticking(np.tile(PATH.middle_m, (2, 3, 1))).any()

@@ -24,17 +24,17 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.world.model import LAB
 
-RINGS = Gel(rings_m=(0.004, 0.016))
+RINGS = Gel(rings_m=(0.004, 0.012, 0.016))
 PLAN = WorldPlan(
-    world=LAB, conditions=Conditions(training=6, trials=20, specimens=3, remount=True), gel=RINGS
+    world=LAB, conditions=Conditions(training=25, trials=20, specimens=3, remount=True), gel=RINGS
 )
 
 
 def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     session = begin(replace(PLAN, path_m=SWIFT.path_m), (3, 1))
     model = model_of(session, settings_of(session))
-    early = run_trace_trials(session, model, SWIFT, asking=Keep(1))
-    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(1))
+    early = run_trace_trials(session, model, SWIFT, asking=Keep(2))
+    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(2))
     assert early.ended.correct.mean() > 0.9
     assert early.ended.seconds.mean() < 0.9 * late.ended.seconds.mean()
     assert (early.ended.confidence[early.ended.decided] >= 0.99).all()

@@ -33,7 +33,7 @@ class TraceKnowledge:
         bend: What the offset's square adds, shape (m, k, b, l).
         slope_error: What slopes are taken to be wrong by, relative.
         texture: What the surface adds along a track, where training does not tell it.
-        place_m: Where the ball touches in each bin, shape (m, k, b).
+        place_m: Where the ball touches in each bin, shape (m, k, b): where it does not move, it sticks.
     """
 
     names: tuple[str, ...]
@@ -185,7 +185,7 @@ def _texture(trained: TrainedTraces, known: TraceKnowledge) -> Texture:
         trained.between[:, stiffest] / shrunk[:, None],
         offsets.slope[of, stiffest],
         offsets.sd,
-        trained.white_sd,
+        trained.scatter[stiffest] * trained.mountings.max() / trained.landings[:, stiffest].min(),
         known.place_m[of, stiffest],
     )
 

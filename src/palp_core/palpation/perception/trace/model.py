@@ -2,7 +2,7 @@
 
 A sweep at setting u of component c is::
 
-    y_i = mean[c, u, i] + sum_l slope[c, u, i, l] x_l + texture(place[c, u, i]) + white
+    y_i = mean[c, u, i] + sum_l slope[c, u, i, l] x_l + texture(place[c, u, i]) + new[u, i]
 
 Offsets x are normal and stay as long as they stay: for a sweep, until the ring lands anew, or for the trial.
 Sweeps of a trial share them, and the track's texture. A component is a class, or a class with an offset near
@@ -71,7 +71,7 @@ class TraceModel:
         slope: Change by a unit of each offset, shape (c, k, b, l).
         offset_sd: Spread of the offsets, shape (l,).
         stays: How long each stays, length l.
-        white_sd: Of a bin, N m.
+        scatter: Covariance of what is new with every sweep, N^2 m^2, shape (k, b, b).
         texture: Of the track.
         place_m: Where the ball touches in each bin, shape (c, k, b): near places share texture.
         backward: Whether a setting sweeps the other way, shape (k,).
@@ -88,7 +88,7 @@ class TraceModel:
     slope: Float64Array
     offset_sd: Float64Array
     stays: tuple[Stays, ...]
-    white_sd: float
+    scatter: Float64Array
     texture: Texture
     place_m: Float64Array
     backward: NDArray[np.bool_]
@@ -105,12 +105,17 @@ class TraceModel:
             )
         if self.class_of.shape != (components,) or self.log_weight.shape != (components,):
             raise PerceptionError(f"{components} components need as many classes and weights")
+        if self.scatter.shape != (settings, bins, bins):
+            raise PerceptionError(
+                f"scatter of shape {self.scatter.shape} for {settings} settings of {bins} bins"
+            )
         if self.place_m.shape != self.mean.shape or self.backward.shape != (settings,):
             raise PerceptionError(
                 f"places of shape {self.place_m.shape} for {settings} settings of {bins} bins"
             )
         numbers = (self.mean, self.slope, self.offset_sd, self.place_m, self.log_weight)
-        if not all(np.isfinite(x).all() for x in numbers) or not self.white_sd > 0.0:
+        noise = np.diagonal(self.scatter, axis1=1, axis2=2)
+        if not all(np.isfinite(x).all() for x in numbers) or not (noise > 0.0).all():
             raise PerceptionError("a trace model holds a NaN, or no noise at all; was every cell trained?")
 
     @property
@@ -181,7 +186,7 @@ class TraceModel:
         )
         shared = (first * spread) @ np.swapaxes(second, 1, 2)
         found = shared * (1.0 + self.slope_error**2 * self._near(one.setting, other.setting)) + field_part
-        return np.asarray(found + self.white_sd**2 * np.eye(self.bin_count) if same else found)
+        return np.asarray(found + self.scatter[one.setting] if same else found)
 
     def _near(self, one: int, other: int) -> Float64Array:
         """Return how alike errors of slopes are at the places of two settings, shape (c, b, b)."""
@@ -215,7 +220,7 @@ def on_grid(
         np.concatenate([slope for _, slope in nodes]),
         offset_sd,
         model.stays,
-        model.white_sd,
+        model.scatter,
         model.texture,
         np.tile(model.place_m, (count, 1, 1)),
         model.backward,

@@ -66,7 +66,7 @@ def fit_texture(
     residual_n_m: Float64Array,
     slope: Float64Array,
     prior_sd: Float64Array,
-    white_sd: float,
+    scatter: Float64Array,
     place_m: Float64Array,
 ) -> Texture:
     """Return the texture that makes residuals of training likeliest, with what else they hold marginalised.
@@ -75,7 +75,7 @@ def fit_texture(
         residual_n_m: Mean traces of mountings less what their class has in common, shape (r, b).
         slope: Change of each by a unit of each latent, shape (r, b, l).
         prior_sd: Spread of the latents in the residuals, shape (l,).
-        white_sd: Of a bin of such a mean, N m.
+        scatter: Covariance of such a mean's own error, shape (b, b).
         place_m: Where the ball touches in each, shape (r, b).
 
     Raises:
@@ -83,8 +83,8 @@ def fit_texture(
     """
     if residual_n_m.ndim != 2 or len(residual_n_m) < 2 or not np.isfinite(residual_n_m).all():
         raise PerceptionError("a texture takes two mountings at least, all of whose torques are numbers")
-    known = [(s * prior_sd) @ (s * prior_sd).T + white_sd**2 * np.eye(slope.shape[1]) for s in slope]
-    scale = float(np.log(max(residual_n_m.std(), white_sd, 1e-9)))
+    known = [(s * prior_sd) @ (s * prior_sd).T + scatter for s in slope]
+    scale = float(np.log(max(residual_n_m.std(), 1e-9)))
     step = float(np.abs(np.diff(place_m, axis=1)).mean())
     ends = [(np.log(1e-9), np.log(0.5)), (np.log(0.5 * step), np.log(np.ptp(place_m)))]
     best, least = Texture(), np.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.units import Float64Array
+
+_UNREAD_N_M = 1.0  # as uncertain, a bin says nothing
+_HELD = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +27,8 @@ class TrainedTraces:
         mean: N m, shape (m, k, b).
         mountings: Of each class, shape (m,).
         landings: Of each cell, shape (m, k).
-        white_sd: Scatter of a bin about its cell and mounting, once the landing's part is taken out, N m.
+        scatter: Covariance of a sweep's bins about its cell and mounting, N^2 m^2, shape (k, b, b), by ring,
+            once the landing's part is taken out: what is new with every sweep, noise and stick-slip say.
         between: Mean traces of mountings less those of their class, shape (r, k, b); none where every class
             was mounted once.
         between_class: Class of each, shape (r,).
@@ -35,7 +39,7 @@ class TrainedTraces:
     mean: Float64Array
     mountings: NDArray[np.int64]
     landings: NDArray[np.int64]
-    white_sd: float
+    scatter: Float64Array
     between: Float64Array
     between_class: NDArray[np.int64]
 
@@ -104,7 +108,7 @@ def learn(
         mean,
         mountings,
         landings,
-        floor_n_m,
+        np.tile(floor_n_m**2 * np.eye(shape[2]), (shape[1], 1, 1)),
         np.array([found - mean[d] for d, found in whole]).reshape(len(whole), *shape[1:]),
         np.array([d for d, _ in whole], dtype=np.int64),
     )
@@ -115,25 +119,56 @@ def _with_scatter(
     trained: TrainedTraces, scattered: list[tuple[int, int, Float64Array]], floor_n_m: float
 ) -> TrainedTraces:
     """Return it with what sweeps of a cell scatter by, beside what a landing makes of them."""
-    squares, freedom, slope = 0.0, 0, trained.ring_slope
-    for d, r, rest in scattered:
-        along = slope[d, r]
-        length = float(along @ along)
-        if length > 0.0:
-            rest = rest - np.outer(rest @ along / length, along)
-        squares += float((rest**2).sum())
-        freedom += (len(rest) - 1) * (rest.shape[1] - int(length > 0.0))
-    sd = float(np.sqrt(squares / freedom)) if freedom else 0.0
-    return TrainedTraces(
-        trained.depths_m,
-        trained.rings_m,
-        trained.mean,
-        trained.mountings,
-        trained.landings,
-        max(sd, floor_n_m),
-        trained.between,
-        trained.between_class,
-    )
+    slope, scatter = trained.ring_slope, trained.scatter.copy()
+    for ring in range(len(scatter)):
+        rests, freedom = [], 0
+        for d, r, rest in scattered:
+            if r == ring:
+                along = slope[d, r]
+                length = float(along @ along)
+                rests.append(rest - np.outer(rest @ along / length, along) if length > 0.0 else rest)
+                freedom += len(rest) - 1
+        if freedom:
+            found = shrunk_covariance(np.concatenate(rests), freedom)
+            low = np.maximum(floor_n_m**2 - np.diag(found), 0.0)
+            scatter[ring] = found + np.diag(low)
+    return replace(trained, scatter=scatter)
+
+
+def shrunk_covariance(rests: Float64Array, freedom: int) -> Float64Array:
+    """Return a covariance from few rows, drawn towards its own diagonal as far as chance makes it differ.
+
+    Schaefer and Strimmer, Statistical Applications in Genetics and Molecular Biology 4 (2005): the share is
+    the summed variance of the off-diagonal entries over their summed squares, here of correlations.
+
+    Args:
+        rests: Rows about their own means, shape (n, b).
+        freedom: Rows less the means that were taken out.
+    """
+    sd = np.sqrt((rests**2).sum(axis=0) / freedom)
+    unit = rests / np.where(sd > 0.0, sd, 1.0)
+    count = len(rests)
+    products = unit[:, :, None] * unit[:, None, :]
+    mean = products.mean(axis=0)
+    variance = ((products - mean) ** 2).sum(axis=0) * count / max((count - 1) ** 3, 1)
+    off = ~np.eye(rests.shape[1], dtype=bool)
+    squares = float((mean[off] ** 2).sum())
+    share = min(1.0, float(variance[off].sum()) / squares) if squares > 0.0 else 1.0
+    correlation = np.where(off, (1.0 - share) * mean * count / freedom, 1.0)
+    return np.asarray(correlation * np.outer(sd, sd))
+
+
+def sticking(place_m: Float64Array) -> NDArray[np.bool_]:
+    """Return in which bins of each setting the tip may still stick, shape (k, b), from its nominal places.
+
+    Where it breaks loose the torque has a kink, to whose place it does not answer in a straight line. A tip
+    that sticks rolls on the spot, by far less than the stage goes; one that is held longer than the nominal
+    one is let go within a quarter more of the way.
+    """
+    steps = np.abs(np.diff(place_m, axis=2))
+    slides = steps > 0.5 * np.median(steps, axis=2, keepdims=True)
+    begun = np.argmax(slides, axis=2).max(axis=0)  # the last bin in which any class's tip sticks
+    return np.asarray(np.arange(place_m.shape[2]) < np.ceil(_HELD * begun)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +210,7 @@ def trace_model(
         scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
         slope[..., number] *= scale[..., None]
     classes = len(trained.depths_m)
+    unread = np.array([np.diag(np.where(held, _UNREAD_N_M**2, 0.0)) for held in sticking(place_m)])
     return TraceModel(
         np.arange(classes),
         np.zeros(classes),
@@ -182,7 +218,7 @@ def trace_model(
         slope,
         offsets.sd,
         offsets.stays,
-        trained.white_sd,
+        trained.scatter + unread,
         Texture(
             texture.sd_n_m * float(np.sqrt(1.0 + 1.0 / trained.mountings.min())),
             texture.length_m,

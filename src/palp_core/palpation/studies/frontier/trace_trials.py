@@ -61,7 +61,7 @@ def model_of(session: WorldSession, settings: TraceSettings) -> TraceModel:
         training.mounting.tolist(),
         floor_n_m=settings.floor_n_m,
     )
-    return settings.model(learnt, scene_of(gel, gel.depths_m[0]))
+    return settings.model(learnt, scene=scene_of(gel, gel.depths_m[0]))
 
 
 @dataclass(frozen=True, eq=False)

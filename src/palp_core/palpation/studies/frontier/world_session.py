@@ -110,6 +110,7 @@ class WorldSession:
         landings_m: Landing of the ring before each probe, shape (n, t).
         kept_landing_m: That of a ring that never moves, shape (n,).
         noise: Luck of the sensor, shape (n, t, numbers).
+        phases: Share of a cycle of stick-slip at which each sweep begins, shape (n, t).
         uniforms: For the policy, shape (n, t).
     """
 
@@ -121,6 +122,7 @@ class WorldSession:
     landings_m: Float64Array
     kept_landing_m: Float64Array
     noise: Float64Array
+    phases: Float64Array
     uniforms: Float64Array
 
     @property
@@ -146,6 +148,7 @@ class WorldSession:
         rows = together(self.parts[trials], ring_part(error_m))
         felt = table.traces(depth, ring, rows)
         felt += table.texture(plan.world, depth, ring, self.tracks[trials])
+        felt += _hum(plan, table, depth, ring, self.phases[trials, probe])
         felt += table.sensor(
             plan.world,
             self.noise[trials, probe],
@@ -256,6 +259,7 @@ def _train(plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array) -
     table = plan.table(gel)
     number = depth * phantoms + which
     traces = table.traces(depth, ring, rows) + table.texture(plan.world, depth, ring, tracks[number])
+    traces += _hum(plan, table, depth, ring, rng.random(len(depth)))
     luck = rng.standard_normal((len(depth), 2 * traces.shape[1] + 2))
     traces += table.sensor(plan.world, luck, noise_sd_n_m=gel.noise_factor * RESOLUTION_N_M)
     return TrainingSweeps(depth, ring, number, traces)
@@ -294,4 +298,18 @@ def _draw(
         own_m if conditions.rehome else np.full(m * count, own_m[0]),
         rng.standard_normal((*shape, 2 * fine + 2)),
         rng.random(shape),
+        rng.random(shape),
     )
+
+
+def _hum(
+    plan: WorldPlan,
+    table: TraceTable,
+    depth: NDArray[np.int64],
+    ring: NDArray[np.int64],
+    phase: Float64Array,
+) -> Float64Array | float:
+    """Return what stick-slip adds to each fine bin, where the world's tips stick."""
+    if plan.world.static_friction_excess == 0.0:
+        return 0.0
+    return table.stick_slip(plan.world, depth, ring, phase)

@@ -130,7 +130,8 @@ class TraceTable:
             ring: Index of the ring position, shape (n,).
             phase: Share of a cycle at the start, from 0 to 1, shape (n,).
         """
-        known = _cycles(self.gel, self.forward, self.run_in, self.bin_m, world.static_friction_excess)
+        edges_m = tuple(self.bins.edges_m.tolist())
+        known = _cycles(self.gel, self.forward, self.run_in, edges_m, world.static_friction_excess)
         return np.asarray(known[depth, ring, np.rint(phase * PHASES).astype(np.int64) % PHASES])
 
     def sensor(
@@ -324,9 +325,10 @@ def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -
 
 
 @functools.lru_cache(maxsize=16)
-def _cycles(gel: Gel, forward: bool, run_in: bool, width_m: float, excess: float) -> Float64Array:
+def _cycles(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], excess: float) -> Float64Array:
     """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
-    bins = bins_of(bin_edges_m(FROM_M, TO_M, width_m), forward=forward)
+    bins = bins_of(np.array(edges_m), forward=forward)
+    width_m = edges_m[1] - edges_m[0]
     parts = round(width_m / _CYCLE_M)
     fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
     whole = stick_slip_at(gel, bins.node_m, fine_m, excess, run_in=run_in)
