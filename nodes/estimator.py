@@ -394,9 +394,9 @@ class Estimator(MethodTeller):
         """Fit the memory primitives to the training palpations."""
         learnt = fit_cells(self.state.training, quantisation_sd(self.params.resolution_n_mm * 1e-3))
         self.learnt, self.filters = learnt, None
-        self.state.primitives = {
-            name: np.ravel(value).tolist() for name, value in learnt.to_json_dict().items()
-        }
+        if self.traces:
+            self._watch().reader(self.state.trace)  # now, and not when the first sweep is to be followed
+        self.state.primitives = {n: np.ravel(v).tolist() for n, v in learnt.to_json_dict().items()}
         self.primitives.publish(
             PrimitivesLearnt(
                 stamp_ns=self.now_ns(),

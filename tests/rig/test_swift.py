@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -137,3 +138,22 @@ def test_each_setting_of_the_protocol_can_be_given(file: str) -> None:
     assert (by_name["experiment"]["rehome"], by_name["stage"]["lift_mm"]) == ("never", 7.0)
     for node in ("experiment", "estimator", "phantom"):
         assert (by_name[node]["from_m"], by_name[node]["to_m"]) == (-0.02, 0.03)
+
+
+@pytest.mark.nightly
+def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
+    palp: Palp, tmp_path: Path
+) -> None:
+    out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
+    lenient = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
+    small = ("policy:=fixed", "trials:=1", "training:=1", "rings_mm:=8, 16", f"host:={host}", f"out:={out}")
+    emulated = ROOT / "launch" / "emulated.yaml"
+    done = palp.run("launch", emulated, "protocol:=swift", *small, *lenient, "--record", tmp_path / "bag")
+    assert done.returncode == 0, done.stderr
+    ends = [row for row in read_rows(out) if row.verdict == "decided"]
+    assert len(ends) == 3
+    assert any(length_s(row) < WHOLE_S - 0.2 for row in ends)
+    again = reanalyse(read_sweeps(out), SWIFT)
+    assert [trial.estimate_m for trial in again.trials] == [row.estimate_m for row in ends]
+    with Bag(tmp_path / "bag") as bag:
+        assert list(bag.messages(["/safety/trip"] if "/safety/trip" in bag.topics() else [])) == []

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
@@ -48,6 +50,23 @@ def test_probes_are_averaged_over_trials(record: Writer, summary: Summariser) ->
     found = built(out := record(trials=TRIALS), summary(out))
     assert found["probes_mean"] == 7 / 4
     assert found["probes_mean_per_depth_mm"] == {"2": 1.5, "8": 2.0}
+
+
+def test_the_rigs_time_is_from_decision_to_decision_on_one_mounting(
+    record: Writer, summary: Summariser
+) -> None:
+    out = record(trials=TRIALS)
+    found = built(out, summary(out, reading="trace"))
+    last: dict[int, tuple[int, int]] = {}
+    for row in read_session(out).rows:
+        if row.phase == "estimation":
+            last[row.trial] = (row.remount, row.end_ns)
+    ends = [last[trial] for trial in sorted(last)]
+    took = [(b - a) * 1e-9 for (one, a), (other, b) in itertools.pairwise(ends) if one == other]
+    assert found["rig_s_per_decision"] == {"mean": pytest.approx(np.mean(took)), "trials": len(took)}
+    assert len(took) >= 1
+    assert found["reading"] == "trace"
+    assert built(out, summary(out))["reading"] == "feature"
 
 
 def test_mountings_are_counted_per_phase(record: Writer, summary: Summariser) -> None:

@@ -5,6 +5,7 @@ Two runs of one launch file and seed give the same file but for :data:`TIME_KEYS
 
 from __future__ import annotations
 
+import itertools
 import json
 import platform
 from collections import Counter
@@ -85,6 +86,8 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
             "interval": INTERVAL,
         },
         "chance": 1.0 / len(session.depths_m) if session.depths_m else None,
+        "reading": roles.params("estimator").get("reading", "feature"),
+        "rig_s_per_decision": _rig_s(session),
         "probes_mean": _probes(trials),
         "probes_mean_per_depth_mm": {mm(d): _probes(session.at_depth(d)) for d in session.tried_m},
         "verdicts": {word: _verdicts(trials)[word] for word in ("decided", "undecided")},
@@ -223,6 +226,21 @@ def _mounts(session: RecordedSession, phase: str) -> int:
 
 def _probes(trials: Sequence[RecordedTrial]) -> float | None:
     return float(np.mean([len(trial.probes) for trial in trials])) if trials else None
+
+
+def _rig_s(session: RecordedSession) -> dict[str, Any]:
+    """Return how long stage and ring took for a decision: from one trial's last torque to the next one's.
+
+    So lifting, going back, moving and re-homing the ring count; putting a phantom on does not: of each
+    mounting the first trial is left out.
+    """
+    ends = [(trial.probes[-1].remount, trial.probes[-1].end_ns) for trial in _in_order(session)]
+    took = [(b - a) / 1e9 for (one, a), (other, b) in itertools.pairwise(ends) if one == other]
+    return {"mean": float(np.mean(took)) if took else None, "trials": len(took)}
+
+
+def _in_order(session: RecordedSession) -> list[RecordedTrial]:
+    return sorted((*session.trials, *session.dropped), key=lambda trial: trial.probes[-1].row)
 
 
 def _dropped(trial: RecordedTrial) -> dict[str, Any]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MECHANICS = ("contact", "motion", "equilibrium")
 """Tasks of a simulated touch; guards are about them."""
 
-_ORDER = (*MECHANICS, "denoise", "feature", "likelihood", "filter", "stop", "policy")
+_ORDER = (*MECHANICS, "denoise", "feature", "likelihood", "filter", "trace_filter", "stop", "policy")
 """Of a palpation; other tasks follow."""
 
 _TASK_OF_ROLE = {"policy": "policy", "estimator": "stop", "phantom": "contact", "cocontraction": "burst"}
@@ -74,7 +74,7 @@ def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
 
 def _by_parameters(roles: Roles, role: str) -> str:
     names = {
-        "estimator": ("denoise", "feature", "filter", "likelihood", "stop"),
+        "estimator": ("reading", "denoise", "feature", "filter", "likelihood", "trace_filter", "stop"),
         "phantom": ("scene", "phantoms", "output", "tolerance"),
     }.get(role, ())
     params = roles.params(role)
@@ -154,6 +154,7 @@ _USES: Mapping[str, Callable[[Sequence[Row]], int]] = {
     "feature": len,
     "likelihood": _decided,
     "filter": _decided,
+    "trace_filter": _decided,
     "stop": _decided,
     "policy": _decided,
 }
