@@ -57,6 +57,12 @@ def test_a_word_sets_defaults_and_what_is_given_wins(
     assert set_to(workspace, *overrides) == values
 
 
+def test_an_argument_of_any_value_sets_by_those_that_it_names(workspace: Any) -> None:
+    anything = PART.replace("        choices: [usual, fast]\n", "")
+    assert set_to(workspace, "speed:=fast", part=anything) == (2000.0, 3.0)
+    assert set_to(workspace, "speed:=my.yaml", part=anything) == (500.0, 1.0)
+
+
 def test_it_does_not_matter_which_is_declared_first(workspace: Any) -> None:
     lines = PART.split("      source:")
     moved = lines[1].replace("    nodes:", lines[0].split("    args:\n")[1] + "    nodes:")

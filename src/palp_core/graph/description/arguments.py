@@ -133,7 +133,7 @@ def _sets(
         return {}
     found: dict[str, dict[str, Given]] = {}
     for choice, entry in tree.items.items():
-        if choice not in names:
+        if names and choice not in names:
             problems.add(entry.mark, f"{what}: '{choice}' is not one of its choices{hint(choice, names)}")
         elif not isinstance(entry.value, Mapping):
             problems.add(entry.value.mark, f"{what}: '{choice}' must map arguments of this file to defaults")
