@@ -68,7 +68,7 @@ def test_trials_end_within_a_sweep_and_the_record_has_what_was_swept(folder: Pat
 def test_the_nodes_own_verdicts_are_found_again_bit_by_bit(folder: Path, rows: list[Row], kind: str) -> None:
     session = read_sweeps(folder / kind)
     settings = TraceSettings.of(session.read_by)
-    assert (settings.from_m, settings.to_m) == (-0.02, 0.03)
+    assert (settings.from_m, settings.to_m) == (-0.026, 0.034)
     reader, rule = trace_reader(session, settings, None, None), stop_rule("posterior_threshold", 0.99)
     again = list(decide_again(session, reader, settings, rule, 15))
     found = [one for trial in again for one in trial.posteriors]
@@ -137,7 +137,7 @@ def test_each_setting_of_the_protocol_can_be_given(file: str) -> None:
     assert (by_name["estimator"]["reading"], by_name["estimator"]["stop_value"]) == ("trace", 0.9)
     assert (by_name["experiment"]["rehome"], by_name["stage"]["lift_mm"]) == ("never", 7.0)
     for node in ("experiment", "estimator", "phantom"):
-        assert (by_name[node]["from_m"], by_name[node]["to_m"]) == (-0.02, 0.03)
+        assert (by_name[node]["from_m"], by_name[node]["to_m"]) == (-0.026, 0.034)
 
 
 @pytest.mark.nightly

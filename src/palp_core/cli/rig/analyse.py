@@ -42,7 +42,9 @@ def analyse(
     ] = None,
     trace_filter: Annotated[
         str,
-        typer.Option(help="Read whole traces by this filter (linear, grid), in place of the four above."),
+        typer.Option(
+            help="Read whole traces by this filter (linear, second_order, grid), in place of the four above."
+        ),
     ] = "",
     stop: Annotated[
         str | None,
