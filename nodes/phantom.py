@@ -6,6 +6,7 @@ from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
@@ -156,7 +157,7 @@ class Phantom(MethodTeller):
         if not self.world.plain:
             self._note_sweep(pose)
         if self.table is None:
-            self.table = self._solve() if self.world.plain else self._solve_in_world(pose)
+            self.table = self._table(pose)
             self._tell_guards(self.table)
         self.contact.publish(
             Contact(
@@ -185,10 +186,14 @@ class Phantom(MethodTeller):
             if self.table is not None:
                 self._tell_guards(self.table, again=True)
 
+    def _table(self, pose: StagePose) -> SweepTable | WorldTrace:
+        if not self.state.code:
+            raise ValueError("the probe sweeps but no phantom is mounted")
+        with at_work(self.rig.choices[self.state.code].method):
+            return self._solve() if self.world.plain else self._solve_in_world(pose)
+
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
-        if not state.code:
-            raise ValueError("the probe sweeps but no phantom is mounted")
         return solve(
             self.models[state.code],
             self.rig.probe,
@@ -217,8 +222,6 @@ class Phantom(MethodTeller):
 
     def _solve_in_world(self, pose: StagePose) -> WorldTrace:
         state = self.state
-        if not state.code:
-            raise ValueError("the probe sweeps but no phantom is mounted")
         if self.sweeps is None:
             self.sweeps = self.live.sweeps(
                 state.code, state.remount, state.ring_m, state.height_offset_m, state.worn_m

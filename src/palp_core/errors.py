@@ -106,5 +106,6 @@ class DeviceTimeout(DeviceError, TimeoutError):
 
 
 def in_words(error: BaseException) -> str:
-    """Return what an error says; palp's own messages are whole sentences, others need their type."""
-    return str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
+    """Return what an error says, and its notes; palp's own messages are sentences, others need their type."""
+    said = str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
+    return "; ".join([said, *getattr(error, "__notes__", ())])

@@ -24,6 +24,7 @@ from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.methods import find
+from palp_core.palpation.session import bag_record
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.trials_csv import read_rows
@@ -128,6 +129,13 @@ def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSess
     text = said(rig_session.out)
     assert "contact of A: l2 (/phantom)\n    chosen: the cheapest that gives 'peak' within 2.0%" in text
     assert "stop: paper_guarded (/estimator)\n    asked for by name" in text
+    named = {one["task"] for one in record if one["how"] == "asked for by name"}
+    assert named == {"denoise", "feature", "likelihood", "filter", "stop", "policy"}  # by the launch file
+    assert "(/phantom)\n    the only one that sweeps of a simulated phantom have (wanted: 'peak'" in text
+    assert "    what the parameter block_samples comes to (wanted: 'age_s'" in text
+    assert [one["how"] for one in record if one["task"] in ("contact", "equilibrium", "codec")] == (
+        ["chosen"] * 5
+    )
     assert "cheaper but refused: l0 is a reference" in text
     assert "; not measured" in text
     page = (rig_session.out / "report.html").read_text()
@@ -224,6 +232,19 @@ def test_what_is_no_run_is_said(
     with pytest.raises(PalpError) as refused:
         CliRunner().invoke(app, ["why", *([name] if name else [])], catch_exceptions=False)
     assert words in str(refused.value)
+
+
+def test_a_bag_of_a_graph_without_a_rig_is_said_and_what_tells_of_it(
+    rig_session: RigSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chain = summary_of(check_file(CHAIN), CHAIN)
+    monkeypatch.setattr(bag_record, "_launch_of", lambda _: chain)
+    with pytest.raises(PalpError) as refused:
+        CliRunner().invoke(app, ["why", str(rig_session.bag)], catch_exceptions=False)
+    words = str(refused.value)
+    assert "no bag of a session: graph 'chain' has no palpations and no methods to tell of" in words
+    assert words.endswith(f"what the bag holds says palp bag info {rig_session.bag}")
+    assert "report:" not in words
 
 
 def test_a_running_graph_that_is_no_session_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

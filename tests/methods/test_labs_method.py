@@ -15,8 +15,9 @@ from nodes.estimator import Estimator
 from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.cli.main import app
-from palp_core.errors import MethodError
-from palp_core.methods import find, names, register
+from palp_core.errors import MethodError, NodeError
+from palp_core.graph.launch.graph import Graph
+from palp_core.methods import find, names, register, tasks
 from tests.support.palp import SIM
 
 LAB = """
@@ -37,6 +38,7 @@ class Patient(FixedNumber): ...
 @pytest.fixture
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A module of a lab's own, forgotten after the test with what it declared."""
+    tasks()  # what a run imports is declared for good, not for this test
     (tmp_path / "lab_of_ours.py").write_text(LAB, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
@@ -93,3 +95,19 @@ def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
         find("contact", "felt")
     checked = CliRunner().invoke(app, ["launch", str(SIM), "--check"], catch_exceptions=False)
     assert words in checked.stderr
+
+
+@pytest.mark.parametrize("when", ["set up", "asked for a force"])
+def test_one_that_fails_in_a_run_is_named_with_the_error(
+    lab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    name = "__init__" if when == "set up" else "force"
+    failing = f"class Felt(LayeredHertz):\n    def {name}(self, *_, **__):\n        return 1 / 0\n"
+    (tmp_path / f"{lab}.py").write_text(LAB.replace("class Felt(LayeredHertz): ...\n", failing), "utf-8")
+    points = (*register._points(), EntryPoint("contact", lab, register.GROUP))
+    monkeypatch.setattr(register, "_points", lambda: points)
+    with pytest.raises(NodeError) as ended, Graph(SIM, compose=True, out=str(tmp_path / "out")) as graph:
+        graph.run()
+    words = f"ZeroDivisionError: division by zero; contact method 'felt' of {lab} was at work"
+    assert words in str(ended.value)
+    assert "phantom: " in str(ended.value)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, TypeVar
 
 from palp_core.errors import MethodError, PalpError
 
@@ -51,6 +51,28 @@ class Measured:
 
 Measure = Callable[[Any], Iterator[Measured]]
 """Takes a :class:`palp_core.palpation.mechanics.scene.scene.Scene`; gives what it measures, cheap first."""
+
+
+_M = TypeVar("_M", bound=Callable[..., Iterator[Measured]])
+
+
+def begins_after(first_s: float) -> Callable[[_M], _M]:
+    """Say how long the decorated measure takes until its first point, so that a survey begins with the cheap.
+
+    Args:
+        first_s: Seconds of one core in the published scene, roughly; one that does not say is taken first.
+    """
+
+    def declare(measure: _M) -> _M:
+        measure.__dict__["first_s"] = first_s
+        return measure
+
+    return declare
+
+
+def first_s(measure: Measure) -> float:
+    """Return the seconds that a measure says to take until its first point; 0 where it does not say."""
+    return float(getattr(measure, "first_s", 0.0))
 
 
 def measured_tasks() -> list[str]:

@@ -5,7 +5,8 @@ import inspect
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -334,6 +335,16 @@ def find(task: str, name: str) -> Method:
     if why := _leads_nowhere(own[local], own):
         raise MethodError(why)
     return own[local]
+
+
+@contextmanager
+def at_work(declared: Method) -> Iterator[None]:
+    """Let an error of the code within say which method was at work."""
+    try:
+        yield
+    except Exception as error:
+        error.add_note(f"{declared.task} method '{declared.name}' of {declared.module} was at work")
+        raise
 
 
 def outside(task: str, name: str, scene: Quantities) -> str:

@@ -51,7 +51,8 @@ def tradeoff(
 ) -> None:
     """Measure error against time of every method in a scene, and draw one page.
 
-    All tasks in turns, the cheap methods first. When time is up, or on Ctrl-C, the page has what there is.
+    All tasks in turns, first the first point of each, the cheapest first. When time is up, or on Ctrl-C, the
+    page has what there is.
     """
     from palp_core.methods import left_out
     from palp_core.methods import task as task_of

@@ -88,7 +88,7 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
     from palp_core.cli.running import find_graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.node.spec import LAUNCHER
-    from palp_core.palpation.session.roles import roles_of
+    from palp_core.palpation.session.roles import NoSession, roles_of
     from palp_core.palpation.session.run_note import out_of, read_note
     from palp_core.palpation.session.trials_csv import read_rows
 
@@ -103,8 +103,8 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
     summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
     try:
         roles_of(summary)
-    except PalpError as error:
-        raise PalpError(f"graph '{summary.graph}' runs, but is no session: {error}") from error
+    except NoSession as error:
+        raise PalpError(f"graph '{summary.graph}' runs, but is no session: {error.why}") from error
     summary = msgspec.structs.replace(summary, ended="it is still running")
     folder = Path(graph.record.launched_from, out_of(summary))
     try:

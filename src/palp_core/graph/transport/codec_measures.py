@@ -23,7 +23,7 @@ from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.publisher_socket import PublisherSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, SubscriberSocket
 from palp_core.methods import find
-from palp_core.methods.measured import Measured, cpu_s
+from palp_core.methods.measured import Measured, begins_after, cpu_s
 from palp_core.units import Count, HertzPositive, Nanoseconds, NewtonMetresArray
 
 _TOPIC = "/measure/block"
@@ -155,6 +155,7 @@ def ways(along: Loopback) -> dict[str, Callable[[SampleBlock], tuple[Any, int]]]
     return {"msgpack": plain, "one_frame": one_frame, "pieces": pieces, "json": text}
 
 
+@begins_after(0.1)
 def measure_codecs(_scene: Any) -> Iterator[Measured]:
     """Give CPU time per message and size; the error is what travels beside the numbers, a share of them.
 

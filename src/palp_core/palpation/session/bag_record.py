@@ -25,7 +25,7 @@ from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.session.plan import policy_name
-from palp_core.palpation.session.roles import GUARD, Roles, roles_of
+from palp_core.palpation.session.roles import GUARD, NoSession, Roles, roles_of
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
 from palp_core.whole_file import write_json
@@ -342,6 +342,11 @@ def _launch_of(bag: Bag) -> RunSummary:
 def _roles(launch: RunSummary, path: Path) -> Roles:
     try:
         return roles_of(launch)
+    except NoSession as error:
+        raise PalpError(
+            f"{path}: no bag of a session: graph '{launch.graph}' has no palpations and no methods to tell "
+            f"of ({error.why}); what the bag holds says palp bag info {path}"
+        ) from error
     except PalpError as error:
         raise PalpError(f"{path}: no bag of a session: {error}") from error
 

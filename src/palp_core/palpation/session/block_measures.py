@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from palp_core.graph.transport.codec_measures import block_of, loopback, ways
-from palp_core.methods.measured import Measured, cpu_s
+from palp_core.methods.measured import Measured, begins_after, cpu_s
 from palp_core.palpation.devices.block_methods import SWEEP
 from palp_core.palpation.devices.blocks import LENGTHS, WANTED, Length, late_blocks
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -44,6 +44,7 @@ def _wait_s(block_samples: int, sweep_s: float, rate_hz: float, phase: int) -> f
     return (stream.last_ns - leave_ns) / 1e9
 
 
+@begins_after(0.1)
 def measure_blocks(scene: Scene) -> Iterator[Measured]:
     """Give CPU time a sample of codec and sockets, and the longest wait for a sweep's last block.
 

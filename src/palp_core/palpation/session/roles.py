@@ -57,6 +57,18 @@ class Roles:
         return dict(self._params.get(self.node.get(role, ""), {}))
 
 
+class NoSession(PalpError):
+    """A run lacks a node that a session cannot do without.
+
+    Attributes:
+        why: Which, in words.
+    """
+
+    def __init__(self, why: str, advice: str) -> None:
+        super().__init__(f"{why}; {advice}")
+        self.why = why
+
+
 def roles_of(summary: RunSummary) -> Roles:
     """Return the roles of a run's nodes.
 
@@ -89,10 +101,8 @@ def _only(summary: RunSummary, role: str, found: list[str]) -> str:
             f"{summary.file}: {' and '.join(found)} publish {PUBLISHED[role]}, so the report cannot tell "
             f"which is the session's {role}; let the experiment listen to one of them alone"
         )
-    raise PalpError(
-        f"{summary.file}: no node publishes {PUBLISHED[role]}, so the report knows no {role}; add the node, "
-        "or leave out 'report:'"
-    )
+    why = f"{summary.file}: no node publishes {PUBLISHED[role]}, so the report knows no {role}"
+    raise NoSession(why, "add the node, or leave out 'report:'")
 
 
 def _away(start: str, summary: RunSummary) -> dict[str, int]:

@@ -88,6 +88,16 @@ def test_inertia_is_what_a_fast_sweep_lacks(monkeypatch: pytest.MonkeyPatch) -> 
     assert found["dynamic", "step 200 us"].error < found["dynamic", "step 2000 us"].error < still.error
 
 
+def test_the_scenes_own_speed_is_measured_before_any_other() -> None:
+    path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.1)
+    points = joint.measure_motion(replace(ONE_RING, path=path))
+    first, second, third = (next(points) for _ in range(3))
+    assert (first.method, first.condition, first.against) == ("quasi_static", "", "dynamic, step 2000 us")
+    assert (second.method, second.against) == ("quasi_static", "dynamic, step 400 us")
+    assert (third.method, third.setting, third.condition) == ("dynamic", "step 2000 us", "")
+    assert first.fails == ""  # a step so long proves nothing
+
+
 @pytest.mark.nightly
 def test_all_rungs_of_the_published_scene_are_held_against_the_finest_cells() -> None:
     found = last(list(measure_contact(Scene())))

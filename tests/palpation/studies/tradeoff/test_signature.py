@@ -88,6 +88,23 @@ def test_the_declared_costs_of_the_contact_rungs_are_the_measured_ones() -> None
             assert 0.4 < ratio < 2.5, (one["method"], ratio)
 
 
+def test_what_the_readme_says_beats_the_rings_is_in_the_data() -> None:
+    kept, text = read_signature(KEPT), (ROOT / "README.md").read_text(encoding="utf-8")
+    (ring,) = [one for one in kept["decisions"] if is_chosen(one, kept["chosen"])]
+    (once,) = [
+        one
+        for one in kept["decisions"]
+        if (one["policy"], one["stop"], one["filter"]) == (ring["policy"], "fixed_1", ring["filter"])
+    ]
+    assert once["accuracy"] > ring["accuracy"]
+    assert once["seconds"] < ring["seconds"]
+    for one in (once, ring):
+        assert f"{one['accuracy']:.1%} after {one['seconds']:.1f} s".replace("%", " %") in text
+    cpu_s = {one["rung"]: one["cpu_s_per_trial"] for one in kept["rungs"]}
+    (chosen,) = [one["rung"] for one in kept["rungs"] if one["chosen"]]
+    assert (chosen, round(cpu_s["l2"] / cpu_s["l4"])) == ("l2", 3)
+
+
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["tradeoff", "--draw", "--out", str(tmp_path)])
     assert isinstance(done.exception, PalpError)

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from palp_core.methods.measured import measured_tasks
 from palp_core.methods.register import GROUP, task, tasks
 from palp_core.palpation.mechanics import Scene
 from palp_core.palpation.session.method_choices import choose_for
+from palp_core.palpation.studies.tradeoff import survey
 from palp_core.palpation.studies.tradeoff.judge import panels
 
 HERE = Path(__file__).parent
@@ -166,6 +168,38 @@ def test_a_point_that_is_none_is_said_and_the_others_stay(
     done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)], catch_exceptions=False)
     assert (done.exit_code, f"toy: its measure failed: {words}" in done.stderr) == (1, True)
     assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"quick"}
+
+
+@pytest.mark.usefixtures("toys")
+def test_each_task_gets_its_first_point_before_any_has_its_second_and_the_cheapest_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    toy, asked = importlib.import_module("toy_task"), list[str]()
+
+    def measure(name: str, begins_s: float) -> measured.Measure:
+        @measured.begins_after(begins_s)
+        def points(_: Scene) -> Iterator[measured.Measured]:
+            for _count in range(2):
+                asked.append(name)
+                yield replace(toy.point("quick", 0.1, 0.04), task=name)
+
+        return points
+
+    names = {"dear": 9.0, "cheap": 0.1, "middle": 1.0}
+    measures = {name: [measure(name, begins_s)] for name, begins_s in names.items()}
+    monkeypatch.setattr(survey, "measure_of", measures.__getitem__)
+    choice = choose_for(task("toy"), Scene())
+    choices = [replace(choice, task=replace(choice.task, name=name)) for name in names]
+    taken = survey.take(Scene(), choices)
+    assert asked[:3] == ["cheap", "middle", "dear"]
+    assert sorted(asked[3:]) == sorted(names)
+    assert taken.left_out == ""
+
+
+def test_every_measure_of_palp_says_when_it_begins() -> None:
+    """Unsaid is first; so one that is dear would keep the cheap ones waiting."""
+    for name in measured_tasks():
+        assert measured.first_s(measured.measure_of(name)[0]) > 0.0, name
 
 
 @pytest.mark.usefixtures("toys")

@@ -1,7 +1,7 @@
-"""Guards, the stability map put to use: a failing region is left for the survivor, or the run stops.
+"""Guards, the stability map put to use: they mark a sweep that met what its method may fail at.
 
-Thresholds are those that the study ``contact-stability`` finds; each answer comes with the words for the
-record.
+They replace nothing: a run keeps its methods. Thresholds are those that the study ``contact-stability``
+finds; each answer comes with the words for the record.
 """
 
 import numpy as np

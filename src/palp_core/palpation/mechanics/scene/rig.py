@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from palp_core.methods import MethodChoice, choose
+from palp_core.methods import MethodChoice, at_work, choose
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -36,8 +36,9 @@ class Rig:
 
     def model(self, code: str) -> ContactModel:
         """Return a phantom's contact model, ready to use."""
-        name, probe = self.choices[code].method.name, self.probe
-        return rung_model(name, self.phantoms[code], probe.tip_radius_m, probe.tip)
+        method, probe = self.choices[code].method, self.probe
+        with at_work(method):
+            return rung_model(method.name, self.phantoms[code], probe.tip_radius_m, probe.tip)
 
     def motion(self, speed_m_s: float) -> MethodChoice:
         """Return what its quasi-static sweeps vouch for at a speed of the stage: they are all it has."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.guard import task_of
 from palp_core.palpation.session.methods.wires import delivery_uses, wire_uses
 from palp_core.palpation.session.roles import Roles, roles_of
@@ -105,6 +106,7 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "method": use.name,
         "node": one.node,
         "asked": use.asked,
+        "how": _how(use),
         "output": use.output,
         "tolerance": use.tolerance,
         "bound": use.bound if use.bounded else None,
@@ -118,6 +120,20 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "cost": _cost(one, rows, summary.cpu_s),
         "scene": json.loads(use.scene),
     }
+
+
+_GIVEN = {
+    "motion": "the only one that sweeps of a simulated phantom have",
+    "block": "what the parameter block_samples comes to",
+    "delivery": "what the launch comes to: its clock, --compose, and the qos of the input",
+    "burst": "the only one that co-contraction has while it is measured",
+}
+"""How a run came to a method that was not chosen, though nobody named it, by task."""
+
+
+def _how(use: MethodUse) -> str:
+    """Return how a run came to a method, in words."""
+    return _GIVEN.get(use.task, "asked for by name") if use.asked else "chosen"
 
 
 def _guards(task: str, rows: Sequence[Row]) -> list[dict[str, Any]]:

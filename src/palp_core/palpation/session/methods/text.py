@@ -62,7 +62,7 @@ def _why(one: dict[str, Any]) -> str:
         stated = f"stated error {amount(one['bound'], one['output'])}"
     evidence = f", evidence {one['evidence']}" if one["evidence"] else ", and it is not in the register"
     if one["asked"]:
-        return f"asked for by name (wanted: {asked}); {stated}{evidence}"
+        return f"{one['how']} (wanted: {asked}); {stated}{evidence}"
     return f"chosen: the cheapest that gives {asked}; {stated}{evidence}"
 
 

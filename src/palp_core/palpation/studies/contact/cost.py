@@ -13,7 +13,7 @@ import numpy as np
 from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, methods
-from palp_core.methods.measured import REFERENCE, Measured, cpu_s
+from palp_core.methods.measured import REFERENCE, Measured, begins_after, cpu_s
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
 from palp_core.units import Float64Array
@@ -90,6 +90,7 @@ def variants() -> list[RungVariant]:
     return [one for one in found if one.rung in declared]
 
 
+@begins_after(2.9)
 def measure_contact(
     scene: Scene, offered: Sequence[RungVariant] | None = None, references: Sequence[str] = ("l4",)
 ) -> Iterator[Measured]:
