@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
 from choice_bench.contest import Case, Reading, log_between, mean_reading
-from palp_core.palpation.perception.emg.bursts import BurstFinder, distance_first
+from palp_core.palpation.perception.emg.bursts import BurstRule
+from palp_core.palpation.perception.emg.peaks import PeakFinder, distance_first
 from palp_core.palpation.studies.perception.beliefs import overtrust
 from palp_core.palpation.studies.perception.counts import LEVEL, Design, Recording, astray, p_value, recording
 
@@ -63,9 +64,17 @@ def burst(rng: np.random.Generator, _index: int) -> Case:
         if name == "distance_first" and live:
             return Reading(np.inf)  # it wants the whole recording
         heard = people(number)
-        rule = BurstFinder(heard[0].rate_hz, distance_s=distance_s)
-        find_in = partial(distance_first, rule) if name == "distance_first" else rule.whole
-        return mean_reading([astray(find_in(one.value), one) for one in heard])
+        finder = PeakFinder(heard[0].rate_hz, distance_s=distance_s)
+        found = []
+        for one in heard:
+            if name == "two_thresholds":
+                peaks = BurstRule(one.rate_hz, *one.rest).whole(one.value).peaks
+            elif name == "distance_first":
+                peaks = distance_first(finder, one.value)
+            else:
+                peaks = finder.whole(one.value)
+            found.append(astray(peaks, one))
+        return mean_reading(found)
 
     quantities = {
         "window_s": window_s, "relax_share": relax, "burst_distance_s": distance_s, "live": live,

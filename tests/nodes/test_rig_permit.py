@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from nodes.rig_stage import ACTIVE, RigStage
@@ -17,6 +18,9 @@ def reach(permitted: Permitted, activity: str) -> None:
     """Let the stage work until it does one thing; a retreat begins after a trip in a sweep."""
     count = 0
     permitted.bench.feed(RigStage.goal, GOAL)
+    if activity == "raising":  # what follows a cancel
+        reach(permitted, "sweeping")
+        permitted.bench.feed(RigStage.goal, msgspec.structs.replace(GOAL, cancel=True))
     if activity == "retreating":
         reach(permitted, "sweeping")
         permitted.beat("latched")

@@ -102,7 +102,8 @@ def test_what_the_readme_says_beats_the_rings_is_in_the_data() -> None:
         assert f"{one['accuracy']:.1%} after {one['seconds']:.1f} s".replace("%", " %") in text
     cpu_s = {one["rung"]: one["cpu_s_per_trial"] for one in kept["rungs"]}
     (chosen,) = [one["rung"] for one in kept["rungs"] if one["chosen"]]
-    assert (chosen, round(cpu_s["l2"] / cpu_s["l4"])) == ("l2", 3)
+    assert chosen == "l2"
+    assert 2.5 < cpu_s["l2"] / cpu_s["l4"] < 4.5  # three to four times, as it says
 
 
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:
