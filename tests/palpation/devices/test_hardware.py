@@ -45,7 +45,11 @@ def contract(config: Path, *more: str, cases: str = "hardware") -> subprocess.Co
 
 
 @pytest.mark.parametrize(
-    "cases", ["hardware and not sweeps and not arrives", pytest.param("hardware", marks=pytest.mark.nightly)]
+    "cases",
+    [
+        "hardware and not sweeps and not arrives and not times",
+        pytest.param("hardware", marks=pytest.mark.nightly),
+    ],
 )
 def test_the_contract_holds_for_the_devices_of_a_file(
     quick_rig: Callable[..., EmulatedRig], tmp_path: Path, patient: dict[str, dict[str, Any]], cases: str

@@ -21,6 +21,7 @@ def drawn(rng: np.random.Generator, usual: list[float]) -> float:
     return float(pool[rng.integers(len(pool))])
 
 
+@pytest.mark.slow
 def test_a_thousand_hostile_scenes_end_in_an_answer_or_a_named_error() -> None:
     rng, answered, refused = np.random.default_rng(20), 0, 0
     rungs = [PlaneContact, HarmonicContact, FiniteStrainContact]

@@ -202,6 +202,7 @@ def test_the_workers_do_not_change_the_results(out: Path, tmp_path: Path) -> Non
     assert one == two
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_with_what_it_has(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

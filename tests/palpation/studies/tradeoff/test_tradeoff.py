@@ -256,6 +256,7 @@ def test_what_never_ends_is_left_at_the_end_of_the_budget(
     assert "Time was up." in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_ctrl_c_writes_the_page_and_ends_with_130(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", AS_A_USER, "tradeoff", "--out", str(tmp_path), "--budget", "1h"],
