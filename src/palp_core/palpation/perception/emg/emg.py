@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.signal import butter, sosfilt
+import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.units import Float64Array
@@ -31,7 +31,9 @@ class EnvelopeState:
 
 @lru_cache(maxsize=8)
 def _band_pass(order: int, low_hz: float, high_hz: float, rate_hz: float) -> Float64Array:
-    return np.asarray(butter(order, (low_hz, high_hz), btype="bandpass", fs=rate_hz, output="sos"))
+    return np.asarray(
+        scipy.signal.butter(order, (low_hz, high_hz), btype="bandpass", fs=rate_hz, output="sos")
+    )
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class EmgChain:
         if block.size == 0:
             return state, block
         delays = state.band.reshape(len(sections), 2)
-        passed, delays = sosfilt(sections, block - self.offset, zi=delays)
+        passed, delays = scipy.signal.sosfilt(sections, block - self.offset, zi=delays)
         squares = np.concatenate([state.squares, passed * passed])
         window = np.ones(self.window_samples) / self.window_samples
         envelope = np.sqrt(np.convolve(squares, window, mode="valid"))
