@@ -50,11 +50,6 @@ class Bins:
     spline: Float64Array
     mean: Float64Array
 
-    @property
-    def centre_m(self) -> Float64Array:
-        """Middle of each bin, shape (K,)."""
-        return 0.5 * (self.edges_m[:-1] + self.edges_m[1:])
-
 
 def bins_of(edges_m: Float64Array, *, forward: bool = True) -> Bins:
     """Return the bins of a path that begins at the first edge, or at the last if it is swept back.
@@ -99,16 +94,12 @@ class TraceSlopes:
             the nominal trace and those a step to either side; 0 for the square beside the path.
         place_m: Mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it
             stays, and past a bead it goes faster than the stage.
-        centre_m: Stage position of each bin's middle, rising, shape (K,).
-        rungs: Contact rung of each depth.
     """
 
     mean_n_m: Float64Array
     slope: Float64Array
     bend: Float64Array
     place_m: Float64Array
-    centre_m: Float64Array
-    rungs: tuple[str, ...]
 
 
 def trace_slopes(
@@ -154,13 +145,10 @@ def trace_slopes(
     mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))
     slope, bend = np.empty((*mean.shape, count)), np.empty((*mean.shape, count))
     place_m = np.empty(mean.shape)
-    rungs = []
     for i, depth_m in enumerate(depths_m):
         own = scene.with_bead(depth_m)
-        chosen = choose_rung(own, rung or None).rung
-        rungs.append(chosen)
         found = drag(
-            touch(own.phantom, own.probe, chosen),
+            touch(own.phantom, own.probe, choose_rung(own, rung or None).rung),
             np.tile(rows, (len(rings_m), 1)),
             np.repeat(np.asarray(rings_m), many),
             own.path.indentation_m,
@@ -174,4 +162,4 @@ def trace_slopes(
         curve = np.where(low < 0.0, 0.5 / np.maximum(step, 1e-12) ** 2, 0.0)[:, None]
         bend[i] = np.moveaxis((up + down - 2.0 * traces[:, :1]) * curve, 1, -1)
         place_m[i] = found.tip_m[::many] @ bins.spline.T @ bins.mean.T
-    return TraceSlopes(mean, slope, bend, place_m, bins.centre_m, tuple(rungs))
+    return TraceSlopes(mean, slope, bend, place_m)

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from palp_core.palpation.perception.trace.check import shifted
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.schemes import Scheme, run_schemes
+from palp_core.palpation.studies.frontier.schemes import SURE, Scheme, run_schemes
 from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
     MostBits,
@@ -24,6 +25,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.world.model import LAB
 
+LAUNCH = Path(__file__).parents[4] / "launch"
 RINGS = Gel(rings_m=(0.004, 0.012, 0.016))
 PLAN = WorldPlan(
     world=LAB, conditions=Conditions(training=25, trials=20, specimens=3, remount=True), gel=RINGS
@@ -39,6 +41,15 @@ def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     assert early.ended.seconds.mean() < 0.9 * late.ended.seconds.mean()
     assert (early.ended.confidence[early.ended.decided] >= 0.99).all()
     assert (early.way_m <= late.way_m[0] + 1e-12).all()
+
+
+@pytest.mark.parametrize("file", ["sim.yaml", "parts/experiment.yaml"])
+def test_the_swift_protocol_is_that_of_the_launch_files(file: str) -> None:
+    told = yaml.safe_load((LAUNCH / file).read_text(encoding="utf-8"))["args"]["protocol"]["sets"]["swift"]
+    assert (told["from_m"], told["to_m"]) == SWIFT.path_m
+    assert told["lift_mm"] == pytest.approx(SWIFT.lift_m * 1e3)
+    assert (told["rehome"], told["stop_value"]) == ("never", SURE)
+    assert not SWIFT.rehome
 
 
 def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:

@@ -56,11 +56,8 @@ def test_the_table_is_the_sweep_it_stands_for(
     assert np.abs(error).max() < most
 
 
-def test_slopes_are_those_of_the_table_and_of_the_scene_file_alone(table: TraceTable) -> None:
-    known = table.slopes()
-    scene = scene_of(GEL, 0.004)
-    alone = trace_slopes(scene, GEL.depths_m[1:], GEL.rings_m, forward=table.forward)
-    np.testing.assert_array_equal(alone.slope[0], known.slope[1])
+def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable) -> None:
+    known = trace_slopes(scene_of(GEL, 0.004), GEL.depths_m[1:], GEL.rings_m, forward=table.forward)
     step = 0.05 * REACH
     for latent in range(len(LATENTS)):
         up, down = latents(1), latents(1)
@@ -69,7 +66,7 @@ def test_slopes_are_those_of_the_table_and_of_the_scene_file_alone(table: TraceT
         at = np.array([1]), np.array([0])
         found = (table.traces(*at, up) - table.traces(*at, down))[0] / (up - down)[0, latent]
         np.testing.assert_allclose(
-            known.slope[1, 0, :, latent] * REACH[latent], found * REACH[latent], atol=0.05e-3
+            known.slope[0, 0, :, latent] * REACH[latent], found * REACH[latent], atol=0.05e-3
         )
 
 

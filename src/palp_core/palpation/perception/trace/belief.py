@@ -120,10 +120,13 @@ def _whiten(
         foretold = (innovation[:, :, :at] * rows[:, :at]).sum(axis=-1)
         own = rows[:, at]
         innovation[:, :, at] = (felt[:, step, None] - factor.mean[:, row] - foretold) / own
-        log_density = log_density - (
-            0.5 * (innovation[:, :, at] ** 2 + _LOG_2PI) + factor.log_diagonal[:, row]
-        )
+        log_density = log_density - _nats(innovation[:, :, at], factor.log_diagonal[:, row])
         densities[:, step] = log_density
+
+
+def _nats(innovation: Float64Array, log_diagonal: Float64Array) -> Float64Array:
+    """Return what a bin takes from the log density."""
+    return 0.5 * (innovation**2 + _LOG_2PI) + log_diagonal
 
 
 def classes(model: TraceModel, log_density: Float64Array) -> Float64Array:
@@ -137,16 +140,19 @@ def classes(model: TraceModel, log_density: Float64Array) -> Float64Array:
     return np.asarray(found / found.sum(axis=-1, keepdims=True))
 
 
-def log_density(model: TraceModel, belief: TraceBelief, bins: int) -> Float64Array:
-    """Return the log density of the first ``bins`` of all torques given each component, shape (n, c)."""
-    found, at = np.zeros(belief.log_density.shape), 0
-    for number, one in enumerate(belief.sweeps):
-        factor = model.factor(belief.sweeps[:number], one._replace(bins=model.bin_count))
-        for row in range(min(one.bins, bins - at)):
-            own = belief.innovation[:, :, at + row]
-            found = found - (0.5 * (own**2 + _LOG_2PI) + factor.log_diagonal[:, row])
+def cut(model: TraceModel, belief: TraceBelief, bins: int) -> TraceBelief:
+    """Return the belief as it was when so many bins of the last sweep were read."""
+    *earlier, last = belief.sweeps
+    past = sum(one.bins for one in earlier)
+    sweeps = (*earlier, last._replace(bins=bins))
+    innovation = belief.innovation[:, :, : past + bins]
+    density, at = np.zeros(belief.log_density.shape), 0
+    for number, one in enumerate(sweeps):
+        factor = model.factor(sweeps[:number], one._replace(bins=model.bin_count))
+        for row in range(one.bins):
+            density = density - _nats(innovation[:, :, at + row], factor.log_diagonal[:, row])
         at += one.bins
-    return found
+    return TraceBelief(sweeps, innovation, density)
 
 
 def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
@@ -167,22 +173,13 @@ def offsets(model: TraceModel, belief: TraceBelief, component: int) -> tuple[Flo
     past = belief.innovation.shape[2]
     cross = np.zeros((len(model.offset_sd), past))
     at = 0
-    last = belief.sweeps[-1]
-    rows = np.zeros((past, past))
+    last = len(belief.sweeps) - 1
     for number, one in enumerate(belief.sweeps):
-        shared = np.array(
-            [
-                stay == "trial"
-                or (stay == "landing" and one.landing == last.landing)
-                or number + 1 == len(belief.sweeps)
-                for stay in model.stays
-            ]
-        )
+        shared = model.shared(one, belief.sweeps[last], same=number == last)
         part = model.slope[component, one.setting, : one.bins] * (model.offset_sd**2 * shared)
         cross[:, at : at + one.bins] = part.T
-        factor = model.factor(belief.sweeps[:number], one._replace(bins=model.bin_count))
-        rows[at : at + one.bins, : at + one.bins] = factor.rows[component, : one.bins, : at + one.bins]
         at += one.bins
+    rows = model.triangle(belief.sweeps)[component]
     weights = scipy.linalg.solve_triangular(rows, cross.T, lower=True)  # (past, l)
     mean = belief.innovation[:, component] @ weights
     return mean, np.sqrt(np.maximum(model.offset_sd**2 - (weights**2).sum(axis=0), 0.0))

@@ -140,19 +140,32 @@ class TraceModel:
             self._factors.move_to_end(key)
         return found
 
+    def triangle(self, sweeps: tuple[SweepOf, ...]) -> Float64Array:
+        """Return the Cholesky factor of all torques of sweeps, as far as these were read, shape (c, n, n)."""
+        past = sum(one.bins for one in sweeps)
+        lower = np.zeros((len(self.class_of), past, past))
+        at = 0
+        for number, one in enumerate(sweeps):
+            # of a sweep that was read in part, the leading rows: those of a triangle stand alone
+            rows = self.factor(sweeps[:number], one._replace(bins=self.bin_count)).rows[:, : one.bins]
+            lower[:, at : at + one.bins, : at + one.bins] = rows[:, :, : at + one.bins]
+            at += one.bins
+        return lower
+
+    def shared(self, one: SweepOf, other: SweepOf, *, same: bool) -> NDArray[np.bool_]:
+        """Return which offsets two sweeps of a trial have in common, shape (l,)."""
+        landed = one.landing == other.landing
+        return np.array(
+            [same or stay == "trial" or (stay == "landing" and landed) for stay in self.stays], dtype=bool
+        )
+
     def _made(self, before: tuple[SweepOf, ...], sweep: SweepOf) -> SweepFactor:
         if not 0 <= sweep.setting < self.mean.shape[1]:
             raise PerceptionError(
                 f"setting {sweep.setting} was not trained; there are {self.mean.shape[1]}, from 0 up"
             )
-        past = sum(one.bins for one in before)
-        lower = np.zeros((len(self.class_of), past, past))
-        at = 0
-        for number, one in enumerate(before):
-            # of a sweep that was read in part, the leading rows: those of a triangle stand alone
-            rows = self.factor(before[:number], one._replace(bins=self.bin_count)).rows[:, : one.bins]
-            lower[:, at : at + one.bins, : at + one.bins] = rows[:, :, : at + one.bins]
-            at += one.bins
+        lower = self.triangle(before)
+        past = lower.shape[1]
         cross = np.concatenate(
             [self._covariance(sweep, one)[:, :, : one.bins] for one in before]
             or [np.zeros((len(self.class_of), self.bin_count, 0))],
@@ -171,11 +184,7 @@ class TraceModel:
     def _covariance(self, one: SweepOf, other: SweepOf) -> Float64Array:
         """Return the covariance of whole sweeps at the settings of two, shape (c, b, b)."""
         same = one is other
-        kept = np.array(
-            [s == "trial" or (s == "landing" and one.landing == other.landing) or same for s in self.stays],
-            dtype=bool,
-        )
-        spread = self.offset_sd**2 * kept
+        spread = self.offset_sd**2 * self.shared(one, other, same=same)
         first, second = self.slope[:, one.setting], self.slope[:, other.setting]
         same_way = bool(self.backward[one.setting] == self.backward[other.setting])
         field_part = np.stack(
@@ -184,8 +193,10 @@ class TraceModel:
                 for at in self.place_m
             ]
         )
-        shared = (first * spread) @ np.swapaxes(second, 1, 2)
-        found = shared * (1.0 + self.slope_error**2 * self._near(one.setting, other.setting)) + field_part
+        offsets_part = (first * spread) @ np.swapaxes(second, 1, 2)
+        found = (
+            offsets_part * (1.0 + self.slope_error**2 * self._near(one.setting, other.setting)) + field_part
+        )
         return np.asarray(found + self.scatter[one.setting] if same else found)
 
     def _near(self, one: int, other: int) -> Float64Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -14,8 +14,8 @@ from palp_core.palpation.perception.trace.belief import (
     TraceBelief,
     along,
     begin_sweep,
+    cut,
     fit_probability,
-    log_density,
     start,
 )
 from palp_core.palpation.perception.trace.check import scores
@@ -136,7 +136,7 @@ def run_trace_trials(
                 probes[some], decided[some] = t + 1, halt
                 way[some] = (last + 1) * BIN_M
                 seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
-                fit[some], off[some] = _checked(model, after, last + 1, felt.shape[1])
+                fit[some], off[some] = _checked(model, after, last + 1)
                 if (~halt).any():
                     following.append((some[~halt], after[~halt], int(setting)))
         groups = following
@@ -158,22 +158,14 @@ def run_trace_trials(
 
 
 def _checked(
-    model: TraceModel, after: TraceBelief, bins: NDArray[np.int64], whole: int
+    model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]
 ) -> tuple[Float64Array, Float64Array]:
     """Return the fit of what was read up to the verdict, and the offsets that it tells of."""
-    past = after.innovation.shape[2] - whole
-    *earlier, last = after.sweeps
     fit, off = np.empty(len(bins)), np.empty((len(bins), len(model.offset_sd)))
     for number in np.unique(bins):
         here = bins == number
-        some = after[here]
-        cut = replace(
-            some,
-            sweeps=(*earlier, last._replace(bins=int(number))),
-            innovation=some.innovation[:, :, : past + number],
-            log_density=log_density(model, some, past + int(number)),
-        )
-        fit[here], off[here] = fit_probability(model, cut), scores(model, cut)
+        then = cut(model, after[here], int(number))
+        fit[here], off[here] = fit_probability(model, then), scores(model, then)
     return fit, off
 
 

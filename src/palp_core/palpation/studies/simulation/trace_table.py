@@ -27,7 +27,7 @@ from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.joints import joints_of
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import WorldModel
-from palp_core.palpation.world.slopes import Bins, TraceSlopes, bin_edges_m, bins_of, trace_slopes
+from palp_core.palpation.world.slopes import Bins, bin_edges_m, bins_of
 from palp_core.palpation.world.stick_slip import stick_slip
 from palp_core.palpation.world.texture import bias, texture, texture_map, white_sd_n_m
 from palp_core.palpation.world.touch import touch
@@ -159,10 +159,6 @@ class TraceTable:
     def bin_m(self) -> float:
         """Width of a bin."""
         return float(self.bins.edges_m[1] - self.bins.edges_m[0])
-
-    def slopes(self) -> TraceSlopes:
-        """Return nominal traces and slopes by whole sweeps, as a laboratory has them from its scene file."""
-        return _slopes(self.gel, self.forward, self.run_in, tuple(self.bins.edges_m.tolist()))
 
     def _cell(self, i: int, j: int, rows: Float64Array) -> Float64Array:
         basis = latent_basis(rows)
@@ -300,30 +296,6 @@ def _design() -> Float64Array:
     return np.asarray(np.where(LOWEST < 0.0, share, np.abs(share)) * REACH)
 
 
-@functools.lru_cache(maxsize=32)
-def _slopes(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...]) -> TraceSlopes:
-    found = [
-        trace_slopes(
-            scene_of(gel, depth_m),
-            [depth_m],
-            gel.rings_m,
-            np.asarray(edges_m),
-            forward=forward,
-            run_in=run_in,
-            rung=_rung(gel, depth_m),
-        )
-        for depth_m in gel.depths_m
-    ]
-    return TraceSlopes(
-        np.concatenate([one.mean_n_m for one in found]),
-        np.concatenate([one.slope for one in found]),
-        np.concatenate([one.bend for one in found]),
-        np.concatenate([one.place_m for one in found]),
-        found[0].centre_m,
-        tuple(one.rungs[0] for one in found),
-    )
-
-
 @functools.lru_cache(maxsize=16)
 def _cycles(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], excess: float) -> Float64Array:
     """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
@@ -331,11 +303,11 @@ def _cycles(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], e
     width_m = edges_m[1] - edges_m[0]
     parts = round(width_m / _CYCLE_M)
     fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
-    whole = stick_slip_at(gel, bins.node_m, fine_m, excess, run_in=run_in)
+    whole = _stick_slip(gel, bins.node_m, fine_m, excess, run_in=run_in)
     return np.asarray(whole.reshape(*whole.shape[:3], -1, parts).mean(axis=-1))
 
 
-def stick_slip_at(
+def _stick_slip(
     gel: Gel, node_m: Float64Array, stage_m: Float64Array, excess: float, *, run_in: bool
 ) -> Float64Array:
     """Return what stick-slip adds to nominal sweeps, N m, shape (m, k, PHASES, f).
