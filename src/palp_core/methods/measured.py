@@ -81,28 +81,41 @@ def measured_tasks() -> list[str]:
 
 
 def measure_of(task: str) -> list[Measure]:
-    """Return the functions that measure a task's methods.
+    """Return the functions that measure a task's methods; one that cannot be loaded leaves the others theirs.
 
     Raises:
-        MethodError: There is none, or a package's cannot be loaded.
+        MethodError: There is none, or none can be loaded.
     """
-    found = [_loaded(point) for point in entry_points(group=GROUP) if point.name == task]
+    tried = _tried(task)
+    found = [one for one in tried if not isinstance(one, MethodError)]
     if not found:
-        raise MethodError(
-            f"nothing measures the methods of task '{task}'; measured are {', '.join(measured_tasks())}"
+        raise next(
+            (one for one in tried if isinstance(one, MethodError)),
+            MethodError(
+                f"nothing measures the methods of task '{task}'; measured are {', '.join(measured_tasks())}"
+            ),
         )
     return found
 
 
-def _loaded(point: EntryPoint) -> Measure:
+def unmeasurable(task: str) -> list[str]:
+    """Return in words which functions of a task cannot be loaded, and why."""
+    return [str(one) for one in _tried(task) if isinstance(one, MethodError)]
+
+
+def _tried(task: str) -> list[Measure | MethodError]:
+    return [_loaded(point) for point in entry_points(group=GROUP) if point.name == task]
+
+
+def _loaded(point: EntryPoint) -> Measure | MethodError:
     try:
         measure: Measure = point.load()
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 -- whatever a package raises as it is imported
         of = f" of package '{point.dist.name}'" if point.dist else ""
         kind = "" if isinstance(error, PalpError) else f"{type(error).__name__}: "
-        raise MethodError(
+        return MethodError(
             f"what measures task '{point.name}', {point.value}{of}, cannot be loaded: {kind}{error}"
-        ) from error
+        )
     return measure
 
 

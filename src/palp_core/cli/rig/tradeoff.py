@@ -56,7 +56,7 @@ def tradeoff(
     """
     from palp_core.methods import left_out
     from palp_core.methods import task as task_of
-    from palp_core.methods.measured import measure_of, measured_tasks
+    from palp_core.methods.measured import measure_of, measured_tasks, unmeasurable
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import choose_for
@@ -70,10 +70,11 @@ def tradeoff(
     budget_s = duration_s(budget)
     given = read_scene(scene) if scene else Scene()
     names = list(dict.fromkeys(task)) if task else measured_tasks()
-    for name in names:
+    for name in task or ():
         measure_of(name)
+    unmeasured = [words for name in names for words in unmeasurable(name)]
     choices = [choose_for(task_of(name), given) for name in names]
-    for words in left_out():
+    for words in left_out() + unmeasured:
         note(f"left out: {words}")
     make_folder(out)
     with told() as tell:
@@ -88,7 +89,7 @@ def tradeoff(
     print_text(str(page))
     if survey.ended == "interrupted":
         raise typer.Exit(INTERRUPTED)
-    if survey.broken:
+    if survey.broken or unmeasured:
         raise typer.Exit(1)
 
 

@@ -202,15 +202,30 @@ def test_every_measure_of_palp_says_when_it_begins() -> None:
         assert measured.first_s(measured.measure_of(name)[0]) > 0.0, name
 
 
+LOST = "what measures task 'toy', toy_task:nothing, cannot be loaded: AttributeError"
+
+
 @pytest.mark.usefixtures("toys")
-def test_a_measure_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_asked_for_that_nothing_loaded_measures_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lost = EntryPoint("toy", "toy_task:nothing", measured.GROUP)
     monkeypatch.setattr(measured, "entry_points", lambda group: [lost] if group == measured.GROUP else [])
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path / "out")])
-    assert "what measures task 'toy', toy_task:nothing, cannot be loaded: AttributeError" in str(
-        done.exception
-    )
+    done = CliRunner().invoke(app, ["tradeoff", "--task", "toy", "--out", str(tmp_path / "out")])
+    assert LOST in str(done.exception)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_measure_that_cannot_be_loaded_leaves_the_others_theirs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = [EntryPoint("toy", f"toy_task:{name}", measured.GROUP) for name in ("nothing", "measure")]
+    monkeypatch.setattr(measured, "entry_points", lambda group: points if group == measured.GROUP else [])
+    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)])
+    assert done.exit_code == 1
+    assert f"left out: {LOST}" in done.output
+    assert (tmp_path / "tradeoff_toy.png").exists()
 
 
 @pytest.mark.usefixtures("toys")

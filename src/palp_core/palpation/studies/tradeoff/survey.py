@@ -126,7 +126,7 @@ def take(
     tasks = [TaskSurvey(one) for one in choices]
     survey = Survey(scene, budget_s, tasks)
     running = {number: _all_of(one, scene) for number, one in enumerate(tasks)}
-    first = [first_s(measure_of(one.choice.task.name)[0]) for one in tasks]
+    first = [_first_s(one) for one in tasks]
 
     def turn(number: int) -> tuple[bool, float]:
         one = tasks[number]
@@ -150,6 +150,14 @@ def take(
 
 def _measuring_s(budget_s: float | None, count: int) -> float | None:
     return None if budget_s is None else budget_s - min(_DRAWING_S * count, budget_s / 4.0)
+
+
+def _first_s(one: TaskSurvey) -> float:
+    """Return the seconds until the first point of a task; 0 for one that will say why it has none."""
+    try:
+        return first_s(measure_of(one.choice.task.name)[0])
+    except MethodError:
+        return 0.0
 
 
 def _all_of(one: TaskSurvey, scene: Scene) -> Iterator[Measured | FailureCase]:
