@@ -25,6 +25,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -218,8 +219,8 @@ def writers(folder: Path, count: int, rounds: int) -> dict[str, Any]:
     took: dict[str, list[float]] = {f"{what}_{name}": [] for what in ("write", "read") for name in files}
     for turn in range(rounds):
         for name in sorted(files, reverse=bool(turn % 2)):
-            took[f"write_{name}"].append(timed(lambda name=name: write[name](files[name], payloads)))
-            took[f"read_{name}"].append(timed(lambda name=name: read_mcap(files[name])))
+            took[f"write_{name}"].append(timed(partial(write[name], files[name], payloads)))
+            took[f"read_{name}"].append(timed(partial(read_mcap, files[name])))
     found: dict[str, Any] = {
         f"{name}_s": [f(seconds) for f in (statistics.median, min, max)] for name, seconds in took.items()
     }

@@ -12,7 +12,7 @@ answer to be right about is drawn again.
 The task contact has a study of its own, ``palp study run contact-validity``. The default seed is none that
 bounds were measured on. On SIGINT or SIGTERM it tells what it has.
 
-Run: .venv/bin/python benchmarks/choices.py [--scenes 200] [--task NAME]... [--seed 7] [--json] [--out DIR]
+Run: .venv/bin/python -m benchmarks.choices [--scenes 200] [--task NAME]... [--seed 7] [--json] [--out DIR]
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from choice_bench import counts, joint, touches, wired
-from choice_bench.contest import Case, Verdict, judge
-from choice_bench.table import Line, markdown, write
 
+from benchmarks.choice_bench import counts, joint, touches, wired
+from benchmarks.choice_bench.contest import Case, Verdict, judge
+from benchmarks.choice_bench.table import Line, markdown, write
 from palp_core.errors import PalpError
 
 CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {

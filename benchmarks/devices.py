@@ -138,7 +138,7 @@ def polled(options: dict[str, Any], seconds: float) -> dict[str, float]:
 def name_fault(rig: EmulatorProcess, fault: Fault) -> dict[str, object]:
     """Return the state that a fault led to and how soon, for a device that was moving or streaming."""
     device, kind = fault.device, KINDS[fault.device]
-    driver: Any = open_device(kind, device, **rig.options[device])  # type: ignore[call-overload]
+    driver: Any = open_device(kind, device, **rig.options[device])
     state, pause = STATES[kind](), threading.Event()
     driver.open(time.monotonic_ns(), state, RNG)
     if kind == "stage":

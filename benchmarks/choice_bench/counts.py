@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
 
-from choice_bench.contest import Case, Reading, log_between, mean_reading
+from benchmarks.choice_bench.contest import Case, Reading, log_between, mean_reading
 from palp_core.palpation.perception.emg.bursts import BurstRule
-from palp_core.palpation.perception.emg.peaks import PeakFinder, distance_first
+from palp_core.palpation.perception.emg.peaks import EmgPeak, PeakFinder, distance_first
 from palp_core.palpation.studies.perception.beliefs import overtrust
 from palp_core.palpation.studies.perception.counts import LEVEL, Design, Recording, astray, p_value, recording
 
@@ -66,6 +66,7 @@ def burst(rng: np.random.Generator, _index: int) -> Case:
         heard = people(number)
         finder = PeakFinder(heard[0].rate_hz, distance_s=distance_s)
         found = []
+        peaks: Sequence[EmgPeak]
         for one in heard:
             if name == "two_thresholds":
                 peaks = BurstRule(one.rate_hz, *one.rest).whole(one.value).peaks

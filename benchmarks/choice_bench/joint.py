@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from choice_bench.contest import Case, Reading, log_between
+from benchmarks.choice_bench.contest import Case, Reading, log_between
 from palp_core.errors import PalpError
 from palp_core.methods import find
 from palp_core.palpation.mechanics import LayeredHertz, Scene, sweep

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from choice_bench.contest import Verdict
+from benchmarks.choice_bench.contest import Verdict
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.reporting.charts import BLUE, GREY, VERMILION, Chart, save, tidy
 from palp_core.palpation.reporting.table import write_records

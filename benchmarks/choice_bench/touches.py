@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from choice_bench.contest import Case, Reading, log_between, mean_reading
+from benchmarks.choice_bench.contest import Case, Reading, log_between, mean_reading
 from palp_core.methods import names
 from palp_core.palpation.perception.belief.stopping import FixedNumber, StopRule, stop_rule
 from palp_core.palpation.perception.strategy.policies import (
@@ -158,11 +158,8 @@ def feature(rng: np.random.Generator, index: int) -> Case:
 
     def measure(name: str, number: int) -> Reading:
         by = replace(of, gel=replace(of.gel, feature=name))
-        policy, felt = FixedRing(stiffest_m), tabulate(by.gel)
-        ended = [
-            run_trials(felt, by.conditions, one.draws, one.naive, policy, FixedNumber(1))
-            for one in sessions(by, number)
-        ]
+        policy = FixedRing(stiffest_m)
+        ended = [run_trials(one.felt, one.naive, policy, FixedNumber(1)) for one in sessions(by, number)]
         return mean_reading([np.mean(~one.correct) for one in ended])
 
     quantities = session_quantities(of.gel, of.conditions)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from choice_bench.contest import Case, Reading, log_between
+from benchmarks.choice_bench.contest import Case, Reading, log_between
 from palp_core.graph.launch.delivery_measures import COUNT, RATE_HZ, run
 from palp_core.graph.messages.codecs import LARGEST_BYTES
 from palp_core.graph.messages.fragments import CUT_FROM
