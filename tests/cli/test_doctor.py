@@ -12,8 +12,8 @@ import pytest
 
 from palp_core.cli.doctor.diagnostic import Diagnostic
 from palp_core.cli.doctor.graph import examine_graph
-from palp_core.cli.doctor.health import HealthSample, rows, sample_health
 from palp_core.cli.doctor.host import examine_host
+from palp_core.graph.discovery.health import HealthSample, rows, sample_health
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import Kind, pack

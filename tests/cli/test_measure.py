@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.topic.listen import ReceivedFrame
 from palp_core.cli.topic.measure import Window
+from palp_core.graph.discovery.topic_reader import ReceivedFrame
 from palp_core.graph.messages.frame import Kind, pack, parse
 
 

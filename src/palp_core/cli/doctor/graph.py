@@ -8,8 +8,8 @@ from typing import Any, get_args
 import msgspec
 
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
-from palp_core.cli.doctor.health import HealthReader
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.discovery.health import HealthReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.discovery.standing import standing
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent

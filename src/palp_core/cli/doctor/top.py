@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import rich.console
 
-    from palp_core.cli.doctor.health import EdgeRow, NodeRow
+    from palp_core.graph.discovery.health import EdgeRow, NodeRow
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.discovery.standing import Standing
 
@@ -64,7 +64,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     """Yield a sample each period while the graph runs, from its health topic where that speaks."""
     from threading import Event
 
-    from palp_core.cli.doctor.health import HealthReader, rows, sample_health
+    from palp_core.graph.discovery.health import HealthReader, rows, sample_health
     from palp_core.graph.discovery.standing import standing
 
     reader = HealthReader(graph)

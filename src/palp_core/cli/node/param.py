@@ -95,7 +95,7 @@ def set_(
     as_json: JsonOption = False,
 ) -> None:
     """Set parameters of a running node, all or none, and tell what changed."""
-    from palp_core.cli.text.message_yaml import parse_yaml
+    from palp_core.graph.discovery.message_yaml import parse_yaml
     from palp_core.graph.problems import hint
 
     words = [name, value, *(more or [])]

@@ -92,9 +92,9 @@ def call(
     as_json: options.JsonOption = False,
 ) -> None:
     """Call a service and print its reply; it never waits longer than timeout x (1 + retries)."""
-    from palp_core.cli.text.message_text import readable
-    from palp_core.cli.text.message_yaml import message_from_yaml
     from palp_core.cli.text.words import type_and_message
+    from palp_core.graph.discovery.message_yaml import message_from_yaml
+    from palp_core.graph.messages.message_text import readable
 
     kind, text = type_and_message(words or [], "palp service call /node/port TYPE '{name: value}'")
     with options.until_ctrl_c():

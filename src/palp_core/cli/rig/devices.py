@@ -125,8 +125,8 @@ def monitor(
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:
-    from palp_core.cli.text.message_yaml import parse_yaml
     from palp_core.cli.text.words import assignments
+    from palp_core.graph.discovery.message_yaml import parse_yaml
 
     return {name: parse_yaml(value, name) for name, value in assignments("option", words).items()}
 

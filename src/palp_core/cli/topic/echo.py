@@ -15,8 +15,8 @@ from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
-    from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
     from palp_core.graph.messages.topic import Topic
 
 Profile = Literal["default", "sensor_data", "latched"]
@@ -68,8 +68,8 @@ def echo(
 ) -> None:
     """Print messages as they are published."""
     from palp_core.cli.text.filter import message_filter
-    from palp_core.cli.text.message_text import Truncation, decoded, parse_path, pick
-    from palp_core.cli.topic.listen import TopicReader
+    from palp_core.graph.discovery.topic_reader import TopicReader
+    from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick
 
     running = find_graph(graph)
     entry = running.topic(topic)
@@ -200,7 +200,7 @@ def _printer(
     how: Any, *, as_json: bool, as_csv: bool, flow_style: bool
 ) -> Callable[[Any, dict[str, Any] | None], None]:
     """Return the function that prints one message in the form that was asked for."""
-    from palp_core.cli.text.message_text import csv_line, truncated
+    from palp_core.graph.messages.message_text import csv_line, truncated
 
     def show(message: Any, info: dict[str, Any] | None) -> None:
         if as_json:

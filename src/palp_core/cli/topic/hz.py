@@ -36,9 +36,9 @@ def hz(
     single one with --once or --json.
     """
     from palp_core.cli.text.filter import message_filter
-    from palp_core.cli.text.message_text import decoded
-    from palp_core.cli.topic.listen import ReceivedFrame
     from palp_core.cli.topic.measure import Window, account, measure, reader_lines, readers
+    from palp_core.graph.discovery.topic_reader import ReceivedFrame
+    from palp_core.graph.messages.message_text import decoded
 
     running = find_graph(graph)
     entries = find_topics(running, topics)

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 from palp_core.cli.output import note
 from palp_core.cli.running import note_ended
-from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import Edge, RunningGraph
+from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.topic import Topic
 
 REPORT_NS = 1_000_000_000

@@ -18,8 +18,8 @@ from palp_core.errors import GraphError
 from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
 
 if TYPE_CHECKING:
-    from palp_core.cli.text.message_text import Path
-    from palp_core.cli.topic.listen import ReceivedFrame
+    from palp_core.graph.discovery.topic_reader import ReceivedFrame
+    from palp_core.graph.messages.message_text import Path
     from palp_core.graph.messages.topic import Topic
 
 REDRAW_NS = 100_000_000
@@ -43,7 +43,7 @@ class Series:
 
     def add(self, message: dict[str, Any], stamp_s: float) -> None:
         """Take a message's value or values."""
-        from palp_core.cli.text.message_text import pick
+        from palp_core.graph.messages.message_text import pick
 
         value = pick(message, self._path)
         last_s, self._last_s = self._last_s, stamp_s
@@ -78,9 +78,9 @@ def plot(
     graph: GraphOption = None,
 ) -> None:
     """Plot fields of a topic in the terminal, over the graph's time."""
-    from palp_core.cli.text.message_text import decoded, parse_path
-    from palp_core.cli.topic.listen import TopicReader
     from palp_core.graph.clock import monotonic_ns
+    from palp_core.graph.discovery.topic_reader import TopicReader
+    from palp_core.graph.messages.message_text import decoded, parse_path
 
     running = find_graph(graph)
     entry = running.topic(topic)

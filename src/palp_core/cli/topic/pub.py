@@ -116,7 +116,7 @@ def _messages(text: str | None, schema: dict[str, Any], *, stdin: bool) -> Itera
     """Check what is typed; return the same message for ever, or those of standard input."""
     import itertools
 
-    from palp_core.cli.text.message_yaml import message_from_yaml
+    from palp_core.graph.discovery.message_yaml import message_from_yaml
 
     if stdin:
         return (

@@ -33,11 +33,11 @@ def tap(
     Each point is two frames, topic and a msgpack map; its field "timestamp" is its time in s on the graph's
     clock ("use field as timestamp"). Blocks of samples are sent sample by sample, arrays as lists.
     """
-    from palp_core.cli.text.message_text import decoded
-    from palp_core.cli.topic.listen import TopicReader
     from palp_core.cli.topic.tap_feed import TapFeed
     from palp_core.errors import GraphError
     from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.discovery.topic_reader import TopicReader
+    from palp_core.graph.messages.message_text import decoded
 
     running = find_graph(graph)
     named = {running.topic(topic).name for topic in topics or ()}

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palp_core.cli.topic.listen import ReceivedFrame, TopicReader
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Kind, pack, parse
 from tests.cli.test_remote import record
 

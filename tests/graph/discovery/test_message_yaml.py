@@ -12,7 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core import Message
-from palp_core.cli.text.message_text import (
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.message_yaml import message_from_yaml
+from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.message_text import (
     Truncation,
     csv_line,
     decoded,
@@ -21,9 +24,6 @@ from palp_core.cli.text.message_text import (
     readable,
     truncated,
 )
-from palp_core.cli.text.message_yaml import message_from_yaml
-from palp_core.errors import GraphError
-from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.units import Count, Metres, NewtonMetresArray
 
@@ -119,8 +119,8 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 @settings(deadline=None, max_examples=100)
 @given(VALUES)
 def test_whatever_is_given_is_packed_or_refused_by_name(value: Any) -> None:
-    from palp_core.cli.text.message_yaml import packed
     from palp_core.errors import SchemaMismatch
+    from palp_core.graph.discovery.message_yaml import packed
 
     with contextlib.suppress(SchemaMismatch):
         msgspec.msgpack.encode(packed(value, SCHEMA, ""))
