@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import ast
 import functools
+import json
 import pkgutil
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.diagram import mermaid
+from palp_core.graph.foxglove import log_entries
 from palp_core.graph.launch.graph import check_file
+from palp_core.graph.messages.message_text import parse_path
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node
 from tests.support import measures
@@ -129,6 +133,35 @@ def test_the_readmes_picture_is_the_graph_of_the_simulated_rig(graphs: dict[str,
     assert mermaid(graphs["launch/sim.yaml"]) in pictures, (
         "README.md needs a ```mermaid block with the output of 'palp graph launch/sim.yaml'"
     )
+
+
+def texts_in(value: Any) -> list[str]:
+    """Return every text in a JSON value."""
+    if isinstance(value, dict | list):
+        return [
+            text for item in (value.values() if isinstance(value, dict) else value) for text in texts_in(item)
+        ]
+    return [value] if isinstance(value, str) else []
+
+
+@pytest.mark.parametrize("file", ["launch/sim.yaml", "launch/emulated.yaml", "launch/rig.yaml"])
+def test_the_layout_for_foxglove_shows_what_the_rig_publishes(
+    graphs: dict[str, CheckedGraph], file: str
+) -> None:
+    layout = json.loads((ROOT / "launch" / "rig.foxglove.json").read_text(encoding="utf-8"))
+    panels = layout["configById"]
+    assert panels.keys() < set(texts_in(layout["layout"])) <= {*panels, "row", "column"}
+    schemas = {name: topic.json_schema for name, topic in graphs[file].topics.items()}
+    schemas[log_entries.LOG] = log_entries.SCHEMA
+    shown = {text for text in texts_in(panels) if text.startswith("/")}
+    assert len(shown) > 20
+    for path in shown:
+        topic, _, field = path.partition(".")
+        if file == "launch/sim.yaml" and topic == "/safety/beat":
+            continue  # nothing is simulated that could be unsafe
+        assert topic in schemas
+        if field:
+            assert parse_path(field.replace("[:]", "[0]"), schemas[topic])  # or it raises: no such field
 
 
 def test_the_source_keeps_its_measures() -> None:

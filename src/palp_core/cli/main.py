@@ -73,6 +73,10 @@ app = lazy_app(
         ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
+        "foxglove": Verb(
+            f"{_CLI}.topic.foxglove:foxglove",
+            "Show a running graph in Foxglove: topics, log, parameters, services.",
+        ),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
         "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
         "doctor": Verb(f"{_CLI}.doctor.doctor:doctor", "Look for what is wrong with host and graph."),

@@ -1,7 +1,7 @@
 """The receiving side of one process: a SUB socket that reads topics, each at its publisher's endpoint."""
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import zmq
 
@@ -63,6 +63,11 @@ class SubscriberSocket:
             self._socket.connect(endpoint)
         for name in endpoints:
             self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
+
+    def unsubscribe(self, names: Iterable[str]) -> None:
+        """Hear topics no longer; their publishers send them to this socket no more."""
+        for name in names:
+            self._socket.setsockopt(zmq.UNSUBSCRIBE, name.encode() + b"\0")
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""

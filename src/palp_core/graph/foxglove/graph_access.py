@@ -1,0 +1,126 @@
+"""What a viewer asks of a running graph: parameters read and set, services called; in words if refused."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import msgspec
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.running_graph import RunningGraph, hidden
+from palp_core.graph.foxglove.json_messages import from_json, to_json
+
+ASK_S = 1.5
+"""A node that does not answer holds up what viewers are shown of the others no longer than that."""
+CHANGE_S = 5.0
+
+
+class ServiceType(NamedTuple):
+    """A service of a node: names and JSON Schemas of request and reply."""
+
+    node: str
+    port: str
+    request_name: str
+    request: dict[str, Any]
+    reply_name: str
+    reply: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        """As in ``/torque/tare``."""
+        return f"/{self.node}/{self.port}"
+
+
+class GraphAccess:
+    """Asks the nodes of a running graph.
+
+    Args:
+        graph: The graph.
+        refusal: Why nothing may be changed; "": it may.
+
+    Attributes:
+        graph: The graph as it is now.
+    """
+
+    def __init__(self, graph: RunningGraph, refusal: str = "") -> None:
+        self.graph = graph
+        self._refusal = refusal
+
+    def parameters(self, names: Iterable[str] = ()) -> dict[str, Any]:
+        """Return values of parameters, ``/node.parameter``; by default of all. Who is silent is left out."""
+        wanted = set(names)
+        nodes = {node for name in wanted if (node := _split(name)[0]) in self.graph.node_names}
+        if (wanted and not nodes) or not self.graph.node_names:
+            return {}
+        answers = self.graph.ask_all("get_parameters", nodes, timeout_s=ASK_S)
+        found = full_names({node: reply["parameters"] for node, reply in answers.replies.items()})
+        return {name: value for name, value in found.items() if not wanted or name in wanted}
+
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """Set parameters; those of one node all or none.
+
+        Raises:
+            GraphError: Nothing may be changed, no such node or parameter, or a node refuses.
+        """
+        self._must_be_allowed("set a parameter")
+        by_node: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            node, parameter = _split(name)
+            by_node.setdefault(node, {})[parameter] = value
+        refused = []
+        for node, changes in by_node.items():
+            try:
+                self.graph.ask(node, "set_parameters", timeout_s=CHANGE_S, parameters=changes)
+            except GraphError as error:
+                refused.append(str(error))
+        if refused:
+            raise GraphError("; ".join(refused))
+
+    def services(self) -> dict[str, ServiceType]:
+        """Return the services of the nodes that answer, by name."""
+        if not self.graph.node_names:
+            return {}
+        found = [
+            _service(node, port, *described["types"])
+            for node, reply in self.graph.ask_all("schemas", timeout_s=ASK_S).replies.items()
+            for port, described in reply["ports"].items()
+            if described["kind"] == "srv"
+        ]
+        return {service.name: service for service in found if not hidden(service.name)}
+
+    def call(self, service: ServiceType, request: bytes) -> bytes:
+        """Call a service, JSON in and out.
+
+        Raises:
+            GraphError: Nothing may be changed, the request does not fit, or the node refuses.
+        """
+        self._must_be_allowed("call a service")
+        message = from_json(request, service.request)
+        answer = self.graph.ask(
+            service.node, "call", timeout_s=CHANGE_S, service=service.port, request=message
+        )
+        return to_json(service.reply)(msgspec.msgpack.encode(answer["reply"]))
+
+    def _must_be_allowed(self, what: str) -> None:
+        if self._refusal:
+            raise GraphError(f"refused to {what}: {self._refusal}")
+
+
+def full_names(by_node: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return parameters of several nodes as ``/node.parameter``.
+
+    >>> full_names({"relay": {"gain": 2.0}})
+    {'/relay.gain': 2.0}
+    """
+    return {f"/{node}.{name}": value for node, values in by_node.items() for name, value in values.items()}
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Return node and parameter of ``/node.parameter``."""
+    node, _, parameter = name.removeprefix("/").partition(".")
+    return node, parameter
+
+
+def _service(node: str, port: str, request: dict[str, Any], reply: dict[str, Any]) -> ServiceType:
+    return ServiceType(
+        node, port, request["name"], request["json_schema"], reply["name"], reply["json_schema"]
+    )

@@ -1,0 +1,268 @@
+"""``palp foxglove``: a running graph over Foxglove's WebSocket, from a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self
+
+import foxglove
+from foxglove.websocket import Capability, WebSocketServer
+
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.bag.forms.json import json_form
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
+from palp_core.graph.foxglove import log_entries
+from palp_core.graph.foxglove.gate import Gate, hidden_address
+from palp_core.graph.foxglove.graph_access import ASK_S, GraphAccess, ServiceType, full_names
+from palp_core.graph.foxglove.json_messages import schema_text, to_json
+from palp_core.graph.foxglove.viewers import Look, Viewers, as_parameters
+from palp_core.graph.foxglove.watched_topics import WatchedTopics
+from palp_core.graph.messages.builtin import NodeEvent
+from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.recording.live_feed import reread
+from palp_core.graph.recording.live_topics import is_order, live_topics
+
+WAIT_MS = 20
+LOOK_NS = 500_000_000
+TIME_NS = 20_000_000
+HISTORY_S = 1.0
+BACKLOG = 256
+"""Messages that wait for a viewer; what is beyond replaces the oldest."""
+LOG_KEPT = 500
+_NODE_EVENT = schema_of(NodeEvent).hash_text
+_CAPABILITIES = [Capability.Parameters, Capability.Services, Capability.Time, Capability.ConnectionGraph]
+
+
+class _Shown(NamedTuple):
+    topic: Topic
+    channel: foxglove.Channel
+    to_json: Callable[[bytes | memoryview], bytes]
+
+
+class FoxgloveServer:
+    """Shows a running graph to any number of viewers. A topic is read while one of them looks at it.
+
+    Args:
+        graph: The graph.
+        host: Where to listen.
+        port: 0: any free one.
+        fastest_hz: Most messages of a topic per second; 0: all.
+        refusal: Why viewers may change nothing; "": they may set parameters and call services.
+
+    Attributes:
+        address: Where viewers connect.
+        ended: The graph has ended.
+
+    Raises:
+        GraphError: The address cannot be had.
+    """
+
+    def __init__(
+        self, graph: RunningGraph, *, host: str, port: int, fastest_hz: float = 60.0, refusal: str = ""
+    ) -> None:
+        self.ended = False
+        self._access = GraphAccess(graph, refusal)
+        self._viewers = Viewers(self._access)
+        self._watched = WatchedTopics(fastest_hz)
+        self._topics: dict[str, Topic] = {}
+        self._shown: dict[str, _Shown] = {}
+        self._services: dict[str, ServiceType] = {}
+        self._looking: Counter[str] = Counter()
+        self._entries: deque[tuple[int, bytes]] = deque(maxlen=LOG_KEPT)
+        self._noted: dict[str, tuple[int, int]] = {}
+        self._next_time_ns, self._next_look_ns, self._described_at = 0, 0, -1
+        logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that left unasked is no news
+        self._context = foxglove.Context()
+        self._log = foxglove.Channel(log_entries.LOG, schema=log_entries.SCHEMA, context=self._context)
+        inner = hidden_address()
+        self._server: WebSocketServer = foxglove.start_server(
+            name=f"palp: {graph.record.graph}", host=inner, port=0, context=self._context,
+            session_id=graph.record.id, capabilities=_CAPABILITIES, supported_encodings=["json"],
+            server_listener=self._viewers, message_backlog_size=BACKLOG,
+        )  # fmt: skip
+        try:
+            self._gate = Gate(host, port, (inner, self._server.port))
+        except GraphError:
+            self._server.stop()
+            self._watched.close()
+            raise
+        self.address = self._gate.address
+        self._follow_changes()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._gate.close()
+        self._server.stop()
+        self._watched.close()
+
+    @property
+    def topic_count(self) -> int:
+        """How many topics viewers are offered."""
+        return len(self._shown)
+
+    def turn(self) -> None:
+        """Show what has arrived, after waiting for it a little; see whether the graph has changed."""
+        for look in self._viewers.looks():
+            self._heed(look)
+        for words in self._viewers.refused():
+            self._server.publish_status(words, foxglove.StatusLevel.Error)
+        stamp_ns = 0
+        for frame in self._watched.receive(WAIT_MS):
+            stamp_ns = max(stamp_ns, frame.stamp_ns)
+            self._show(frame)
+        now_ns = monotonic_ns()
+        if stamp_ns and now_ns >= self._next_time_ns:
+            self._next_time_ns = now_ns + TIME_NS
+            self._server.broadcast_time(stamp_ns)
+        if now_ns >= self._next_look_ns:
+            self._next_look_ns = now_ns + LOOK_NS
+            self.ended = not self._access.graph.alive
+            self._follow_changes()
+
+    def _heed(self, look: Look) -> None:
+        """Read a topic from the first viewer that looks at it to the last; each gets what was said before."""
+        self._looking[look.topic] += 1 if look.begins else -1
+        if not self._looking[look.topic]:
+            del self._looking[look.topic]
+        if look.begins and look.topic == log_entries.LOG:
+            for stamp_ns, text in self._entries:
+                self._log.log(text, log_time=stamp_ns, sink_id=look.viewer)
+        shown = self._shown.get(look.topic)
+        if shown is None or not (look.begins or look.topic not in self._looking):
+            return
+        if look.begins:
+            self._watched.watch({look.topic: shown.topic})
+            for frame in self._history(shown.topic):
+                self._send(shown, frame, look.viewer)
+        elif not log_entries.tells(shown.topic.type_hash):
+            self._watched.leave([look.topic])
+
+    def _history(self, topic: Topic) -> list[Frame]:
+        """Return the latched messages of a topic, for whoever comes late."""
+        if not topic.latched_depth:
+            return []
+        asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": 2**62}
+        try:
+            reply = self._access.graph.ask(topic.node, "history", timeout_s=HISTORY_S, **asked)
+            return [parse(raw) for raw in reply["frames"]]
+        except (GraphError, SchemaMismatch):
+            return []  # it comes when the node says it anew
+
+    def _show(self, frame: Frame) -> None:
+        topic = self._topics.get(frame.topic)
+        if topic is None:
+            return
+        if log_entries.tells(topic.type_hash):
+            self._note(frame, topic)
+        shown = self._shown.get(frame.topic)
+        if shown is not None and frame.topic in self._looking:
+            self._send(shown, frame)
+
+    def _send(self, shown: _Shown, frame: Frame, viewer: int | None = None) -> None:
+        with contextlib.suppress(SchemaMismatch):  # of another version of its type: its readers say so
+            shown.channel.log(shown.to_json(frame.payload), log_time=max(frame.stamp_ns, 0), sink_id=viewer)
+
+    def _note(self, frame: Frame, topic: Topic) -> None:
+        """Write what has happened into the log; parameters that have changed are told as such, too."""
+        point = (frame.epoch, frame.sequence)
+        entry = log_entries.entry_of(frame, topic.type_hash)
+        if entry is None or point <= self._noted.get(frame.topic, (-1, 0)):
+            return  # or it came as what stands already
+        self._noted[frame.topic] = point
+        self._entries.append((max(frame.stamp_ns, 0), json.dumps(entry).encode()))
+        stamp_ns, text = self._entries[-1]
+        self._log.log(text, log_time=stamp_ns)
+        if topic.type_hash == _NODE_EVENT:
+            event = decode(NodeEvent, frame.payload)
+            if event.kind == "parameters":
+                changed = {name: new for name, (_, new) in json.loads(event.data).items()}
+                self._server.publish_parameter_values(as_parameters(full_names({topic.node: changed})))
+
+    def _follow_changes(self) -> None:
+        """See whether the graph is described anew: a node has joined, left or been replaced."""
+        with contextlib.suppress(OSError):  # it has ended
+            described_at = (self._access.graph.folder / "graph.json").stat().st_mtime_ns
+            if described_at != self._described_at:
+                self._described_at = described_at
+                self._describe()
+
+    def _describe(self) -> None:
+        """Offer what the graph has now."""
+        graph = self._access.graph = reread(self._access.graph)
+        self._topics = {name: topic for name, topic in live_topics(graph).items() if not is_order(name)}
+        self._watched.relocate(graph.record.topics)
+        shown = {name: topic for name, topic in self._topics.items() if not hidden(name)}
+        for name in [n for n, old in self._shown.items() if n not in shown or _differ(old.topic, shown[n])]:
+            self._watched.leave([name])
+            self._shown.pop(name).channel.close()
+        for name, topic in shown.items():
+            if name not in self._shown:
+                self._offer(topic)
+        log = {name: topic for name, topic in self._topics.items() if log_entries.tells(topic.type_hash)}
+        new = {name: topic for name, topic in log.items() if not self._watched.watches(name)}
+        self._watched.watch(new, every=True)
+        for topic in new.values():
+            for frame in self._history(topic):
+                self._note(frame, topic)
+        self._offer_services(self._access.services())
+        infos = graph.ask_all("info", timeout_s=ASK_S) if graph.node_names else Answers({}, {})
+        self._server.publish_connection_graph(self._connections(infos))
+        params = {node: info["params"] for node, info in infos.replies.items()}
+        self._server.publish_parameter_values(as_parameters(full_names(params)))
+
+    def _offer(self, topic: Topic) -> None:
+        schema = foxglove.Schema(
+            name=topic.type or "Value", encoding="jsonschema", data=schema_text(topic.json_schema)
+        )
+        channel = foxglove.Channel(topic.name, schema=schema, message_encoding="json", context=self._context)
+        self._shown[topic.name] = _Shown(topic, channel, to_json(topic.json_schema))
+
+    def _offer_services(self, services: dict[str, ServiceType]) -> None:
+        gone = [name for name, service in self._services.items() if services.get(name) != service]
+        new = [service for name, service in services.items() if self._services.get(name) != service]
+        self._server.remove_services(gone)
+        self._server.add_services([self._service(service) for service in new])
+        self._services = services
+
+    def _service(self, service: ServiceType) -> foxglove.Service:
+        def described(name: str, schema: dict[str, Any]) -> foxglove.MessageSchema:
+            told = foxglove.Schema(name=name, encoding="jsonschema", data=schema_text(schema))
+            return foxglove.MessageSchema(encoding="json", schema=told)
+
+        return foxglove.Service(
+            service.name,
+            schema=foxglove.ServiceSchema(
+                service.request_name.removesuffix("Request"),
+                request=described(service.request_name, service.request),
+                response=described(service.reply_name, service.reply),
+            ),
+            handler=lambda asked: self._access.call(service, asked.payload),
+        )
+
+    def _connections(self, infos: Answers) -> foxglove.ConnectionGraph:
+        """Return who publishes and reads what."""
+        graph = foxglove.ConnectionGraph()
+        for name, shown in self._shown.items():
+            graph.set_published_topic(name, [f"/{shown.topic.node}"])
+        readers: dict[str, list[str]] = {}
+        for edge in infos.edges():
+            readers.setdefault(edge.topic, []).append(f"/{edge.node}")
+        for topic, nodes in readers.items():
+            graph.set_subscribed_topic(topic, nodes)
+        for service in self._services.values():
+            graph.set_advertised_service(service.name, [f"/{service.node}"])
+        return graph
+
+
+def _differ(old: Topic, new: Topic) -> bool:
+    return (old.type_hash, json_form(old.json_schema)) != (new.type_hash, json_form(new.json_schema))

@@ -1,0 +1,78 @@
+"""What viewers ask for, from the SDK's threads: noted for the server's own, or answered by the graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple
+
+from foxglove import Parameter
+from foxglove.websocket import ChannelView, Client, ServerListener
+
+from palp_core.errors import GraphError
+from palp_core.graph.foxglove.graph_access import GraphAccess
+
+
+class Look(NamedTuple):
+    """A viewer has begun, or ceased, to look at a topic."""
+
+    viewer: int
+    topic: str
+    begins: bool
+
+
+class Viewers(ServerListener):
+    """Hears what viewers want.
+
+    Args:
+        access: Answers for the graph.
+    """
+
+    def __init__(self, access: GraphAccess) -> None:
+        self._access = access
+        self._looks: SimpleQueue[Look] = SimpleQueue()
+        self._refused: SimpleQueue[str] = SimpleQueue()
+
+    def looks(self) -> list[Look]:
+        """Return who has begun or ceased to look at what since the last call, in order."""
+        return _drained(self._looks)
+
+    def refused(self) -> list[str]:
+        """Return why parameters were not set since the last call."""
+        return _drained(self._refused)
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self._looks.put(Look(client.id, channel.topic, begins=True))
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        self._looks.put(Look(client.id, channel.topic, begins=False))
+
+    def on_get_parameters(
+        self, client: Client, param_names: list[str], request_id: str | None = None
+    ) -> list[Parameter]:
+        return as_parameters(self._access.parameters(param_names))
+
+    def on_set_parameters(
+        self, client: Client, parameters: list[Parameter], request_id: str | None = None
+    ) -> list[Parameter]:
+        """Set them, and answer with what they are then; why one is refused comes as a status."""
+        wanted = {parameter.name: parameter.get_value() for parameter in parameters}
+        try:
+            self._access.set_parameters(wanted)
+        except GraphError as error:
+            self._refused.put(str(error))
+        return as_parameters(self._access.parameters(wanted))
+
+
+def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
+    """Return parameters as the SDK has them."""
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def _drained(waiting: SimpleQueue[Any]) -> list[Any]:
+    found = []
+    while True:
+        try:
+            found.append(waiting.get_nowait())
+        except Empty:
+            return found

@@ -1,0 +1,96 @@
+"""Topics as a screen wants them: while somebody looks, no faster than it can show, always with the latest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.foxglove.watched_topics import WatchedTopics
+from palp_core.graph.messages.frame import Frame
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.topic import topic_of
+from tests.support.fake_graph import FakeGraph, FakeNode, Sample
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[FakeGraph]:
+    graph = FakeGraph(tmp_path)
+    yield graph
+    graph.close()
+
+
+class Reader:
+    """Watches the topic of a fake node; until something is so, the graph goes on and it reads."""
+
+    def __init__(self, graph: FakeGraph, node: FakeNode, fastest_hz: float) -> None:
+        self._graph, self._node = graph, node
+        self.topic = topic_of(node.out.topic, Sample, "source", node.at[0])
+        self.watched = WatchedTopics(fastest_hz)
+        self.seen: list[int] = []
+
+    def begin(self, *, every: bool = False) -> None:
+        self.watched.watch({self.topic.name: self.topic}, every=every)
+        self._graph.until(lambda: self._node.out.listened)
+
+    def read_until(self, index: int) -> None:
+        def so() -> bool:
+            self.seen += [decode(Sample, frame.payload).index for frame in self.take()]
+            return index in self.seen
+
+        self._graph.until(so)
+
+    def take(self) -> list[Frame]:
+        return self.watched.receive(0)
+
+
+def test_a_fast_topic_is_thinned_and_its_latest_comes_when_it_is_due(graph: FakeGraph) -> None:
+    node = graph.node("source", depth=1)
+    reader = Reader(graph, node, 5.0)
+    reader.begin()
+    node.say(100)
+    reader.read_until(99)
+    assert reader.seen[0] == 0
+    assert len(reader.seen) < 100
+    reader.watched.close()
+
+
+def test_every_message_comes_of_what_is_not_to_be_thinned(graph: FakeGraph) -> None:
+    node = graph.node("source", depth=1)
+    reader = Reader(graph, node, 1e-3)
+    reader.begin(every=True)
+    node.say(100)
+    reader.read_until(99)
+    assert reader.seen == list(range(100))
+    reader.watched.close()
+
+
+def test_a_topic_that_is_left_is_not_sent_any_more(graph: FakeGraph) -> None:
+    node = graph.node("source", depth=1)
+    reader = Reader(graph, node, 0.0)
+    reader.begin()
+    reader.watched.leave([reader.topic.name])
+    graph.until(lambda: not node.out.listened)
+    assert not reader.watched.watches(reader.topic.name)
+    reader.begin()  # and may be looked at again
+    node.say(1)
+    reader.read_until(0)
+    reader.watched.close()
+
+
+def test_a_publisher_that_goes_on_elsewhere_is_followed(graph: FakeGraph) -> None:
+    node = graph.node("source", depth=1)
+    after = graph.node("source_2", depth=1)
+    reader = Reader(graph, node, 0.0)
+    reader.begin()
+    node.say(2)
+    node.moved("prepare", after)
+    reader.read_until(1)
+    graph.until(lambda: bool(reader.take()) or after.out.listened)
+    after.out.sequence = node.out.sequence
+    node.moved("gone", after)
+    after.say(3)
+    reader.read_until(4)
+    assert reader.seen == [0, 1, 2, 3, 4]
+    reader.watched.close()
