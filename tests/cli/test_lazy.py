@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -18,6 +19,7 @@ import typer
 from palp_core import __version__
 from palp_core.cli.lazy import LazyGroup, Verb, load
 from palp_core.cli.main import app
+from palp_core.cli.plain_values import PlainValues
 
 HEAVY = ("numpy", "msgspec", "msgpack", "zmq", "psutil", "yaml", "rich", "scipy", "matplotlib", "plotext")
 
@@ -82,6 +84,49 @@ def test_asking_for_help_imports_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout.splitlines()[-1]) == []
     assert "Robotic palpation" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["launch", "none.yaml", "x:=1", "--log-level", "debug"],
+        ["topic", "echo", "/a/b"],
+        ["bag", "info", "none"],
+    ],
+)
+def test_a_verb_does_not_wait_for_what_checks_numbers(words: list[str]) -> None:
+    program = (
+        f"import sys; sys.argv = ['palp', *{words}]\n"
+        "from palp_core.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit as end: print(end.code, 'pydantic' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "2 False", done.stderr
+
+
+def taken(way: Any, value: object, param: Any, context: Any) -> object:
+    """Return what a value becomes, or the words that refuse it."""
+    try:
+        return way.coerce(value, param=param, ctx=context)
+    except typer.BadParameter as error:
+        return str(error)
+
+
+@pytest.mark.parametrize(("path", "verb"), [(path, verb) for path, verb in verbs(app) if not verb.hidden])
+def test_what_is_given_is_taken_as_typer_takes_it(path: str, verb: Verb) -> None:
+    command = load(path.rpartition(" ")[2], verb)
+    with typer.Context(command) as context:
+        for param in command.get_params(context):
+            plain, own = param.get_runtime_param(), type(param).get_runtime_param(param)
+            assert isinstance(plain, PlainValues)
+            assert not isinstance(own, PlainValues)
+            many = param.multiple or param.nargs == -1
+            for text in (*(param.type_descriptor.choices or ()), "x", "3", "", str(Path.home())):
+                given = (text,) if many else text
+                assert taken(plain, given, param, context) == taken(own, given, param, context)
+            for default in (param.default, None):
+                assert taken(plain, default, param, context) == taken(own, default, param, context)
 
 
 def palp(*words: str) -> subprocess.CompletedProcess[str]:

@@ -14,6 +14,7 @@ import typer
 import typer.core
 import typer.main
 
+from palp_core.cli.plain_values import take_plainly
 from palp_core.errors import PalpError
 
 SIGPIPE_STATUS = 141
@@ -49,6 +50,7 @@ class LazyGroup(typer.core.TyperGroup):
         for name, verb in self.verbs.items():
             stand_in = typer.core.TyperCommand(name, help=verb.help, hidden=verb.hidden)
             self.add_command(stand_in, name)
+        take_plainly(self)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the verb that is meant where none stands."""
@@ -93,10 +95,10 @@ def load(name: str, verb: Verb) -> Any:
     target = getattr(importlib.import_module(module_name), attribute)
     if isinstance(target, typer.Typer):
         target.rich_markup_mode = None
-        return typer.main.get_group(target)
+        return take_plainly(typer.main.get_group(target))
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command(name)(target)
-    return typer.main.get_command(app)
+    return take_plainly(typer.main.get_command(app))
 
 
 def _no_options() -> None:
