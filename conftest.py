@@ -1,11 +1,19 @@
-"""Before any test is found: how many at a time, threads of linear algebra, files of the source with tests."""
+"""Before any test is found: how many at a time, threads of linear algebra, where examples are, the order."""
 
 from __future__ import annotations
 
+import compileall
+import gc
 import os
+from collections.abc import Generator
 from pathlib import Path
 
-SOURCE = Path(__file__).parent / "src"
+import pytest
+
+ROOT = Path(__file__).parent
+SOURCE = ROOT / "src"
+RIGS = ROOT / "tests" / "rig"
+COMPILED = ("src", "nodes", "msgs", "tests/support")
 
 # As the command line does, and before anything imports numpy: the workers take the cores already, and small
 # matrices take nearly twice the time on two threads.
@@ -18,8 +26,41 @@ def pytest_xdist_auto_num_workers() -> int:
     return len(os.sched_getaffinity(0)) + 1
 
 
+def pytest_configure() -> None:
+    """Compile the source once: where Python may not keep what it compiles, each process would do it again."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        for folder in COMPILED:
+            compileall.compile_dir(ROOT / folder, quiet=2)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Look for no garbage among what is imported, neither while it is nor ever after."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Pass over a source file without an example: pytest would import it only to find that out."""
     if collection_path.suffix != ".py" or SOURCE not in collection_path.parents:
         return None
     return b">>>" not in collection_path.read_bytes() or None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(
+    file_path: Path,
+) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Look for examples in the source only: in a test there are none."""
+    found = yield
+    return found if SOURCE in file_path.parents else [one for one in found if type(one) is pytest.Module]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let whole rigs come first: the longest tests, of which none should be left over for the end."""
+    items.sort(key=lambda item: RIGS not in item.path.parents)
