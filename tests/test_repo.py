@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import json
+import os
 import pkgutil
 import re
 from pathlib import Path
@@ -20,8 +21,12 @@ from palp_core.graph.messages.message_text import parse_path
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node
 from tests.support import measures
+from tests.support.rig_session import check_here
 
 ROOT = Path(__file__).resolve().parents[1]
+OWN = {ROOT / "launch"}
+"""Folders of launch files whose nodes are the repository's own; an example has others of those names."""
+
 LAUNCH_FILES = [
     *sorted((ROOT / "launch").glob("*.yaml")),
     *sorted((ROOT / "examples").rglob("launch/*.yaml")),
@@ -56,13 +61,23 @@ BASES = {ast.unparse(base) for node in NODES.values() for base in node.bases}
 CONCRETE = [stem for stem, node in NODES.items() if node.name not in BASES]
 
 
+@functools.cache
+def tree() -> tuple[Path, ...]:
+    """Return every file and folder but what is hidden: an environment has some thirty thousand."""
+    found = []
+    for folder, folders, files in os.walk(ROOT):
+        folders[:] = [name for name in folders if name == ".ci" or not name.startswith(".")]
+        found += [Path(folder, name) for name in (*folders, *files)]
+    return tuple(sorted(found))
+
+
 def written_files() -> list[Path]:
     """Return every file a person wrote: what is not hidden and not built."""
     return [
         path
-        for path in sorted(ROOT.rglob("*"))
-        if path.is_file()
-        and path.suffix in TEXT
+        for path in tree()
+        if path.suffix in TEXT
+        and path.is_file()
         and not any(
             (part.startswith(".") and part != ".ci")
             or part in OUTSIDE
@@ -76,7 +91,7 @@ def written_files() -> list[Path]:
 @pytest.fixture(scope="module")
 def graphs() -> dict[str, CheckedGraph]:
     """Check every launch file; it raises where one is wrong."""
-    return {name_of(path): check_file(path) for path in LAUNCH_FILES}
+    return {name_of(path): (check_here if path.parent in OWN else check_file)(path) for path in LAUNCH_FILES}
 
 
 def test_the_rigs_nodes_are_found() -> None:
@@ -112,7 +127,7 @@ def test_each_launch_file_passes_the_check(graphs: dict[str, CheckedGraph]) -> N
 
 @pytest.mark.parametrize("policy", ["fixed", "markov", "uniform"])
 def test_the_rig_passes_the_check_with_each_policy(policy: str) -> None:
-    graph = check_file(ROOT / "launch" / "sim.yaml", [f"policy:={policy}"])
+    graph = check_here(ROOT / "launch" / "sim.yaml", [f"policy:={policy}"])
     (run,) = [spec.run for spec in graph.nodes if spec.name == "policy"]
     assert run == f"nodes.policy_{policy}:{policy.capitalize()}"
 
@@ -227,7 +242,7 @@ def paths_named(text: str) -> set[str]:
 @pytest.mark.parametrize("path", TEXTS, ids=name_of)
 def test_what_a_text_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    files = {f"/{name_of(file)}" for file in ROOT.rglob("*") if ".venv" not in file.parts}
+    files = {f"/{name_of(file)}" for file in tree()}
     unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)} | nodes_amiss(text)
     unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
     assert unknown == set()
@@ -295,8 +310,7 @@ def test_what_a_page_names_is_where_it_says(page: Path) -> None:
         for path, name in re.findall(r"([\w/]+\.py):([\w.]+)", text)
         if not any(name in names for file, names in defined.items() if file.endswith(f"/{path}"))
     }
-    tops = [folder for folder in ROOT.iterdir() if folder.is_dir() and folder.name != ".venv"]
-    folders = {f"/{name_of(folder)}/" for top in tops for folder in [top, *top.rglob("*/")]}
+    folders = {f"/{name_of(folder)}/" for folder in tree() if folder.is_dir()}
     unknown |= {
         name
         for name in re.findall(r"`((?:\w+/)+)`", text)

@@ -29,7 +29,7 @@ from palp_core.palpation.session.report import write
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import CHAIN, SIM
-from tests.support.rig_session import RigSession
+from tests.support.rig_session import ComposedGraph, RigSession
 
 PHANTOMS = "A: {bead: {depth_m: 0.002}}\nB: {bead: {depth_m: 0.004}}\nC: {bead: {depth_m: 0.008}}\n"
 
@@ -88,7 +88,7 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
         "training:=2",
         "swaps:=3=nodes.policy_information:Information",
     ]
-    with Graph(SIM, compose=True, record=tmp_path / "bag", observe=asked, overrides=given) as graph:
+    with ComposedGraph(SIM, record=tmp_path / "bag", observe=asked, overrides=given) as graph:
         asked.graph = graph
         graph.run()
     folder = told(tmp_path / "out")

@@ -11,7 +11,6 @@ import yaml
 
 from nodes.estimator import EstimatorParams
 from nodes.policy_information import InformationParams
-from palp_core.graph.launch.graph import Graph
 from palp_core.methods import find, methods, names, tasks
 from palp_core.methods.register import Method
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -22,6 +21,7 @@ from palp_core.palpation.studies.decision import combinations, feature_cases, ru
 from palp_core.palpation.studies.perception import trials
 from palp_core.palpation.studies.power import model as power
 from palp_core.palpation.studies.simulation.policies import NAMES
+from tests.support.rig_session import ComposedGraph
 
 ROOT = Path(__file__).resolve().parents[2]
 ALL = [one for task in tasks() for one in methods(task.name)]
@@ -93,8 +93,8 @@ def test_the_published_session_gets_a_method_for_every_task(task: str) -> None:
 
 def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
     auto: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
-    with Graph(
-        str(ROOT / "launch" / "sim.yaml"), compose=True, out=str(tmp_path / "out"), trials=1, training=25,
+    with ComposedGraph(
+        str(ROOT / "launch" / "sim.yaml"), out=str(tmp_path / "out"), trials=1, training=25,
         rings_mm="16", policy="fixed", **auto,
     ) as graph:  # fmt: skip
         graph.run()

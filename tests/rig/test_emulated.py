@@ -18,8 +18,8 @@ from palp_core.graph.bag.reader import read
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import resolved_yaml
 from palp_core.graph.description.file_reader import read as describe
-from palp_core.graph.launch.graph import check_file
 from tests.support.palp import PATIENCE_S, Palp
+from tests.support.rig_session import check_here
 
 ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
@@ -40,7 +40,7 @@ def arguments(path: Path) -> dict[str, tuple[Any, ...]]:
 
 
 def resolved(path: Path) -> dict[str, Any]:
-    loaded: dict[str, Any] = yaml.safe_load(resolved_yaml(check_file(path, ["out:=results"])))
+    loaded: dict[str, Any] = yaml.safe_load(resolved_yaml(check_here(path, ["out:=results"])))
     return loaded
 
 

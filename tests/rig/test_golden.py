@@ -15,10 +15,10 @@ from msgs.estimation import Palpation
 from nodes.experiment import Experiment
 from palp_core.graph.bag.diff import diff_bags
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.launch.graph import check_file
 from palp_core.graph.replay.replay import replay
 from tests.golden.renew import GOLDEN, HERE, REASON, SIM
 from tests.support.palp import Palp, palp
+from tests.support.rig_session import check_here
 
 __all__ = ["palp"]
 
@@ -55,7 +55,7 @@ def test_the_node_says_what_it_said(
 
 
 def test_every_node_of_the_rig_has_a_golden_run() -> None:
-    assert {spec.name for spec in check_file(SIM).nodes} == {node for node, _ in NODES}
+    assert {spec.name for spec in check_here(SIM).nodes} == {node for node, _ in NODES}
 
 
 def test_a_bag_as_the_source_of_the_rigs_graph_gives_the_recorded_outputs(palp: Palp, tmp_path: Path) -> None:

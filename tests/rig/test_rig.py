@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import ROOT, SIM, Palp
-from tests.support.rig_session import RigSession
+from tests.support.rig_session import RigSession, check_here
 from tests.support.sessions import without_times
 
 
@@ -78,9 +78,8 @@ def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -
 
 
 def test_a_label_never_leaves_the_experiment_in_estimation(palp: Palp, tmp_path: Path) -> None:
-    from palp_core.graph.launch.graph import check_file
 
-    checked = check_file(SIM, [f"out:={tmp_path}"])
+    checked = check_here(SIM, [f"out:={tmp_path}"])
     truths = {name: ends for name, ends in checked.edges.items() if name.endswith("/truth")}
     readers = {node for ends in truths.values() for node, _ in ends}
     assert readers == {"phantom", "experiment"}

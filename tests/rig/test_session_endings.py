@@ -15,11 +15,11 @@ import msgspec
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import Graph, check_file, check_start
+from palp_core.graph.launch.graph import check_start
 from palp_core.graph.supervision.interrupt import INSIST_NS
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import PATIENCE_S, SIM, Palp, wait_for_line
-from tests.support.rig_session import RigSession
+from tests.support.rig_session import ComposedGraph, RigSession, check_here
 
 LAUNCHES = ("sim", "emulated", "rig")
 LONG = ("trials:=100", "training:=25")
@@ -51,7 +51,7 @@ def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path)
     before = contents(occupied)
     done = palp.run("launch", SIM, "--check", f"out:={occupied}")
     assert (done.returncode, "holds a session already" in done.stderr) == (2, True), done.stderr
-    checked = check_file(SIM, [f"out:={occupied}", "overwrite:=true"])
+    checked = check_here(SIM, [f"out:={occupied}", "overwrite:=true"])
     check_start(SIM, checked)
     with pytest.raises(PalpError, match="'a/b' is no name of a graph"):
         check_start(SIM, checked, "a/b")
@@ -61,7 +61,7 @@ def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path)
 
 
 def test_a_session_that_is_to_be_replaced_is(occupied: Path) -> None:
-    with Graph(SIM, compose=True, out=occupied, overwrite=True, trials=0, training=1) as graph:
+    with ComposedGraph(SIM, out=occupied, overwrite=True, trials=0, training=1) as graph:
         graph.run()
     assert len(read_rows(occupied)) == 15
     assert json.loads((occupied / "result.json").read_text())["unfinished"] is None
@@ -69,7 +69,7 @@ def test_a_session_that_is_to_be_replaced_is(occupied: Path) -> None:
 
 @pytest.mark.parametrize("name", LAUNCHES)
 def test_by_default_a_session_has_a_folder_named_by_its_time(name: str) -> None:
-    checked = check_file(SIM.with_name(f"{name}.yaml"))
+    checked = check_here(SIM.with_name(f"{name}.yaml"))
     assert re.fullmatch(r"results/\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", checked.args["out"])
     assert checked.args["overwrite"] is False
 
@@ -164,7 +164,7 @@ def test_a_run_that_failed_before_its_session_began_leaves_nothing(
         raise PalpError("no such thing")
 
     monkeypatch.setattr("nodes.experiment.Experiment.on_activate", fail)
-    graph = Graph(SIM, compose=True, out=tmp_path / "out", trials=0, training=1)
+    graph = ComposedGraph(SIM, out=tmp_path / "out", trials=0, training=1)
     with pytest.raises(PalpError, match="no such thing"), graph:
         graph.run()
     assert graph.summary is not None

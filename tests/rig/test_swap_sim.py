@@ -18,6 +18,7 @@ from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.swap.swap import Probation, SwapFailed, SwapReport, SwapRequest
 from tests.support.palp import Palp
+from tests.support.rig_session import ComposedGraph
 from tests.support.swapping import workspace
 
 SIM = Path(__file__).parents[2] / "launch/sim.yaml"
@@ -30,9 +31,13 @@ def launch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     sys.path[:] = path  # a composed graph puts its workspace first
 
 
+def graph_of(path: Path, *, compose: bool, **given: Any) -> Graph:
+    return ComposedGraph(path, **given) if compose else Graph(path, **given)
+
+
 def _run(path: Path, swaps: list[tuple[float, str, str]], *, compose: bool, **args: Any) -> list[bytes]:
     frames: list[bytes] = []
-    with Graph(path, compose=compose, observe=lambda _, frame: frames.append(frame), **args) as graph:
+    with graph_of(path, compose=compose, observe=lambda _, frame: frames.append(frame), **args) as graph:
         for at_s, node, run in swaps:
             graph.plan_swap(at_s, node, run)
         assert graph.run().exit_code == 0
@@ -51,7 +56,7 @@ def test_a_nodes_plan_swaps_at_an_exact_time_with_the_same_bytes_everywhere(laun
 
 def test_a_planned_swap_that_fails_ends_the_run(launch: Path) -> None:
     for compose in (False, True):
-        with Graph(launch, compose=compose) as graph:
+        with graph_of(launch, compose=compose) as graph:
             graph.plan_swap(0.1, "relay", "swap_toys:Plain")
             with pytest.raises(SwapFailed, match="cannot take the state") as failure:
                 graph.run()
@@ -60,7 +65,7 @@ def test_a_planned_swap_that_fails_ends_the_run(launch: Path) -> None:
 
 @pytest.mark.parametrize("params", ["{", "[1]", '{"gian": 1}'])
 def test_a_plan_that_is_no_plan_ends_the_run_by_name(launch: Path, params: str) -> None:
-    with Graph(launch, compose=True, params=params) as graph, pytest.raises(NodeError, match=r"planner|gian"):
+    with ComposedGraph(launch, params=params) as graph, pytest.raises(NodeError, match=r"planner|gian"):
         graph.run()
 
 
@@ -70,7 +75,7 @@ def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose:
     params = {"step": step, "deed": "raise"}
     plain = _run(launch, [], compose=True, run="swap_toys:Relay")
     frames: list[bytes] = []
-    with Graph(launch, compose=compose, observe=lambda _, frame: frames.append(frame)) as graph:
+    with graph_of(launch, compose=compose, observe=lambda _, frame: frames.append(frame)) as graph:
         graph.plan_swap(0.1, "relay", "swap_toys:Faulty", **params)
         _forgiving(graph)
         assert graph.run().exit_code == 0
@@ -113,7 +118,7 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
     for compose in (False, True) if deed != "kill" else (False,):
         frames: list[bytes] = []
         seen = _observer(frames)
-        with Graph(launch, compose=compose, run="swap_toys:Relay", observe=seen) as graph:
+        with graph_of(launch, compose=compose, run="swap_toys:Relay", observe=seen) as graph:
             params = {"deed": deed, "after": after}
             probation = Probation(100, 0.05)
             request = SwapRequest(node="relay", run=f"swap_toys:{run}", params=params, probation=probation)
@@ -138,7 +143,7 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
 @pytest.mark.parametrize("compose", [False, True])
 def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -> None:
     params = {"after": 25}
-    with Graph(launch, compose=compose, run="swap_toys:Relay") as graph:
+    with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
         graph.plan_swap(0.005, "relay", "swap_toys:Brittle", **params)
         request = SwapRequest(
             node="relay", run="swap_toys:Brittle", params=params, probation=Probation(99, 1.0)
@@ -152,7 +157,7 @@ def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -
 def test_a_plan_that_is_due_on_probation_is_kept_and_a_state_beyond_words_is_taken_back(
     launch: Path, *, compose: bool
 ) -> None:
-    with Graph(launch, compose=compose, run="swap_toys:Relay") as graph:
+    with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
         failing = SwapRequest(
             node="relay", run="swap_toys:Vague", params={"after": 5}, probation=Probation(99, 0.05)
         )
@@ -190,7 +195,7 @@ def _without_orders(frames: list[bytes]) -> list[bytes]:
 def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path) -> None:
     found = []
     for compose in (False, True):
-        with Graph(launch, compose=compose, run="swap_toys:Relay") as graph:
+        with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
             request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
             graph.swaps.plan(50_000_000, request)
             reports = _reported(graph)
@@ -263,7 +268,7 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
         list(sys.path),
         ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "stop:=fixed_number"),
     )
-    with Graph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], compose=True, observe=take) as graph:
+    with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
         failures = _forgiving(graph)
         assert graph.run().exit_code == 0
     sys.path[:] = path

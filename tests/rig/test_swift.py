@@ -11,7 +11,6 @@ import pytest
 
 from nodes.experiment import Experiment
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.launch.graph import Graph, check_file
 from palp_core.graph.replay.replay import replay
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.session.reanalysis import Methods, reanalyse
@@ -20,6 +19,7 @@ from palp_core.palpation.session.trace.again import decide_again, trace_reader
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from tests.support.palp import Palp, palp
+from tests.support.rig_session import ComposedGraph, check_here
 
 __all__ = ["palp"]
 
@@ -33,8 +33,8 @@ SWIFT = Methods(stop="posterior_threshold", stop_value=0.99, trace_filter="linea
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of two trials a phantom, with the ring moved between probes, and its bag."""
     path = tmp_path_factory.mktemp("swift")
-    with Graph(
-        SIM, compose=True, record=path / "bag", out=str(path / "out"), protocol="swift", trials=2, training=2,
+    with ComposedGraph(
+        SIM, record=path / "bag", out=str(path / "out"), protocol="swift", trials=2, training=2,
         policy="uniform",
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
@@ -132,7 +132,7 @@ def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Pat
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
 def test_each_setting_of_the_protocol_can_be_given(file: str) -> None:
-    swift = check_file(ROOT / "launch" / file, ["protocol:=swift", "stop_value:=0.9", "lift_mm:=7"])
+    swift = check_here(ROOT / "launch" / file, ["protocol:=swift", "stop_value:=0.9", "lift_mm:=7"])
     by_name = {spec.name: spec.params for spec in swift.nodes}
     assert (by_name["estimator"]["reading"], by_name["estimator"]["stop_value"]) == ("trace", 0.9)
     assert (by_name["experiment"]["rehome"], by_name["stage"]["lift_mm"]) == ("never", 7.0)

@@ -41,11 +41,15 @@ class Tree:
     root: Path
 
     @cached_property
-    def modules(self) -> dict[str, tuple[str, ast.Module]]:
-        """Return text and syntax of each file, by its path from the root."""
+    def texts(self) -> dict[str, str]:
+        """Return the text of each file, by its path from the root."""
         paths = [path for folder in MEASURED for path in sorted((self.root / folder).rglob("*.py"))]
-        texts = {path.relative_to(self.root).as_posix(): path.read_text(encoding="utf-8") for path in paths}
-        return {name: (text, ast.parse(text)) for name, text in texts.items()}
+        return {path.relative_to(self.root).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+
+    @cached_property
+    def modules(self) -> dict[str, ast.Module]:
+        """Return the syntax of each file but the tests, of which only the length is measured."""
+        return {name: ast.parse(text) for name, text in self.texts.items() if not name.startswith("tests/")}
 
     def findings(self) -> Iterator[str]:
         """Yield everything that does not keep its measure."""
@@ -58,23 +62,22 @@ class Tree:
 
     def files(self) -> Iterator[str]:
         """A file is at most 500 lines, and the source says what each is for."""
-        for name, (text, module) in self.modules.items():
+        for name, text in self.texts.items():
             if (lines := len(text.splitlines())) > LONGEST_FILE:
                 yield f"{name} has {lines} lines; at most {LONGEST_FILE} are one idea"
-            if name.startswith(SOURCE) and not ast.get_docstring(module):
+        for name, module in self.source():
+            if not ast.get_docstring(module):
                 yield f"{name}: say in one line what the module is for"
 
     def folders(self) -> Iterator[str]:
         """A folder has at most 24 files."""
-        for folder, count in Counter(name.rpartition("/")[0] for name in self.modules).items():
+        for folder, count in Counter(name.rpartition("/")[0] for name in self.texts).items():
             if count > MOST_FILES:
                 yield f"{folder} has {count} files; at most {MOST_FILES} are a room"
 
     def classes(self) -> Iterator[str]:
         """A class has at most 12 public methods, properties included; a test's may have more."""
-        for name, (_, module) in self.modules.items():
-            if name.startswith("tests/"):
-                continue
+        for name, module in self.modules.items():
             for defined in classes_among(ast.walk(module)):
                 public = {
                     statement.name
@@ -89,7 +92,7 @@ class Tree:
     def namesakes(self) -> Iterator[str]:
         """No two public classes of the source have one name, but for a few with a cause."""
         places = defaultdict(list)
-        for name, (_, module) in self.source():
+        for name, module in self.source():
             for defined in classes_among(module.body):
                 if not defined.name.startswith("_"):
                     places[defined.name].append(name)
@@ -105,12 +108,13 @@ class Tree:
         homes: dict[str, list[str]] = defaultdict(list)
         heirs: dict[str, list[tuple[str, ast.ClassDef]]] = defaultdict(list)
         named: Counter[str] = Counter()
-        for name, (_, module) in self.source():
+        for name, module in self.source():
             for statement in ast.walk(module):
                 if isinstance(statement, ast.ClassDef):
-                    for base in bases_of(statement):
+                    bases = bases_of(statement)
+                    for base in bases:
                         heirs[base].append((name, statement))
-                    if not {*bases_of(statement)} & APART:
+                    if not {*bases} & APART:
                         homes[statement.name].append(name)
                 elif isinstance(statement, (ast.Name, ast.Attribute)):
                     named[statement.id if isinstance(statement, ast.Name) else statement.attr] += 1
@@ -131,9 +135,9 @@ class Tree:
         for circle in {*circles_in(arrows), *circles_in(rooms)}:
             yield f"{', '.join(circle)} import each other in a circle"
 
-    def source(self) -> Iterable[tuple[str, tuple[str, ast.Module]]]:
+    def source(self) -> Iterable[tuple[str, ast.Module]]:
         """Return the files that are not tests or benchmarks."""
-        return [(name, read) for name, read in self.modules.items() if name.startswith(SOURCE)]
+        return [(name, module) for name, module in self.modules.items() if name.startswith(SOURCE)]
 
 
 def classes_among(statements: Iterable[ast.AST]) -> list[ast.ClassDef]:

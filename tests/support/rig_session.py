@@ -1,4 +1,4 @@
-"""A small session of the simulated rig, run once for all who only read it."""
+"""The simulated rig: a small session, run once for all who only read it, and runs without another process."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ import dataclasses
 import fcntl
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
+from palp_core.graph.description.check import load
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
+from palp_core.graph.launch import graph
+from palp_core.graph.launch.graph import Graph, succeed
 from tests.support.palp import SIM, Palp, own_palp
 
 
@@ -65,3 +71,33 @@ def rig_session(shared_folder: Path) -> RigSession:
             session.folder.mkdir()
             session.run(palp, session.folder, "--compose", "--record", session.bag)
     return session
+
+
+def check_here(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
+    """Check a launch file as :func:`.check_file` does; its workspace is one that this process may import."""
+    return load(Path(path), overrides, inspect_classes, succeed)
+
+
+class _NoServer:
+    """In a fork server's place: looks at node classes here."""
+
+    def __init__(self, *_: object) -> None: ...
+
+    def inspect_classes(
+        self, requests: Sequence[NodeClassRequest], workspace: Path, _: Path
+    ) -> list[NodeClass]:
+        return inspect_classes(requests, workspace)
+
+    def close(self) -> None: ...
+
+
+class ComposedGraph(Graph):
+    """A graph whose nodes are all in this process, where their classes are looked at, too."""
+
+    def __init__(self, path: str | Path, **given: Any) -> None:
+        super().__init__(path, compose=True, **given)
+
+    def __enter__(self) -> Self:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(graph, "ForkServer", _NoServer)
+            return super().__enter__()

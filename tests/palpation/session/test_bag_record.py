@@ -18,7 +18,6 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.message import encode
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
@@ -29,7 +28,7 @@ from palp_core.palpation.session.session_folder import OWN_FILES, SWEEPS
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.bags import describe
 from tests.support.palp import SIM
-from tests.support.rig_session import RigSession
+from tests.support.rig_session import ComposedGraph, RigSession
 from tests.support.sessions import Summariser, without_times
 
 NOBODY_COUNTS = {"activations"}
@@ -75,9 +74,7 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
 def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_path: Path) -> None:
     out, bag = tmp_path / "out", tmp_path / "bag"
     swaps = "swaps:=2=nodes.policy_uniform:Uniform"
-    with Graph(
-        SIM, compose=True, out=out, record=bag, trials=1, training=2, depths=16, overrides=[swaps]
-    ) as graph:
+    with ComposedGraph(SIM, out=out, record=bag, trials=1, training=2, depths=16, overrides=[swaps]) as graph:
         graph.run()
     write(tmp_path / "again", write_record(bag, tmp_path / "again"))
     same_record(tmp_path / "again", out)

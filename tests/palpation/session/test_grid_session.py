@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.trials_csv import read_rows
+from tests.support.rig_session import ComposedGraph
 
 SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
 
@@ -18,8 +18,8 @@ SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("grid") / "out"
-    with Graph(
-        SIM, compose=True, out=str(folder), trials=2, training=3, depths=31, filter="latent",
+    with ComposedGraph(
+        SIM, out=str(folder), trials=2, training=3, depths=31, filter="latent",
         policy="uniform", stop="fixed_number", stop_value=3.0,
     ) as graph:  # fmt: skip
         graph.run()

@@ -20,8 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from palp_core.graph.launch.graph import Graph
-from tests.support.rig_session import RigSession
+from tests.support.rig_session import ComposedGraph, RigSession
 
 LAUNCH = Path(__file__).parents[3] / "launch" / "sim.yaml"
 Array = NDArray[np.float64]
@@ -252,7 +251,7 @@ def test_policies_share_training_and_mountings_of_a_seed(
     out: Path, rows: Rows, policy: str, tmp_path: Path
 ) -> None:
     folder = tmp_path / "other"
-    with Graph(LAUNCH, compose=True, policy=policy, trials=2, training=2, out=str(folder)) as graph:
+    with ComposedGraph(LAUNCH, policy=policy, trials=2, training=2, out=str(folder)) as graph:
         graph.run()
     assert (folder / "primitives.json").read_bytes() == (out / "primitives.json").read_bytes()
     with (folder / "trials.csv").open(newline="") as file:

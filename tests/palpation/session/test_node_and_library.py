@@ -15,13 +15,13 @@ from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator import Estimator
 from palp_core import Bench
-from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 from palp_core.palpation.perception.belief.trial_filter import TrialReading
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.reanalysis import Methods, learn, readings, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
+from tests.support.rig_session import ComposedGraph
 
 SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
 NOISE = RigNoise(
@@ -42,8 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def session(folder: Path) -> RecordedSweeps:
     """Run a session whose every trial has six probes, some of them with a new landing at the same ring."""
-    with Graph(
-        SIM, compose=True, record=folder / "bag", out=str(folder / "out"), trials=2, training=3,
+    with ComposedGraph(
+        SIM, record=folder / "bag", out=str(folder / "out"), trials=2, training=3,
         policy="information", knows="latent_ring", stop="fixed_number", stop_value=6.0,
     ) as graph:  # fmt: skip
         graph.run()
@@ -163,8 +163,8 @@ def test_the_policy_has_the_estimators_own_belief(
 
     monkeypatch.setattr(latent.Belief, "with_classes", spy)
     noise = str(folder / "noise.yaml")
-    with Graph(
-        SIM, compose=True, out=str(folder / "again"), trials=1, training=3, policy="information",
+    with ComposedGraph(
+        SIM, out=str(folder / "again"), trials=1, training=3, policy="information",
         knows="latent", filter="latent", noise=noise, stop="fixed_number", stop_value=5.0,
     ) as graph:  # fmt: skip
         graph.run()

@@ -15,13 +15,13 @@ from nodes.phantom import Phantom
 from nodes.torque import Torque
 from palp_core import Bench
 from palp_core.errors import PalpError, PerceptionError
-from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, read_noise, write_noise
 from palp_core.palpation.perception.statistics.variance_components import Block, estimate
 from palp_core.palpation.session.plan import BeginTrial, MountPhantom, Palpate, Rehome, StepReply, Wait
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
 from palp_core.palpation.session.repeatability import measure_repeatability
+from tests.support.rig_session import ComposedGraph
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -29,9 +29,8 @@ ROOT = Path(__file__).resolve().parents[3]
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("repeat") / "out"
-    with Graph(
+    with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"),
-        compose=True,
         plan="repeatability",
         ring_error="normal",
         out=str(out),

@@ -8,17 +8,18 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.graph.launch.graph import check_file, check_start
+from palp_core.graph.launch.graph import check_start
 from palp_core.graph.launch.summary import RunSummary, summary_of
 from palp_core.palpation.devices.blocks import late_blocks
 from palp_core.palpation.session.methods.advice import advice
 from tests.support.palp import SIM
+from tests.support.rig_session import check_here
 
 EMULATED = SIM.with_name("emulated.yaml")
 
 
 def summary(path: Path) -> RunSummary:
-    return summary_of(check_file(path), path)
+    return summary_of(check_here(path), path)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_a_policy_that_is_to_take_over_in_a_trial_that_there_will_not_be_is_told
 
 def test_the_check_of_a_launch_file_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    checked = check_file(SIM)
+    checked = check_here(SIM)
     nodes = [
         msgspec.structs.replace(spec, params=spec.params | {"sweep_speed_m_s": 0.5})
         if spec.name == "stage"

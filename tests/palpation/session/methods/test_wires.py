@@ -9,18 +9,18 @@ import msgspec
 import pytest
 
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.launch.graph import check_file
 from palp_core.graph.launch.summary import RunSummary, summary_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.methods import names
 from palp_core.palpation.session.methods.record import deliveries_of
 from palp_core.palpation.session.methods.wires import delivery_uses, wire_uses
 from tests.support.palp import SIM
+from tests.support.rig_session import check_here
 
 
 @pytest.fixture(scope="module")
 def checked() -> CheckedGraph:
-    return check_file(SIM)
+    return check_here(SIM)
 
 
 def run(checked: CheckedGraph, **changes: Any) -> RunSummary:
