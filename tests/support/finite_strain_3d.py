@@ -374,6 +374,10 @@ CASES = [
         for depth_mm, offset_mm in ((4, 3), (4, 6), (4, 9), (8, 3), (8, 6), (12, 3))
     ),
     *((0.004, offset_mm / 1e3, SHALLOW) for offset_mm in (3, 6)),
+    *((0.002, offset_mm / 1e3, DEEP) for offset_mm in (3, 6, 9)),
+    *((0.001, offset_mm / 1e3, DEEP) for offset_mm in (3, 6)),
+    *((0.002, offset_mm / 1e3, SHALLOW) for offset_mm in (3, 6)),
+    *((depth_mm / 1e3, offset_mm / 1e3, DEEP) for depth_mm, offset_mm in ((8, 9), (12, 6), (12, 9))),
 ]
 FIELDS = (
     *("depth_m", "offset_m", "indentation_m", "facet_m", "unknowns"),
