@@ -4,6 +4,7 @@ One session a policy and seed: its own training, its own mounting of the phantom
 share seeds. With several sessions, intervals are over sessions, which is what an interval ought to be over.
 
 Run: .venv/bin/python benchmarks/policies.py [--out DIR] [--sessions 1] [--trials 100] [--training 25]
+         [--policies fixed_16,markov] [rehome:=palpation height_sd_mm:=0.0 ...]
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ POLICIES: dict[str, dict[str, Any]] = {
 }
 
 
-def run(job: tuple[Path, dict[str, Any]]) -> dict[str, Any]:
+def run(job: tuple[Path, dict[str, Any], list[str]]) -> dict[str, Any]:
     """Run one session composed and return its result."""
-    out, arguments = job
-    with Graph(LAUNCH, compose=True, out=str(out), **arguments) as graph:
+    out, arguments, overrides = job
+    with Graph(LAUNCH, compose=True, overrides=overrides, out=str(out), **arguments) as graph:
         graph.run()
     return read_result(out)
 
@@ -66,6 +67,8 @@ def summarise(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
             "overconfidence": float(np.mean([s["calibration"]["overconfidence"] for s in sessions])),
         }
     fixed = [name for name in table if name.startswith("fixed")]
+    if not fixed:
+        return {"policies": table}
     per_session = np.array([[s["accuracy"]["overall"]["value"] for s in results[name]] for name in fixed])
     best = max(fixed, key=lambda name: table[name]["accuracy"]["value"])
     return {
@@ -112,30 +115,34 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=100, help="per phantom")
     parser.add_argument("--training", type=int, default=25, help="per phantom and ring position")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--policies", default=",".join(POLICIES), help="of these only, without a chart")
+    parser.add_argument("overrides", nargs="*", help="NAME:=VALUE, arguments of launch/sim.yaml")
     options = parser.parse_args()
+    chosen = {name: POLICIES[name] for name in options.policies.split(",")}
     seeds = range(1, options.sessions + 1)
     common = {"trials": options.trials, "training": options.training}
     jobs = [
-        (options.out / name / str(seed), {**arguments, **common, "seed": seed})
-        for name, arguments in POLICIES.items()
+        (options.out / name / str(seed), {**arguments, **common, "seed": seed}, options.overrides)
+        for name, arguments in chosen.items()
         for seed in seeds
     ]
-    results: dict[str, list[dict[str, Any]]] = {name: [] for name in POLICIES}
+    results: dict[str, list[dict[str, Any]]] = {name: [] for name in chosen}
     with ProcessPoolExecutor(options.workers) as pool:
-        for (out, _), result in zip(jobs, pool.map(run, jobs), strict=True):
+        for (out, *_), result in zip(jobs, pool.map(run, jobs), strict=True):
             results[out.parent.name].append(result)
             print(f"{out.parent.name} {out.name}: {result['accuracy']['overall']['value']:.1%}", flush=True)
     summary = summarise(results)
     (options.out / "policies.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    draw(summary, options.out / "policies.png")
-    print(compare([out for out, _ in jobs if out.name == "1"]))
-    for name, row in [
-        *summary["policies"].items(),
-        ("fixed_average", {"accuracy": summary["fixed_average"]}),
-    ]:
-        share, interval = row["accuracy"]["value"], row["accuracy"]["ci"]
+    print(compare([out for out, *_ in jobs if out.name == "1"]))
+    lines = {name: row["accuracy"] for name, row in summary["policies"].items()}
+    if chosen == POLICIES:
+        draw(summary, options.out / "policies.png")
+        lines["fixed_average"] = summary["fixed_average"]
+    for name, line in lines.items():
+        share, interval = line["value"], line["ci"]
         print(f"{name:<14} {share:.1%}" + (f" ({interval[0]:.1%} to {interval[1]:.1%})" if interval else ""))
-    print(f"best fixed: {summary['fixed_best']}")
+    if chosen == POLICIES:
+        print(f"best fixed: {summary['fixed_best']}")
 
 
 if __name__ == "__main__":

@@ -62,6 +62,21 @@ def test_other_depths_are_felt_in_trials_than_were_trained() -> None:
     assert set(session.training.depth.tolist()) == {0, 1, 2}
 
 
+def test_training_that_lands_once_a_cell_does_not_scatter_by_landing() -> None:
+    plan = WorldPlan(conditions=replace(FEW, height_sd_m=0.0), gel=SMALL)
+    spread = {}
+    for lands in ("each", "cell"):
+        session = begin(replace(plan, conditions=replace(plan.conditions, training_lands=lands)), (1, 7))
+        stiff = (session.training.ring == 1) & (session.training.depth == 0)
+        spread[lands] = float(session.feature("peak").training()[stiff].std())
+    assert spread["cell"] < 0.3 * spread["each"]
+
+
+def test_conditions_that_whole_sweeps_do_not_know_are_refused() -> None:
+    with pytest.raises(PalpError, match="whole sweeps know no landing 'level'; leave it out"):
+        WorldPlan(conditions=replace(FEW, landing="level"))
+
+
 def test_an_unknown_feature_is_named() -> None:
     session = begin(WorldPlan(conditions=FEW, gel=SMALL), (1, 6))
     with pytest.raises(PalpError, match="no feature 'sum'; there are peak, contrast"):

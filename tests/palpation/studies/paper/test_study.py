@@ -28,6 +28,7 @@ from palp_core.palpation.studies.simulation.policies import SessionJob
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from tests.support.made_readings import made_readings
 
 NAMES = {
     "chance",
@@ -43,6 +44,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("paper")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions=2, grid_sessions=0, trials=6))
+        patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
         patch.setattr(
             paper_study,
             "_grid",
@@ -249,6 +251,25 @@ def test_the_papers_counts_carry_its_statements_or_not() -> None:
     assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
     assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
     assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds
+
+
+def test_peak_contrast_and_trace_stand_side_by_side_and_varying_comes_first(out: Path) -> None:
+    page = (out / "index.html").read_text(encoding="utf-8")
+    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))["readings"]
+    lead = page[page.index('class="lead"') :]
+    for one in report["worth"]:
+        assert one["reading"] in {"contrast", "trace"}
+        said = f"{100 * one['difference']:+.1f} points ("
+        assert said in lead[: lead.index("</p>")]
+    assert [(one["world"], one["reading"]) for one in report["worth"]] == [
+        (world, reading) for world in ("paper", "lab") for reading in ("contrast", "trace")
+    ]
+    table = page[page.index("The same question by other readings") :]
+    for place in ("world:=lab", "the paper&#39;s own design", "the scene easy"):
+        assert place in table
+    assert "79.2 %" in table  # the peak, best fixed
+    assert "31 depths of which training knew three" in table
+    assert (out / "readings.csv").is_file()
 
 
 def test_the_matrices_have_a_scale_of_colours() -> None:

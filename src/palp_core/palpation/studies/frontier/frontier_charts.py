@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,60 +10,53 @@ import numpy as np
 from palp_core.palpation.reporting import charts
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Rows = Sequence[Mapping[str, Any]]
+Limits = Mapping[str, Sequence[Sequence[float]]]
 _READINGS = {"peak": charts.VERMILION, "contrast": charts.GREEN, "trace": charts.BLUE}
 _POLICIES = {"fixed_best": "o", "uniform": "s", "markov": "^", "information_gain": "D"}
-_WRONG = 0.05
+TOO_SURE = 0.05
+"""Calibration error from which on a scheme is not right any more about how right it is."""
 
 
-def frontier_chart(rows: Rows, limits: Mapping[str, Sequence[Sequence[float]]]) -> charts.Chart:
-    """Accuracy against seconds of the rig in each world, with the front and what no reading can pass."""
+def frontier_chart(rows: Rows, depths: Rows, limits: Limits) -> charts.Chart:
+    """Accuracy and error of the depth against seconds of the rig, and accuracy against CPU, in each world.
+
+    Args:
+        rows: A line per scheme.
+        depths: A line per scheme and number of sweeps.
+        limits: By world: seconds, Fano's bound and Wald's on the accuracy.
+    """
     worlds = list(dict.fromkeys(row["world"] for row in rows))
 
     def draw(figure: Figure) -> None:
-        panels = np.atleast_1d(figure.subplots(1, len(worlds), sharey=True))
-        for axes, world in zip(panels, worlds, strict=True):
+        grid = figure.subplots(len(worlds), 3, squeeze=False, width_ratios=(1.25, 1.0, 1.0))
+        for (speed, error, cost), world in zip(grid, worlds, strict=True):
             own = [row for row in rows if row["world"] == world]
-            for row in own:
-                colour = _READINGS[row["reading"]]
-                low, high = row["ci"]
-                axes.errorbar(
-                    row["seconds"],
-                    100.0 * row["accuracy"],
-                    [[100.0 * (row["accuracy"] - low)], [100.0 * (high - row["accuracy"])]],
-                    fmt=_POLICIES[row["policy"]],
-                    color=colour,
-                    markerfacecolor="none" if row["rule"] == "paper" else colour,
-                    markeredgecolor=charts.INK if row["protocol"] == "swift" else colour,
-                    markersize=6 if row["protocol"] == "swift" else 5,
-                    elinewidth=0.7,
-                    alpha=0.95,
-                )
-                if row["ece"] > _WRONG:
-                    axes.plot(row["seconds"], 100.0 * row["accuracy"], "x", color=charts.INK, markersize=8)
-            front = sorted((row["seconds"], 100.0 * row["accuracy"]) for row in own if row["front"])
-            axes.plot(*zip(*front, strict=True), "-", color=charts.GREY, linewidth=1.0, zorder=0)
-            curve = np.asarray(limits[world])
-            axes.plot(curve[:, 0], 100.0 * curve[:, 1], ":", color=charts.INK, linewidth=1.2)
-            axes.plot(curve[:, 0], 100.0 * curve[:, 2], "--", color=charts.INK, linewidth=0.9)
-            axes.set_xscale("log")
-            axes.set_xticks([2, 5, 10, 20, 50, 100], ["2", "5", "10", "20", "50", "100"])
-            axes.set_ylim(55.0, 101.0)
-            charts.tidy(axes, f"world: {world}", "seconds of the rig a decision", "right, %")
+            _accuracy_of_seconds(speed, own, np.asarray(limits[world]))
+            charts.tidy(speed, f"world: {world}", "seconds of the rig a decision", "right, %")
+            _error_of_seconds(error, [row for row in depths if row["world"] == world])
+            charts.tidy(error, "31 depths", "seconds of the rig", "root mean squared error, mm")
+            _accuracy_of_cpu(cost, own)
+            charts.tidy(cost, "beside it, computing", "CPU a decision, ms", "right, %")
         _legend(figure)
 
     return charts.Chart(
         "frontier",
         "Accuracy against seconds of the rig",
         "Colour: what is read off a sweep. Form: who chooses the ring. Hollow: the published filter and "
-        "stop rule; full: a filter that knows what stays, and a threshold. Black rim: a short path, a low "
-        "lift, no re-homing, and, by the trace, a sweep that ends once the belief is at 0.99. A cross: the "
-        "stated confidence is off by more than 0.05. Bars: 95 % over sessions. Grey: the front. Dotted: what "
-        "Fano's inequality permits to the information of the trace so far; dashed: Wald's bound for the two "
-        "depths that are hardest to tell apart; both for the trace filter's model in a swift first sweep.",
-        (9.0, 4.6),
+        "stop rule (of the trace, the stop rule alone); full: a filter that knows what stays, and a "
+        "threshold. Black rim: a short path, a low lift, no re-homing, and, by the trace, a sweep that "
+        "ends once the belief is at 0.99. Bars: 95 % over sessions. A cross: where a scheme stops being "
+        "right about itself, its stated confidence being off by more than 0.05. Grey: the best found, at "
+        "so many seconds or so much CPU. Dotted: what Fano's inequality permits to the information of the "
+        "trace so far; dashed: Wald's bound for the two depths that are hardest to tell apart; both for "
+        "the trace filter's model in a swift first sweep. Middle: the mean of the belief on 31 depths of "
+        "which training knew three, after one sweep and after four (joined). Right: all trials of a "
+        "session decided at once; simulating what is felt is not in it.",
+        (13.0, 4.2 * len(worlds) + 0.7),
         ["world", "scheme", "seconds", "accuracy", "low", "high", "ece", "probes", "cpu_ms", "front"],
         [
             [
@@ -83,16 +76,83 @@ def frontier_chart(rows: Rows, limits: Mapping[str, Sequence[Sequence[float]]]) 
     )
 
 
+def _accuracy_of_seconds(axes: Axes, rows: Rows, limit: np.ndarray[Any, Any]) -> None:
+    _accuracy_of(axes, rows, lambda row: float(row["seconds"]))
+    axes.plot(limit[:, 0], 100.0 * limit[:, 1], ":", color=charts.INK, linewidth=1.2)
+    axes.plot(limit[:, 0], 100.0 * limit[:, 2], "--", color=charts.INK, linewidth=0.9)
+    axes.set_xlim(left=1.8)
+    axes.set_xticks([2, 5, 10, 20, 50, 100], ["2", "5", "10", "20", "50", "100"])
+
+
+def _accuracy_of_cpu(axes: Axes, rows: Rows) -> None:
+    _accuracy_of(axes, rows, lambda row: float(row["cpu_ms"]))
+
+
+def _accuracy_of(axes: Axes, rows: Rows, cost: Callable[[Mapping[str, Any]], float]) -> None:
+    for row in rows:
+        _mark(axes, row, cost(row), row["accuracy"], row["ci"], 100.0)
+        if row["ece"] > TOO_SURE:
+            axes.plot(cost(row), 100.0 * row["accuracy"], "x", color=charts.INK, markersize=8)
+    best = -np.inf
+    steps = []
+    for row in sorted(rows, key=lambda row: (cost(row), -row["accuracy"])):
+        if row["accuracy"] > best:
+            best = row["accuracy"]
+            steps.append((cost(row), 100.0 * best))
+    axes.step(*zip(*steps, strict=True), where="post", color=charts.GREY, linewidth=1.0, zorder=0)
+    axes.set_xscale("log")
+    axes.set_ylim(55.0, 101.0)
+
+
+def _error_of_seconds(axes: Axes, rows: Rows) -> None:
+    for name in dict.fromkeys(row["scheme"] for row in rows):
+        own = [row for row in rows if row["scheme"] == name]
+        way = [(row["seconds"], 1e3 * row["rmse_m"]) for row in own]
+        axes.plot(*zip(*way, strict=True), "-", color=_READINGS[own[0]["reading"]], linewidth=0.6, zorder=1)
+        for row in own:
+            _mark(axes, row, row["seconds"], row["rmse_m"], row["ci"], 1e3)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks([5, 10, 20, 50], ["5", "10", "20", "50"])
+    axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
+    axes.minorticks_off()
+
+
+def _mark(
+    axes: Axes, row: Mapping[str, Any], x: float, value: float, ci: Sequence[float], scale: float
+) -> None:
+    """Draw a scheme's value with its interval, by the legend's form and colour."""
+    colour, low, high = _READINGS[row["reading"]], *ci
+    swift = row["protocol"] == "swift"
+    axes.errorbar(
+        x,
+        scale * value,
+        [[scale * max(value - low, 0.0)], [scale * max(high - value, 0.0)]],
+        fmt=_POLICIES[row["policy"]],
+        color=colour,
+        markerfacecolor="none" if row["rule"] == "paper" else colour,
+        markeredgecolor=charts.INK if swift else colour,
+        markersize=6 if swift else 5,
+        elinewidth=0.7,
+        alpha=0.95,
+    )
+
+
 def _legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
 
+    def sign(label: str, **look: Any) -> Line2D:
+        return Line2D([], [], label=label, **({"color": charts.GREY, "linestyle": ""} | look))
+
     shown = [
-        Line2D([], [], color=colour, marker="o", linestyle="", label=name)
-        for name, colour in _READINGS.items()
-    ]
-    shown += [
-        Line2D([], [], color=charts.GREY, marker=form, linestyle="", label=name.replace("_", " "))
-        for name, form in _POLICIES.items()
+        *(sign(name, color=colour, marker="o") for name, colour in _READINGS.items()),
+        *(sign(name.replace("_", " "), marker=form) for name, form in _POLICIES.items()),
+        sign("as published", marker="o", markerfacecolor="none"),
+        sign("swift", marker="o", markeredgecolor=charts.INK),
+        sign("too sure of itself", marker="x", color=charts.INK),
+        sign("the best found", linestyle="-"),
+        sign("Fano", linestyle=":", color=charts.INK),
+        sign("Wald", linestyle="--", color=charts.INK),
     ]
     figure.legend(handles=shown, loc="outside lower center", ncols=len(shown), fontsize=7.5)
 

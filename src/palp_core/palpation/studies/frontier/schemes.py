@@ -12,8 +12,18 @@ from palp_core.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.perception.belief.rig_noise import assumed_noise, independent_model, latent_model
-from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold, StopRule
+from palp_core.palpation.perception.belief.rig_noise import (
+    assumed_noise,
+    independent_model,
+    latent_model,
+    on_depths,
+)
+from palp_core.palpation.perception.belief.stopping import (
+    FixedNumber,
+    PaperVerbatim,
+    PosteriorThreshold,
+    StopRule,
+)
 from palp_core.palpation.perception.strategy.policies import (
     FixedRing,
     MarkovPolicy,
@@ -54,7 +64,8 @@ class Scheme:
     Attributes:
         reading: ``peak``, ``contrast`` or ``trace``.
         policy: ``fixed_best``, ``uniform``, ``markov`` or ``information_gain``.
-        rule: ``paper``: the published filter and stop rule; ``threshold``: the filter that knows what stays,
+        rule: ``paper``: the published filter and stop rule (of the trace the stop rule alone: a filter that
+            takes its bins for independent is not one); ``threshold``: the filter that knows what stays,
             and a threshold on the posterior.
         protocol: ``paper`` or ``swift``.
         trace_filter: Method of task ``trace_filter``, of the trace.
@@ -84,7 +95,7 @@ POLICIES = ("fixed_best", "uniform", "markov", "information_gain")
 SCHEMES = (
     *(Scheme(r, p, rule) for r in ("peak", "contrast") for rule in ("paper", "threshold") for p in POLICIES),
     *(Scheme("contrast", p, "threshold", "swift") for p in ("fixed_best", "information_gain")),
-    *(Scheme(TRACE, p, "threshold") for p in POLICIES),
+    *(Scheme(TRACE, p, rule) for rule in ("paper", "threshold") for p in POLICIES),
     *(Scheme(TRACE, p, "threshold", "swift") for p in POLICIES),
 )
 
@@ -108,8 +119,27 @@ class Taught:
     latent: OffsetModel
 
 
-def taught(session: WorldSession, feature: str) -> Taught:
-    """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file."""
+@dataclass(frozen=True)
+class DepthTask:
+    """A depth to be told in millimetres, after so many sweeps.
+
+    Attributes:
+        grid_m: Depths to decide among.
+        sweeps: Whole sweeps of each trial.
+    """
+
+    grid_m: tuple[float, ...]
+    sweeps: int
+
+
+def taught(session: WorldSession, feature: str, grid_m: tuple[float, ...] = ()) -> Taught:
+    """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file.
+
+    Args:
+        session: The session.
+        feature: What is read off its sweeps.
+        grid_m: Depths of the filters, where these are not the trained ones.
+    """
     training, gel, trials = session.training, session.plan.gel, session.feature(feature)
     readings = trials.training()
     primitives = fit(
@@ -122,6 +152,10 @@ def taught(session: WorldSession, feature: str) -> Taught:
     )
     cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
     slope = height_slope(gel.depths_m, gel.rings_m, feature, scene_of(gel, gel.depths_m[0]))
+    if grid_m:
+        grid = np.asarray(grid_m)
+        primitives = primitives.interpolated(grid)
+        slope = on_depths(slope, np.asarray(gel.depths_m), grid)
     noise = assumed_noise(RING_SD_M, HEIGHT_SD_M)
     return Taught(
         trials,
@@ -140,7 +174,8 @@ class SchemeRun:
         ended: Its trials.
         fit: Of traces: how probable worse ones are, shape (n,); of features ones.
         shift: Of traces: by which offset trials differ most from training, all together.
-        cpu_s: Seconds of one core a trial that deciding took, all trials at once.
+        cpu_s: Seconds of one core a trial that deciding took, all trials at once; simulating what was felt is
+            not in it.
     """
 
     ended: Outcomes
@@ -150,13 +185,14 @@ class SchemeRun:
 
 
 def run_schemes(
-    sessions: Callable[[Protocol], WorldSession], schemes: tuple[Scheme, ...]
+    sessions: Callable[[Protocol], WorldSession], schemes: tuple[Scheme, ...], task: DepthTask | None = None
 ) -> dict[str, SchemeRun]:
     """Return what each scheme did in a session.
 
     Args:
         sessions: The session as a protocol sweeps it; of one luck.
         schemes: Which.
+        task: A depth in place of a class; then a scheme's rule is its filter alone.
     """
     found: dict[str, SchemeRun] = {}
     features: dict[str, Taught] = {}
@@ -164,12 +200,13 @@ def run_schemes(
     for scheme in schemes:
         if scheme.reading == TRACE:
             session = sessions(scheme.steps)
-            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole))
+            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole), task)
             continue
         key = f"{scheme.reading}, {scheme.protocol}"
         if key not in features:
-            features[key] = taught(sessions(scheme.steps), scheme.reading)
-        found[scheme.name] = _by_feature(features[key], scheme)
+            grid_m = () if task is None else task.grid_m
+            features[key] = taught(sessions(scheme.steps), scheme.reading, grid_m)
+        found[scheme.name] = _by_feature(features[key], scheme, task)
     return found
 
 
@@ -183,10 +220,10 @@ def _best_ring(features: dict[str, Taught], session: WorldSession) -> int:
     return features[_CONTRAST].best_ring
 
 
-def _by_feature(known: Taught, scheme: Scheme) -> SchemeRun:
+def _by_feature(known: Taught, scheme: Scheme, task: DepthTask | None) -> SchemeRun:
     naive = scheme.rule == "paper"
     model = known.naive if naive else find("filter", "latent").target(known.latent)
-    stop: StopRule = PaperVerbatim() if naive else PosteriorThreshold(THRESHOLD)
+    stop = _stop(scheme, task) or PosteriorThreshold(THRESHOLD)
     rings_m = known.trials.rings_m
     policy: StiffnessPolicy
     match scheme.policy:
@@ -198,14 +235,24 @@ def _by_feature(known: Taught, scheme: Scheme) -> SchemeRun:
             policy = MarkovPolicy()
         case _:
             policy = InformationGainLatent(model, rings_m)
-    before = time.process_time()
+    session = known.trials.session
+    before = time.process_time() - session.simulating.seconds
     ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
+    spent_s = time.process_time() - session.simulating.seconds - before
     count = len(ended.depth)
-    return SchemeRun(ended, np.ones(count), None, (time.process_time() - before) / count)
+    return SchemeRun(ended, np.ones(count), None, spent_s / count)
 
 
-def _by_trace(session: WorldSession, scheme: Scheme, ring: int) -> SchemeRun:
-    model = model_of(session, settings_of(session, trace_filter=scheme.trace_filter))
+def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
+    """Return the rule of whole sweeps; None: a threshold on the belief."""
+    if task is not None:
+        return FixedNumber(task.sweeps)
+    return PaperVerbatim() if scheme.rule == "paper" else None
+
+
+def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask | None) -> SchemeRun:
+    grid_m = () if task is None else task.grid_m
+    model = model_of(session, settings_of(session, depths=len(grid_m), trace_filter=scheme.trace_filter))
     asking: Asking
     match scheme.policy:
         case "fixed_best":
@@ -216,8 +263,12 @@ def _by_trace(session: WorldSession, scheme: Scheme, ring: int) -> SchemeRun:
             asking = drawn(MarkovPolicy(), session)
         case _:
             asking = MostBits(session.rings_m, scheme.steps)
-    before = time.process_time()
-    done = run_trace_trials(session, model, scheme.steps, asking=asking, threshold=SURE)
+    stop = _stop(scheme, task)
+    before = time.process_time() - session.simulating.seconds
+    done = run_trace_trials(
+        session, model, scheme.steps, asking=asking, threshold=SURE, stop=stop, grid_m=grid_m
+    )
+    spent_s = time.process_time() - session.simulating.seconds - before
     count, mountings = len(done.ended.depth), session.plan.conditions.specimens
     shift = shifted(done.scores, 1.0 / (1.0 + mountings))
-    return SchemeRun(done.ended, done.fit, shift, (time.process_time() - before) / count)
+    return SchemeRun(done.ended, done.fit, shift, spent_s / count)

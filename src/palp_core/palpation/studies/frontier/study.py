@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, sign_flip
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
-from palp_core.palpation.studies.frontier.depth_error import WAYS, DepthJob, squared_errors
+from palp_core.palpation.studies.frontier.depth_error import DepthJob, depth_errors
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
 from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
 from palp_core.palpation.studies.frontier.protocols import SWIFT
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
     BIN_M,
     Keep,
@@ -26,10 +26,9 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
+from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
-from palp_core.palpation.studies.toolkit.pareto import pareto_front
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -37,6 +36,8 @@ README = Scheme("peak", "information_gain", "threshold")
 """The best that the published feature gives: information gain told what stays, and a threshold."""
 SWIFTEST = Scheme("trace", "information_gain", "threshold", "swift")
 THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
+SEEDS = 24
+"""First number of the seeds of its sessions."""
 _FIXED = "fixed_best"
 
 
@@ -61,14 +62,12 @@ class FrontierSession:
         runs: By scheme.
         looked: Outcomes in the sweep by threshold.
         limits: Seconds, Fano's bound, Wald's bound, by bin of the first sweep.
-        squared_m2: Mean squared error of a depth on a grid, by way.
         wall_s: Seconds that a swift trial took of wall time, all side by side.
     """
 
     runs: dict[str, SchemeRun]
     looked: dict[float, Outcomes]
     limits: Float64Array
-    squared_m2: dict[str, float]
     wall_s: float
 
 
@@ -86,43 +85,7 @@ def frontier_session(job: FrontierJob) -> FrontierSession:
         for value in THRESHOLDS
     }
     wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
-    few = replace(plan, conditions=replace(plan.conditions, trials=4))
-    return FrontierSession(
-        runs,
-        looked,
-        most_accurate(model, stiffest, SWIFT, BIN_M),
-        squared_errors(DepthJob(few, job.seed)),
-        wall_s,
-    )
-
-
-def scheme_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
-    """Return a line per scheme, with what is on the front of accuracy against seconds."""
-    depths_m = WORLDS[world].gel.depths_m
-    rows = []
-    for scheme in SCHEMES:
-        runs = [one.runs[scheme.name] for one in sessions]
-        line = summarise([one.ended for one in runs], depths_m)
-        kept = {
-            key: line[key] for key in ("accuracy", "ci", "probes", "seconds", "ece", "ece_ci", "undecided")
-        }
-        rows.append(
-            {
-                "world": world,
-                "reading": scheme.reading,
-                "policy": scheme.policy,
-                "rule": scheme.rule,
-                "protocol": scheme.protocol,
-                "scheme": scheme.name,
-                **kept,
-                "cpu_ms": 1e3 * float(np.mean([one.cpu_s for one in runs])),
-                "per_session": line["per_session"],
-            }
-        )
-    front = pareto_front([row["seconds"] for row in rows], [-row["accuracy"] for row in rows])
-    for number, row in enumerate(rows):
-        row["front"] = number in front
-    return rows
+    return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M), wall_s)
 
 
 def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
@@ -136,56 +99,11 @@ def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict
     return rows
 
 
-def compared(sessions: Sequence[FrontierSession], first: Scheme, second: Scheme) -> dict[str, Any]:
-    """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
-    pair = [[one.runs[scheme.name].ended for one in sessions] for scheme in (first, second)]
-    rng = np.random.default_rng(24)
-    difference = accuracies(pair[0]) - accuracies(pair[1])
-    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
-    seconds = [np.array([one.seconds.mean() for one in runs]) for runs in pair]
-    ratio = cluster_bootstrap(seconds[1] / seconds[0], rng, within=(0.0, np.inf))
-    return {
-        "first": first.name,
-        "second": second.name,
-        "difference": interval.value,
-        "difference_ci": [interval.low, interval.high],
-        "p": sign_flip(difference, rng),
-        "times_fewer_seconds": ratio.value,
-        "times_ci": [ratio.low, ratio.high],
-    }
-
-
-def comparisons(sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
+def comparisons(sessions: Runs) -> list[dict[str, Any]]:
     """Return what the page is asked: swift against the best of the peak; is varying the stiffness of use."""
-    found = [
-        compared(sessions, SWIFTEST, README),
-        compared(sessions, replace(SWIFTEST, policy=_FIXED), README),
-    ]
-    for reading, rule, protocol in (
-        ("peak", "paper", "paper"),
-        ("contrast", "threshold", "paper"),
-        ("trace", "threshold", "paper"),
-        ("trace", "threshold", "swift"),
-    ):
-        fixed = Scheme(reading, _FIXED, rule, protocol)
-        found += [
-            compared(sessions, replace(fixed, policy=policy), fixed)
-            for policy in ("uniform", "markov", "information_gain")
-        ]
-    return found
-
-
-def depth_errors(sessions: Sequence[FrontierSession]) -> dict[str, Any]:
-    """Return the root mean squared error of the depth by way, m, with its interval over sessions."""
-    found = {}
-    for way in WAYS:
-        values = [one.squared_m2[way] for one in sessions]
-        interval = cluster_bootstrap(values, np.random.default_rng(25), within=(0.0, np.inf))
-        found[way] = {
-            "rmse_m": float(np.sqrt(interval.value)),
-            "ci": [float(np.sqrt(max(interval.low, 0.0))), float(np.sqrt(interval.high))],
-        }
-    return found
+    asked = [(SWIFTEST, README), (SWIFTEST, replace(SWIFTEST, policy=_FIXED))]
+    asked += [(one, replace(one, policy=_FIXED)) for one in SCHEMES if one.policy != _FIXED]
+    return [compared(sessions, first, second) for first, second in dict.fromkeys(asked)]
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -199,10 +117,20 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         seed: Of the sessions.
     """
     count = 2 if quick else 40
-    jobs = [FrontierJob(world, one) for world in WORLDS for one in seeds(24, seed, count)]
+    jobs = [FrontierJob(world, one) for world in WORLDS for one in seeds(SEEDS, seed, count)]
     found = run_jobs(frontier_session, jobs, label="sessions", workers=workers, dask=dask)
     by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(WORLDS)}
-    rows = [row for world, sessions in by_world.items() for row in scheme_rows(world, sessions)]
+    rows = [
+        row
+        for world, sessions in by_world.items()
+        for row in scheme_rows(world, [one.runs for one in sessions])
+    ]
+    few = max(1, count // 4)
+    told = [DepthJob(plan, one) for plan in WORLDS.values() for one in seeds(SEEDS, seed, few)]
+    off = run_jobs(depth_errors, told, label="sessions, 31 depths", workers=workers, dask=dask)
+    depths = [
+        row for i, world in enumerate(WORLDS) for row in depth_rows(world, off[i * few : (i + 1) * few])
+    ]
     looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
     limits = {
         world: np.mean([one.limits for one in sessions], axis=0).tolist()
@@ -214,8 +142,11 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "rows": rows,
         "thresholds": looked,
         "limits": limits,
-        "comparisons": {world: comparisons(sessions) for world, sessions in by_world.items()},
-        "depth_errors": {world: depth_errors(sessions) for world, sessions in by_world.items()},
+        "comparisons": {
+            world: comparisons([one.runs for one in sessions]) for world, sessions in by_world.items()
+        },
+        "depth_sessions": few,
+        "depths": depths,
         "batch_100000_s": {
             world: 1e5 * float(np.median([one.wall_s for one in sessions]))
             for world, sessions in by_world.items()
@@ -224,7 +155,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "frontier.json", report)
     write_records(out / "frontier.csv", [_flat(row) for row in rows])
-    charts = [frontier_chart(rows, limits), threshold_chart(looked)]
+    write_records(out / "depths.csv", depths)
+    charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
     return write_page(
         out / "index.html",
         "studies/frontier.html",

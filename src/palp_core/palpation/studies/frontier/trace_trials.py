@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.palpation.perception.belief.latent import of_classes
+from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, given
 from palp_core.palpation.perception.trace.belief import (
     TraceBelief,
@@ -88,6 +89,7 @@ def run_trace_trials(
     *,
     asking: Asking,
     threshold: float = 0.99,
+    stop: StopRule | None = None,
     most: int = MOST,
     grid_m: tuple[float, ...] = (),
 ) -> TraceOutcomes:
@@ -99,6 +101,7 @@ def run_trace_trials(
         protocol: Of the rig.
         asking: Which position comes next.
         threshold: Belief at which a trial ends.
+        stop: Rule that says so in its place, of whole sweeps.
         most: Sweeps after which it is undecided.
         grid_m: Depths of the model's classes, where these are not the session's.
     """
@@ -127,7 +130,10 @@ def run_trace_trials(
                 known = begin_sweep(known, int(setting), landed=bool(moved))
                 felt = coarse(session.traces(some, np.full(len(some), setting), error_m[some], t))
                 after, posterior = along(model, known, felt)
-                sure = posterior.max(axis=2) >= threshold
+                if stop is None:
+                    sure = posterior.max(axis=2) >= threshold
+                else:
+                    sure = _whole_sweeps(stop, posterior, end[some], t + 1)
                 if not protocol.in_sweep:
                     sure[:, :-1] = False
                 halt = sure.any(axis=1)
@@ -155,6 +161,16 @@ def run_trace_trials(
         (estimate == session.depth)[:, None],
     )
     return TraceOutcomes(ended, fit, way, off)
+
+
+def _whole_sweeps(
+    stop: StopRule, posterior: Float64Array, before: Float64Array, probes: int
+) -> NDArray[np.bool_]:
+    """Return where a rule ends trials, shape (n, bins): after a sweep's last bin only."""
+    found = np.zeros(posterior.shape[:2], dtype=bool)
+    flat = np.full(before.shape[1], 1.0 / before.shape[1])
+    found[:, -1] = stop.check(BeliefStep.over(flat, posterior[:, -1], before, probes)).converged
+    return found
 
 
 def _checked(

@@ -6,6 +6,7 @@ go by a peak, a contrast or the whole trace meet the same mountings, landings, t
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -64,6 +65,12 @@ class WorldPlan:
     path_m: tuple[float, float] = PATH_M
     test_depths_m: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        usual, ours = Conditions(), self.conditions
+        for name in ("training_mounts", "specimen_sd_m", "landing", "drift_n_m", "same_reading"):
+            if getattr(ours, name) != getattr(usual, name):
+                raise PalpError(f"whole sweeps know no {name} '{getattr(ours, name)}'; leave it out")
+
     @property
     def run_in(self) -> bool:
         """Whether a sweep begins with a tip that sticks."""
@@ -97,6 +104,24 @@ class TrainingSweeps:
     traces: Float64Array
 
 
+class Stopwatch:
+    """CPU time spent within its ``with`` blocks.
+
+    Attributes:
+        seconds: So far.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._since = 0.0
+
+    def __enter__(self) -> None:
+        self._since = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += time.process_time() - self._since
+
+
 @dataclass(frozen=True, eq=False)
 class WorldSession:
     """A session: what training felt, and what each trial would feel.
@@ -112,6 +137,7 @@ class WorldSession:
         noise: Luck of the sensor, shape (n, t, numbers).
         phases: Share of a cycle of stick-slip at which each sweep begins, shape (n, t).
         uniforms: For the policy, shape (n, t).
+        simulating: What feeling the sweeps cost, which a rig has for nothing.
     """
 
     plan: WorldPlan
@@ -124,6 +150,7 @@ class WorldSession:
     noise: Float64Array
     phases: Float64Array
     uniforms: Float64Array
+    simulating: Stopwatch = field(default_factory=Stopwatch)
 
     @property
     def depths_m(self) -> tuple[float, ...]:
@@ -144,6 +171,12 @@ class WorldSession:
         self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
     ) -> Float64Array:
         """Return the measured torque of a sweep in fine bins, N m, shape (n, fine)."""
+        with self.simulating:
+            return self._felt(trials, ring, error_m, probe)
+
+    def _felt(
+        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
         plan, table, depth = self.plan, self.table, self.depth[trials]
         rows = together(self.parts[trials], ring_part(error_m))
         felt = table.traces(depth, ring, rows)
@@ -254,6 +287,8 @@ def _train(plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array) -
     depth, ring, turn = (x.ravel() for x in np.indices((m, k, conditions.training)))
     which = turn % phantoms
     landing_m = conditions.landings_m(rng, depth.shape)
+    if conditions.training_lands == "cell":
+        landing_m = landing_m.reshape(m * k, -1)[:, 0].repeat(conditions.training)
     order = rng.permutation(len(depth)) * _length_m(plan)
     rows = together(mounted[depth, which], ring_part(landing_m), wear_part(plan.world, order))
     table = plan.table(gel)

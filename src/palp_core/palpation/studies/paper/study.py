@@ -1,7 +1,7 @@
 """The study ``paper``: the whole argument of the paper re-run, figure by figure, beside what it published."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results, words
+from palp_core.palpation.studies.paper.charts_readings import readings_chart
 from palp_core.palpation.studies.paper.jobs import (
     GRID_M,
     READINGS,
@@ -22,6 +23,8 @@ from palp_core.palpation.studies.paper.jobs import (
     scene_session,
 )
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
+from palp_core.palpation.studies.paper.positions import positions
+from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -43,15 +46,23 @@ class PaperSize:
         scene_sessions: Sessions of each scene.
         grid_sessions: Sessions on 31 depths; 0 leaves them out.
         trials: Trials per depth and session; 100 as published.
+        readings: How much is run by peak, contrast and trace.
     """
 
     sessions: int = 40
     scene_sessions: int = 100
     grid_sessions: int = 10
     trials: int = 100
+    readings: ReadingSize = field(default_factory=ReadingSize)
 
 
-QUICK = PaperSize(sessions=8, scene_sessions=0, grid_sessions=0, trials=40)
+QUICK = PaperSize(
+    sessions=8,
+    scene_sessions=0,
+    grid_sessions=0,
+    trials=40,
+    readings=ReadingSize(sessions=2, depth_sessions=0, trials=20, scenes=False),
+)
 
 
 def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
@@ -59,7 +70,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
 
     Args:
         out: Folder for the files; made if missing.
-        quick: Few sessions, no scenes, no grid of depths.
+        quick: Few sessions, no scenes, no depths between the trained ones.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of everything; results do not depend on the workers.
@@ -77,8 +88,10 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "quick": quick,
         "seed": seed,
         "conditions": asdict(conditions) | {"contact_model": sorted(set(felt.rungs)), **asdict(gel)},
+        "positions": positions(felt, conditions),
         "scenes": _scenes(size, seed, workers, dask),
         "grid_31_depths_rmse_mm": _grid(size, seed, workers, dask),
+        "readings": by_readings(size.readings, seed=seed, workers=workers, dask=dask),
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
@@ -98,6 +111,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     if report["scenes"]:
         charts.append(charts_results.scenes_chart(report["scenes"]))
         charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
+    if report["readings"]:
+        charts.append(readings_chart(report["readings"]["places"]))
     pictures = [picture(chart, out, svg=False) for chart in charts]
     return write_page(out / "index.html", "studies/paper.html", report=report, pictures=pictures)
 

@@ -42,6 +42,7 @@ _FAMILIES = {
     "reposition": ("best position, re-homed", SKY, "D"),
     "information": ("information gain", BLUE, "o"),
 }
+_READINGS = {"contrast": ("by the contrast", AMBER, "*"), "trace": ("by the whole trace", PINK, "P")}
 _STUDIED = {"fixed": fixed_name(FixedRing().ring_m), "reposition": "reposition_best"}
 """The register's policies as the studies call them, where they do not alike."""
 
@@ -56,7 +57,7 @@ def signature_chart(kept: Row) -> Chart:
     def draw(to: Figure) -> None:
         first, second, third = to.subplots(1, 3)
         draw_contact(first, kept["contact"], kept["asked"])
-        draw_decisions(second, kept["decisions"], kept["chosen"])
+        draw_decisions(second, kept["decisions"], kept["chosen"], kept["readings"])
         draw_rungs(third, kept["rungs"])
 
     return Chart(
@@ -92,8 +93,15 @@ def _number(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def draw_decisions(axes: Axes, rows: Sequence[Row], chosen: Row) -> None:
-    """Draw accuracy against seconds on the rig; hollow: the paper's filter, hatched: too sure of itself."""
+def draw_decisions(axes: Axes, rows: Sequence[Row], chosen: Row, readings: Sequence[Row]) -> None:
+    """Draw accuracy against seconds on the rig; hollow: the paper's filter, hatched: too sure of itself.
+
+    Args:
+        axes: Where.
+        rows: Decisions by the peak.
+        chosen: The register's methods by task.
+        readings: Decisions by contrast and by whole trace.
+    """
     rows = sorted(rows, key=lambda row: -abs(row["seconds"]))
     front = _front(rows, "seconds", "accuracy")
     axes.plot(
@@ -108,7 +116,13 @@ def draw_decisions(axes: Axes, rows: Sequence[Row], chosen: Row) -> None:
         axes.scatter(*spot, marker=marker, s=26, facecolors=face, edgecolors=colour, linewidths=1.0, zorder=3)
         if is_chosen(row, chosen):
             axes.scatter(*spot, s=190, facecolors="none", edgecolors=INK, linewidths=1.4, zorder=4)
-    for name, colour, marker in _FAMILIES.values():
+    for row in readings:
+        _, colour, marker = _READINGS[row["reading"]]
+        face = "none" if row["rule"] == "paper" else colour
+        axes.scatter(
+            row["seconds"], row["accuracy"], marker=marker, s=44, facecolors=face, edgecolors=colour, zorder=3
+        )
+    for name, colour, marker in (*_FAMILIES.values(), *_READINGS.values()):
         axes.plot([], [], marker, color=colour, markersize=5, label=name)
     _chance(axes)
     axes.legend(fontsize=7, loc="lower center", ncols=2, columnspacing=1.0, borderaxespad=0.2)
@@ -188,7 +202,7 @@ def _decision_rows(kept: Row) -> list[tuple[Any, ...]]:
         ("decision", f"{r['policy']} {r['stop']} {r['filter']}", r["seconds"], r["accuracy"],
          int(is_chosen(r, kept["chosen"])), int(too_sure(r)))
         for r in kept["decisions"]
-    ]  # fmt: skip
+    ] + [("decision", r["scheme"], r["seconds"], r["accuracy"], 0, 0) for r in kept["readings"]]  # fmt: skip
 
 
 def _rung_rows(rows: Sequence[Row]) -> list[tuple[Any, ...]]:

@@ -21,6 +21,11 @@ from palp_core.palpation.session.method_choices import choose_for
 from palp_core.palpation.studies.contact.cost import measure_contact
 from palp_core.palpation.studies.decision.combinations import Combinations, decision_rows
 from palp_core.palpation.studies.decision.rungs import RungJob, rows_of
+from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.schemes import SCHEMES, run_schemes
+from palp_core.palpation.studies.frontier.study import SEEDS
+from palp_core.palpation.studies.frontier.tables import scheme_rows
+from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.palpation.studies.tradeoff.judge import panels
 from palp_core.palpation.studies.tradeoff.page import made_with, point_record
 from palp_core.palpation.studies.tradeoff.panels import signature_chart
@@ -44,7 +49,8 @@ _OF = Combinations(
 )
 _KEPT = ("policy", "stop", "filter", "accuracy", "ci", "seconds", "overconfidence", "sessions")
 _RUNGS, _RUNG_FILTERS = ("l0", "l1", "l2", "l4", "l5"), ("latent",)  # l3, a cylinder, takes minutes
-_SESSIONS, _RUNG_SESSIONS = 20, 6
+_READ = ("scheme", "reading", "rule", "accuracy", "ci", "seconds", "ece")
+_SESSIONS, _READING_SESSIONS, _RUNG_SESSIONS = 20, 40, 6
 _DIGITS = 5
 
 
@@ -62,6 +68,8 @@ def measure_signature(folder: Path, tell: Callable[[str], None] = lambda _: None
         tell(f"1 of 3, contact: {point.method} {point.setting} against {point.against}")
     tell("2 of 3, decisions: policies, stop rules, filters")
     decisions = decision_rows("peak", _OF, _SESSIONS)
+    tell("2 of 3, decisions: contrast and whole trace")
+    readings = reading_rows()
     tell("3 of 3, decisions by contact rung")
     rungs = [RungJob(rung, ("peak",), _RUNG_FILTERS, _RUNG_SESSIONS, 1) for rung in _RUNGS]
     record = {
@@ -70,12 +78,20 @@ def measure_signature(folder: Path, tell: Callable[[str], None] = lambda _: None
         "chosen": chosen_names(scene),
         "contact": [point_record(one) for one in panels(contact.choice, contact.points)[0].found],
         "decisions": [{key: row[key] for key in _KEPT} for row in decisions],
+        "readings": [{key: row[key] for key in _READ} for row in readings],
         "rungs": rows_of(rungs),
         "digests": digests(),
     }
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / DATA, _rounded(record))
     return draw_signature(folder)
+
+
+def reading_rows() -> list[dict[str, Any]]:
+    """Return a line per scheme of contrast or trace: those of the study ``frontier`` in the paper's world."""
+    schemes = tuple(one for one in SCHEMES if one.reading != "peak")
+    sessions = seeds(SEEDS, 1, _READING_SESSIONS)
+    return scheme_rows("paper", [run_schemes(sessions_of(WORLDS["paper"], s), schemes) for s in sessions])
 
 
 def draw_signature(folder: Path) -> Path:

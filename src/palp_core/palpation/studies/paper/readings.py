@@ -1,0 +1,155 @@
+"""The paper's question by other readings: peak, contrast and whole trace of the same sweeps, by both rules.
+
+Schemes, worlds and sessions are those of the study ``frontier``, of which these are the first few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, DepthJob, depth_errors
+from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.study import SEEDS
+from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
+from palp_core.palpation.studies.frontier.world_session import WorldPlan
+from palp_core.palpation.studies.paper.jobs import SCENES
+from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+
+SHOWN = tuple(one for one in SCHEMES if one.protocol == "paper" or one.reading == TRACE)
+_FIXED, _HUMAN = "fixed_best", "markov"
+
+
+@dataclass(frozen=True)
+class ReadingSize:
+    """How much is run.
+
+    Attributes:
+        sessions: Sessions of either world and of each scene; 0 leaves all of it out.
+        depth_sessions: Sessions of either world on 31 depths.
+        trials: Trials per depth and session.
+        scenes: Whether the scenes that were fixed in advance are run, too.
+        schemes: Which.
+    """
+
+    sessions: int = 10
+    depth_sessions: int = 4
+    trials: int = 100
+    scenes: bool = True
+    schemes: tuple[Scheme, ...] = SHOWN
+
+
+@dataclass(frozen=True)
+class ReadingJob:
+    """A session of a world or a scene, decided by every scheme."""
+
+    plan: WorldPlan
+    seed: tuple[int, ...]
+    schemes: tuple[Scheme, ...]
+
+
+def reading_session(job: ReadingJob) -> dict[str, SchemeRun]:
+    """Return what each scheme did in a session."""
+    return run_schemes(sessions_of(job.plan, job.seed), job.schemes)
+
+
+def by_readings(size: ReadingSize, *, seed: int, workers: int = 1, dask: str = "") -> dict[str, Any]:
+    """Return every scheme's accuracy and error of the depth, side by side, and what varying is worth.
+
+    Args:
+        size: How much is run.
+        seed: Of the sessions.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+
+    Returns:
+        ``worth``: what varying is worth by contrast and by trace; ``places``, by world and scene: lines of
+        :func:`side_by_side`; ``depths``: lines of :func:`.depth_rows`; the numbers of sessions. Empty where
+        there are none.
+    """
+    if not size.sessions:
+        return {}
+    places = {}
+    for name, plan in _plans(size.scenes).items():
+        plan = replace(plan, conditions=replace(plan.conditions, trials=size.trials))
+        jobs = [ReadingJob(plan, one, size.schemes) for one in seeds(SEEDS, seed, size.sessions)]
+        label = f"sessions by reading, {name}"
+        found = run_jobs(reading_session, jobs, label=label, workers=workers, dask=dask)
+        places[name] = side_by_side(name, found)
+    schemes = tuple(one for one in size.schemes if one in DEPTH_SCHEMES)
+    depths = []
+    for name, plan in WORLDS.items() if size.depth_sessions else ():
+        told = [DepthJob(plan, one, schemes) for one in seeds(SEEDS, seed, size.depth_sessions)]
+        label = f"sessions by reading, {name}, 31 depths"
+        depths += depth_rows(name, run_jobs(depth_errors, told, label=label, workers=workers, dask=dask))
+    return gathered(places, depths, sessions=size.sessions, depth_sessions=size.depth_sessions)
+
+
+def gathered(
+    places: Mapping[str, Sequence[Mapping[str, Any]]],
+    depths: Sequence[Mapping[str, Any]],
+    *,
+    sessions: int,
+    depth_sessions: int,
+) -> dict[str, Any]:
+    """Return what :func:`by_readings` does, of lines that are there."""
+    return {
+        "sessions": sessions,
+        "depth_sessions": depth_sessions,
+        "worth": _worth(places),
+        "places": places,
+        "depths": depths,
+    }
+
+
+def _plans(scenes: bool) -> dict[str, WorldPlan]:
+    """Return the worlds, and the scenes in the paper's own, by name."""
+    plain = WORLDS["paper"]
+    more = {
+        name: replace(plain, gel=gel, conditions=conditions) for name, (gel, conditions) in SCENES.items()
+    }
+    return WORLDS | (more if scenes else {})
+
+
+def side_by_side(place: str, sessions: Runs) -> list[dict[str, Any]]:
+    """Return a line per reading, rule and cycle: each policy's, and the human's less the best fixed one's.
+
+    Args:
+        place: World or scene.
+        sessions: What each scheme did, a session each.
+    """
+    rows = {row["scheme"]: row for row in scheme_rows(place, sessions)}
+    lines = []
+    for way, schemes in _ways(rows):
+        fixed, human = schemes.get(_FIXED), schemes.get(_HUMAN)
+        lines.append(
+            {
+                "reading": way.reading,
+                "rule": way.rule,
+                "protocol": way.protocol,
+                "policies": {policy: rows[one.name] for policy, one in schemes.items()},
+                "human_less_fixed": compared(sessions, human, fixed) if fixed and human else None,
+            }
+        )
+    return lines
+
+
+def _ways(rows: Mapping[str, Any]) -> Iterator[tuple[Scheme, dict[str, Scheme]]]:
+    """Give each way to read and to stop, and the schemes that have it by policy."""
+    found: dict[Scheme, dict[str, Scheme]] = {}
+    for one in SCHEMES:
+        if one.name in rows:
+            found.setdefault(replace(one, policy=""), {})[one.policy] = one
+    yield from found.items()
+
+
+def _worth(places: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """Return what varying as people do gives over the best fixed position, once the right number is read."""
+    return [
+        {"world": name, "reading": line["reading"], **line["human_less_fixed"]}
+        for name in WORLDS
+        for line in places[name]
+        if line["reading"] != "peak" and line["rule"] == "threshold" and line["protocol"] == "paper"
+    ]
