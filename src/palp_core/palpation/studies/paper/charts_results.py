@@ -229,8 +229,9 @@ def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
     return Chart(
         "grid_31_depths",
         "Depth as a quantity: 31 depths from 2 to 8 mm",
-        "Training knew three depths; the primitives are interpolated in between. Nodules lie at any of 31. "
-        "Shaded: 95 % intervals over sessions.",
+        "By the peak. Training knew three depths; the primitives are interpolated in between. Nodules lie at "
+        "any of 31. The latent filter is handed the slopes of the objects that make the readings. Shaded: "
+        "95 % intervals over sessions.",
         (5.5, 3.4),
         ["filter", "probes", "rmse_mm", "low_mm", "high_mm"],
         [
