@@ -9,7 +9,7 @@ from palp_core.palpation.studies.frontier.schemes import Scheme
 from palp_core.palpation.studies.paper import readings
 from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings, side_by_side
 from palp_core.palpation.studies.simulation.reading_table import Gel
-from tests.support.made_readings import made_session
+from tests.palpation.studies.paper.made_readings import made_session
 
 FIXED, HUMAN = (Scheme("contrast", policy, "threshold") for policy in ("fixed_best", "markov"))
 

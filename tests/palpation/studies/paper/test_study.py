@@ -28,7 +28,7 @@ from palp_core.palpation.studies.simulation.policies import SessionJob
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
-from tests.support.made_readings import made_readings
+from tests.palpation.studies.paper.made_readings import made_readings
 
 NAMES = {
     "chance",
