@@ -164,7 +164,7 @@ def picture(folder: Path) -> None:
     names = [f"{ring_m * 1e3:g} mm, {name}, {way}, N mm" for ring_m, name, way in lines]
     every = slice(None, None, 50)
     rows = np.column_stack([fine_m[every] * 1e3, *[line[every] for line in lines.values()]]).round(5).tolist()
-    save(Chart("world", "A sweep in both worlds", "", (9.0, 3.2), ["stage, mm", *names], rows, draw), folder)
+    save(Chart("world", "A sweep in both worlds", "", 3.2, ["stage, mm", *names], rows, draw), folder)
     (folder / "world.csv").unlink()
 
 

@@ -124,7 +124,7 @@ def _chart(found: Sequence[Verdict]) -> Chart:
         "choices",
         "Choices of the register",
         "A point per scene that was answered. Right of the line the tolerance was not kept; grey: unclear.",
-        (7.0, 0.5 + 0.45 * max(len(tasks), 3)),
+        0.5 + 0.45 * max(len(tasks), 3),
         ("task", "tolerance", "bound", "error", "sd", "kept"),
         rows,
         draw,

@@ -22,13 +22,15 @@ TRAPS = [
 
 
 def test_a_page_needs_no_other_file_and_shows_markup_as_text(tmp_path: Path) -> None:
-    page = write_page(tmp_path / "new" / "index.html", "studies/decision_stability.html", traps=TRAPS)
+    page = write_page(
+        tmp_path / "new" / "index.html", "studies/decision_stability.html", traps=TRAPS, pictures=[]
+    )
     text = page.read_text(encoding="utf-8")
     assert "&lt;b&gt;trap&lt;/b&gt;" in text
     assert "a &amp; b" in text
     assert "<b>" not in text
     assert "border-collapse" in text
-    assert not re.search(r'(src|href)="(?!data:)', text)
+    assert not re.search(r'(src|href)="(?!data:|#)', text)
     assert [path.name for path in page.parent.iterdir()] == ["index.html"]
 
 
@@ -37,15 +39,14 @@ def test_a_value_that_nobody_hands_in_is_an_error_and_leaves_no_page(tmp_path: P
         write_page(tmp_path / "index.html", "studies/decision_stability.html")
     traps = [{name: value for name, value in TRAPS[0].items() if name != "our_way"}]
     with pytest.raises(jinja2.UndefinedError, match="our_way"):
-        write_page(tmp_path / "index.html", "studies/decision_stability.html", traps=traps)
+        write_page(tmp_path / "index.html", "studies/decision_stability.html", traps=traps, pictures=[])
     assert not (tmp_path / "index.html").exists()
 
 
-@pytest.mark.parametrize("svg", [False, True])
-def test_a_picture_names_the_files_it_left(tmp_path: Path, svg: bool) -> None:
-    chart = Chart("one", "Title", "Caption.", (1.0, 1.0), ("x",), [(1,)], lambda figure: None)
-    shown = picture(chart, tmp_path, svg=svg)
-    assert {path.name for path in tmp_path.iterdir()} == set(shown.files)
+def test_a_picture_names_the_files_it_left(tmp_path: Path) -> None:
+    chart = Chart("one", "Title", "Caption.", 1.0, ("x",), [(1,)], lambda figure: None)
+    shown = picture(chart, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(shown.files) == {"one.png", "one.svg", "one.csv"}
     assert (tmp_path / "one.png").read_bytes() == shown.png
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import base64
 import csv
 import dataclasses
+import json
 import re
 import shutil
 import subprocess
@@ -23,6 +24,7 @@ from palp_core.palpation.reporting.charts import save
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session
+from palp_core.palpation.session.rig_drawing import rig_chart
 from palp_core.palpation.session.training_charts import primitives_chart
 from tests.support.sessions import SMALL_STRAIN
 
@@ -35,7 +37,7 @@ TRIALS = [
     (1, [[0.2, 0.6, 0.2]]),
     (2, [[0.1, 0.6, 0.3], [0.1, 0.7, 0.2], [0.1, 0.8, 0.1]]),
 ]
-ALL = {"accuracy", "belief", "calibration", "primitives", "rings", "sweeps"}
+ALL = {"accuracy", "belief", "calibration", "primitives", "rig", "rings", "steps", "sweeps"}
 
 
 def charts(out: Path) -> set[str]:
@@ -54,6 +56,7 @@ def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(
     assert (out / "result.json").exists()
     assert charts(out) == ALL
     assert {path.stem for path in (out / "charts").glob("*.csv")} == ALL
+    assert {path.stem for path in (out / "charts").glob("*.svg")} == ALL
     assert not list(out.rglob("*.part"))
 
 
@@ -62,7 +65,7 @@ def test_the_page_needs_no_other_file(record: Writer, summary: Summariser) -> No
     page = (out / "report.html").read_text(encoding="utf-8")
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert {base64.b64decode(image) for image in images} == {p.read_bytes() for p in out.glob("charts/*.png")}
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert "http" not in re.sub(r"base64,[^\"]+", "", page)
 
 
@@ -116,6 +119,75 @@ def test_ring_positions_are_counted_by_iteration(record: Writer, summary: Summar
     assert counts == [[1, 0, 4], [2, 2, 0], [3, 0, 1]]
 
 
+def test_a_trial_of_middling_length_is_told_step_by_step(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    rows = numbers(out, "steps")
+    assert [row["trial"] for row in rows] == ["1000"] * 2  # of 2, 1, 1 and 3 palpations
+    assert [row["verdict"] for row in rows] == ["continue", "decided"]
+    assert [float(row["posterior_2mm"]) for row in rows] == [0.6, 0.9]
+    likelihoods = [[float(row[f"likelihood_share_{depth}mm"]) for depth in (2, 4, 8)] for row in rows]
+    assert [sum(shares) for shares in likelihoods] == pytest.approx([1.0, 1.0])
+    learnt = read_session(out).primitives
+    assert learnt is not None
+    read = [float(row["peak_n_mm"]) * 1e-3 for row in rows]
+    rings = [learnt.rings_m.tolist().index(float(row["ring_mm"]) * 1e-3) for row in rows]
+    z = [(value - learnt.mean[:, k]) / learnt.sd[:, k] for value, k in zip(read, rings, strict=True)]
+    assert [shares.index(max(shares)) for shares in likelihoods] == [int(np.argmin(np.abs(one))) for one in z]
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert (
+        "Trial 1000, over phantom A, the true depth 2 mm: 2 palpations, decided: 2 mm at 90 %, right" in page
+    )
+
+
+def test_a_trial_decided_by_the_whole_trace_has_no_steps_of_a_feature(
+    record: Writer, summary: Summariser
+) -> None:
+    session(summary(out := record(trials=TRIALS), reading="trace"))
+    assert charts(out) == ALL - {"steps"}
+
+
+def test_the_rig_is_drawn_to_scale_with_its_labels(record: Writer, summary: Summariser) -> None:
+    session(summary(out := record(trials=TRIALS)))
+    sizes = {(row["of"], row["quantity"]): float(row["mm"]) for row in numbers(out, "rig")}
+    assert sizes["probe", "base_m"] == 80.0
+    assert [sizes[code, "depth_m"] for code in "ABC"] == [2.0, 4.0, 8.0]
+    assert sizes["stage", "indentation_m"] == 4.0
+    drawn = (out / "charts" / "rig.svg").read_text(encoding="utf-8")
+    for words in ("torque sensor", "base link, 80 mm", "joint, R = 6.8 mm", "tip link, 70 mm", "bead, 15 mm"):
+        assert f"<!-- {words} -->" in drawn
+    wide, high = scale_of(out)
+    assert wide == pytest.approx(high)
+
+
+def scale_of(out: Path) -> tuple[float, float]:
+    """Return how long a mm is along and across, in the left panel as drawn."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scene = json.loads((out / "result.json").read_text())["mechanics"]["scene"]
+    figure = Figure(layout="constrained")
+    FigureCanvasAgg(figure)
+    rig_chart(scene, rings_m=(0.0, 0.016), indentation_m=0.004).draw(figure)
+    figure.canvas.draw()
+    (x0, y0), (x1, y1) = figure.axes[0].transData.transform([(0.0, 0.0), (1.0, 1.0)])
+    return x1 - x0, y1 - y0
+
+
+def test_the_page_begins_with_versions_and_the_command_and_has_every_trial(
+    record: Writer, summary: Summariser
+) -> None:
+    run = summary(out := record(trials=TRIALS))
+    session(run)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    top, _, rest = page.partition("<h2")
+    assert f"palp launch launch/sim.yaml out:={out} policy:=markov trials:=2 training:=2" in top
+    assert "numpy " in top
+    table = rest[rest.index("Every trial") :]
+    cells = "<td>1003</td><td>C</td><td>8 mm</td><td>3</td><td>16, 0, 16</td><td>4 mm</td><td>wrong</td>"
+    assert cells in table
+    assert table.count("<td>decided</td>") == len(TRIALS)
+
+
 def test_sweeps_are_averaged_over_the_deepest_bead(record: Writer, summary: Summariser) -> None:
     session(summary(out := record(trials=TRIALS)))
     rows = numbers(out, "sweeps")
@@ -128,13 +200,13 @@ def test_sweeps_are_averaged_over_the_deepest_bead(record: Writer, summary: Summ
 
 def test_a_session_of_training_alone_shows_what_was_learnt(record: Writer, summary: Summariser) -> None:
     session(summary(out := record()))
-    assert charts(out) == {"primitives", "sweeps"}
+    assert charts(out) == {"primitives", "rig", "sweeps"}
     assert "no trial of estimation" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_session_without_training_shows_its_trials(record: Writer, summary: Summariser) -> None:
     session(summary(out := record(repeats=0, trials=TRIALS)))
-    assert charts(out) == {"accuracy", "belief", "calibration", "rings"}
+    assert charts(out) == {"accuracy", "belief", "calibration", "rig", "rings"}
 
 
 def test_a_session_of_nothing_has_a_page_too(record: Writer, summary: Summariser) -> None:
@@ -166,7 +238,7 @@ def test_without_its_sweeps_a_record_still_has_a_report(record: Writer, summary:
     out = record(trials=TRIALS)
     shutil.rmtree(out / "sweeps")
     session(summary(out))
-    assert charts(out) == ALL - {"sweeps"}
+    assert charts(out) == ALL - {"steps", "sweeps"}
 
 
 def test_a_table_that_was_emptied_beside_its_sweeps_is_not_called_kept(

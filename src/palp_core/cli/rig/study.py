@@ -1,5 +1,6 @@
 """``palp study``: the paper re-run, speed against accuracy, and where methods fail."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,10 @@ def run(
     dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
 ) -> None:
     """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
+    import palp_core
+    from palp_core.graph.clock import local_time_name
     from palp_core.palpation.studies.catalogue import study
+    from palp_core.palpation.studies.index import StudyNote, write_note
 
     chosen = study(name)
     make_folder(out)
@@ -44,4 +48,25 @@ def run(
     except KeyboardInterrupt:
         note(chosen.stopped(out))
         raise typer.Exit(INTERRUPTED) from None
+    command = shlex.join(
+        ["palp", "study", "run", name, "--out", str(out)]
+        + (["--quick"] if quick else [])
+        + (["--workers", str(workers)] if workers > 1 else [])
+        + (["--dask", dask] if dask else [])
+    )
+    date = local_time_name().partition("_")[0]
+    write_note(
+        out,
+        StudyNote(name=name, date=date, command=command, version=palp_core.__version__, quick=quick),
+    )
     print_text(str(page))
+
+
+@app.command("index")
+def index(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds the studies' folders.")],
+) -> None:
+    """Write DIR/index.html: each study's picture, question, answer, date and command."""
+    from palp_core.palpation.studies.index import write_index
+
+    print_text(str(write_index(folder)))

@@ -43,7 +43,7 @@ def write_analysis(analysis: Analysis, source: str, out: Path) -> Path:
     judged = [line for line in record["results"] if line["trials"]]
     drawn = [accuracy_chart(judged), reliability_chart(judged), progress_chart(analysis.results)]
     drawn.append(confusion_chart(judged[0], record["classes"]))
-    pictures = [picture(chart, out, svg=False) for chart in drawn]
+    pictures = [picture(chart, out) for chart in drawn]
     return write_page(
         out / "index.html",
         "readings.html",
@@ -147,7 +147,7 @@ def accuracy_chart(lines: Sequence[Line]) -> charts.Chart:
         "Accuracy",
         "Share of trials whose last estimate was the true class, whatever the verdict, with Wilson's 95 % "
         "interval over trials. Each trial was judged by what the others taught.",
-        (8.4, 1.2 + 0.45 * len(lines)),
+        1.2 + 0.45 * len(lines),
         ("policy", "likelihood", "stop", "right", "trials", "accuracy", "low", "high", "readings"),
         [
             (
@@ -183,7 +183,7 @@ def reliability_chart(lines: Sequence[Line]) -> charts.Chart:
             )
         axes.set_xlim(0.0, 105.0)
         axes.set_ylim(-4.0, 112.0)
-        title = f"{line['policy']}, {line['likelihood']}: {line['calibration_error']['value']:.3f}"
+        title = f"{line['policy']}, {line['likelihood']}: {100.0 * line['calibration_error']['value']:.1f} %"
         charts.tidy(axes, title, "stated probability, %", "accuracy, %")
 
     def draw(figure: Figure) -> None:
@@ -201,7 +201,7 @@ def reliability_chart(lines: Sequence[Line]) -> charts.Chart:
         "interval and the number of trials above; on the dashed line confidence is deserved. In the title: "
         "expected calibration error. Readings of a trial are taken for independent: errors that stay in a "
         "trial make the belief over-confident.",
-        (8.4 if len(shown) > 1 else 4.6, 3.6 * -(-len(shown) // 2)),
+        3.6 * -(-len(shown) // 2),
         (
             "policy",
             "likelihood",
@@ -238,7 +238,7 @@ def progress_chart(results: Sequence[Result]) -> charts.Chart:
             axes.plot(at, 100.0 * curve, ms=3.5, label=", ".join(names), **style)
         axes.set_ylim(0.0, 102.0)
         axes.locator_params(axis="x", integer=True)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
+        charts.legend(axes, fontsize=7.5)
         charts.tidy(axes, "", "readings", "right, %")
 
     return charts.Chart(
@@ -246,7 +246,7 @@ def progress_chart(results: Sequence[Result]) -> charts.Chart:
         "Accuracy over readings",
         "Share of trials whose estimate after so many readings is right. A trial that has stopped or run out "
         "keeps its last estimate.",
-        (8.4, 3.4),
+        3.4,
         ("policy", "likelihood", "stop", "readings", "accuracy"),
         [(*names, n + 1, float(share)) for names, curve in curves.items() for n, share in enumerate(curve)],
         draw,
@@ -274,12 +274,12 @@ def confusion_chart(line: Line, classes: Sequence[str]) -> charts.Chart:
         figure.colorbar(shown, ax=axes, shrink=0.8).set_label("share of the class, %")
         charts.tidy(axes, "", "taken for", "class")
 
-    side = min(4.0 + 0.16 * len(classes), 8.0)
+    side = min(4.0 + 0.16 * len(classes), 7.0)
     return charts.Chart(
         "confusion",
         "What is taken for what",
         f"Of the first combination: {line['policy']}, {line['likelihood']}, {line['stop']}.",
-        (side + 0.8, side),
+        side,
         ("class", *(f"taken_for_{name}" for name in classes)),
         [(name, *map(int, row)) for name, row in zip(classes, counts, strict=True)],
         draw,

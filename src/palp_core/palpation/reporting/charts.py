@@ -6,6 +6,7 @@ Charts are drawn without pyplot, so nothing is global and no display is needed. 
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,18 @@ from palp_core.palpation.reporting.table import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again.
+# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again. The
+# three lightest are darker here: a line of any of them has the contrast that WCAG AA wants, light and dark.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
-PINK, SKY, AMBER = "#CC79A7", "#56B4E9", "#E69F00"
-PALE_BLUE, PALE_GREEN = "#9db8d2", "#cfe8dd"
-INK, GREY = "#222222", "#8a8a8a"
+PINK, SKY, AMBER = "#B9608F", "#399AD6", "#C08500"
+INK, GREY = "#222222", "#707070"
+PALE_BLUE, PALE_GREEN = "#9db8d2", "#cfe8dd"  # areas that words or hatching tell of
+
+WIDTH_IN = 8.0
+"""Of every chart on a page."""
 
 _DEPTHS = (
     (BLUE, "-", "o"),
@@ -58,7 +64,7 @@ class Chart:
         name: Stem of its files.
         title: What it shows, for the page.
         caption: How to read it, and what is averaged over what.
-        size: Width and height in inches.
+        height: In inches; all are :data:`WIDTH_IN` wide, but where a picture is for no page.
         columns: Names of its numbers, with units.
         rows: Its numbers.
         draw: Draws it onto an empty figure.
@@ -67,31 +73,46 @@ class Chart:
     name: str
     title: str
     caption: str
-    size: tuple[float, float]
+    height: float
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
     draw: Callable[[Figure], None]
+    width: float = WIDTH_IN
+
+    @property
+    def alt(self) -> str:
+        """What it shows for whoever does not see it: the title, and what is plotted from where to where."""
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
+        spans = [_span(name, cells) for name, cells in zip(self.columns, columns, strict=True)]
+        return f"Chart: {self.title}. Plotted: {'; '.join(spans)}."
 
 
-def save(chart: Chart, folder: Path, *, svg: bool = False) -> bytes:
-    """Draw a chart, write ``NAME.png``, ``NAME.csv`` and if asked ``NAME.svg``, and return the PNG."""
+def _span(name: str, cells: Sequence[Any]) -> str:
+    """Return a column's name, with its least and largest number if it has numbers."""
+    numbers = [cell for cell in cells if isinstance(cell, int | float) and math.isfinite(cell)]
+    words = name.replace("_", " ")
+    return f"{words} {min(numbers):.3g} to {max(numbers):.3g}" if numbers else words
+
+
+def save(chart: Chart, folder: Path) -> bytes:
+    """Draw a chart, write ``NAME.png``, ``NAME.svg`` and ``NAME.csv``, and return the PNG."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
     image = io.BytesIO()
     vector = io.BytesIO()
     with rc_context(_STYLE | {"svg.hashsalt": chart.name}):  # the same file for the same numbers
-        figure = Figure(figsize=chart.size, dpi=_DPI, layout="constrained")
+        figure = Figure(figsize=(chart.width, chart.height), dpi=_DPI, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
         chart.draw(figure)
         canvas.print_png(image, metadata={"Software": "palp"})  # savefig would lay everything out twice
-        if svg:
-            figure.savefig(vector, format="svg", metadata={"Creator": "palp", "Date": None})
+        vectors: Any = FigureCanvasSVG(figure)
+        vectors.print_svg(vector, metadata={"Creator": "palp", "Date": None})
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{chart.name}.png").write_bytes(image.getvalue())
-    if svg:
-        (folder / f"{chart.name}.svg").write_bytes(vector.getvalue())
+    (folder / f"{chart.name}.svg").write_bytes(vector.getvalue())
     write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
     return image.getvalue()
 
@@ -107,6 +128,29 @@ def ring_colours(count: int) -> list[Any]:
     from matplotlib import colormaps
 
     return [colormaps["cividis"](0.85 * i / max(count - 1, 1)) for i in range(count)]
+
+
+def legend(to: Axes | Figure, title: str = "", **look: Any) -> None:
+    """Draw the legend where no data are: right of a panel, or below all panels of a figure.
+
+    Args:
+        to: The panel, or the figure.
+        title: Of the legend.
+        look: As of matplotlib's ``legend``, but its place.
+    """
+    from matplotlib.axes import Axes
+
+    if isinstance(to, Axes):
+        to.legend(title=title, loc="center left", bbox_to_anchor=(1.0, 0.5), alignment="left", **look)
+    else:
+        to.legend(title=title, loc="outside lower center", **look)
+
+
+def in_percent(axis: Axis) -> None:
+    """Write shares along an axis in per cent; the sign belongs into the axis' name."""
+    from matplotlib.ticker import PercentFormatter
+
+    axis.set_major_formatter(PercentFormatter(1.0, symbol=""))
 
 
 def tidy(axes: Axes, title: str, x: str, y: str) -> None:

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palp_core.palpation.reporting.charts import Chart, save
+from palp_core.palpation.reporting.glossary import words_of
+from palp_core.palpation.reporting.outline import outlined
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -28,15 +30,20 @@ class Picture:
         name: Stem of its files.
         title: What it shows.
         caption: How to read it.
+        alt: What it shows, for whoever does not see it.
         png: The picture.
-        files: Names of its files.
     """
 
     name: str
     title: str
     caption: str
+    alt: str
     png: bytes
-    files: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of its files."""
+        return tuple(f"{self.name}.{kind}" for kind in ("png", "svg", "csv"))
 
     @property
     def base64(self) -> str:
@@ -44,12 +51,9 @@ class Picture:
         return base64.b64encode(self.png).decode("ascii")
 
 
-def picture(chart: Chart, folder: Path, *, svg: bool = True) -> Picture:
-    """Save a chart as PNG, CSV and, unless told not to, SVG; return it for a page."""
-    png = save(chart, folder, svg=svg)
-    kinds = ("png", "svg", "csv") if svg else ("png", "csv")
-    files = tuple(f"{chart.name}.{kind}" for kind in kinds)
-    return Picture(chart.name, chart.title, chart.caption, png, files)
+def picture(chart: Chart, folder: Path) -> Picture:
+    """Save a chart as PNG, SVG and CSV; return it for a page."""
+    return Picture(chart.name, chart.title, chart.caption, chart.alt, save(chart, folder))
 
 
 def write_page(path: Path, template: str, **values: Any) -> Path:
@@ -81,6 +85,8 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     found.filters |= {
+        "outlined": outlined,
+        "glossary": words_of,
         "number": format,
         "percent": percent,
         "span": span,

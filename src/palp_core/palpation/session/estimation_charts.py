@@ -46,7 +46,7 @@ def belief_chart(session: RecordedSession) -> charts.Chart | None:
                 **style,
             )
             lower.step(iterations, running[depth_m], where="mid", label=None, **(style | {"marker": ""}))
-        upper.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        charts.legend(upper)
         lower.set_ylim(bottom=0.0)
         lower.xaxis.get_major_locator().set_params(integer=True)
         charts.tidy(upper, "Expected depth; thin lines: true depth", "", "expected depth, mm")
@@ -63,7 +63,7 @@ def belief_chart(session: RecordedSession) -> charts.Chart | None:
         "Posterior expected depth, mean and standard error over this session's trials (as Figures 10 and 11 "
         "of the paper). Iteration 0 is the flat prior. A trial that has ended keeps its last belief, so "
         "every point averages all trials of its depth; below, how many still ran.",
-        (8.4, 4.2),
+        4.2,
         ("depth_mm", "iteration", "expected_depth_mm", "standard_error_mm", "trials_running"),
         rows,
         draw,
@@ -129,7 +129,7 @@ def accuracy_chart(session: RecordedSession) -> charts.Chart | None:
         axes.set_xticks(range(len(shares)), [f"{n} mm" if n != "overall" else n for n, _ in shares])
         axes.set_ylim(0.0, 105.0)
         axes.grid(axis="x", visible=False)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        charts.legend(axes)
         charts.tidy(
             axes, "Right estimates with 95 % intervals (this session only)", "true depth", "accuracy, %"
         )
@@ -139,7 +139,7 @@ def accuracy_chart(session: RecordedSession) -> charts.Chart | None:
         "Accuracy",
         "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's "
         "95 % interval over this session's trials (as Figure 12 of the paper).",
-        (8.4, 3.4),
+        3.4,
         ("depth_mm", "right", "trials", "accuracy", "low", "high"),
         [(name, s.success_count, s.trial_count, s.value, s.low, s.high) for name, s in shares],
         draw,
@@ -171,18 +171,18 @@ def calibration_chart(session: RecordedSession) -> charts.Chart | None:
             )
         axes.set_xlim(0.0, 105.0)
         axes.set_ylim(-4.0, 110.0)
-        axes.legend(loc="lower right")
+        charts.legend(axes)
         charts.tidy(axes, "Reliability", "stated probability of the estimate, %", "accuracy, %")
 
     return charts.Chart(
         "calibration",
         "Calibration",
         "How often estimates of a stated probability were right, in bins of 10 %, n trials each. Expected "
-        f"calibration error {found.expected_error:.3f}; mean confidence minus accuracy "
-        f"{found.overconfidence:+.3f} (positive is over-confident). The filter takes the palpations of a "
-        "trial for independent; errors that stay, as the ring's through a trial and the mounting's through a "
-        "phase, can make it over-confident.",
-        (5.2, 4.2),
+        f"calibration error {100.0 * found.expected_error:.1f} %; mean confidence minus accuracy "
+        f"{100.0 * found.overconfidence:+.1f} points (positive is over-confident). The filter takes the "
+        "palpations of a trial for independent; errors that stay, as the ring's through a trial and the "
+        "mounting's through a phase, can make it over-confident.",
+        4.2,
         ("bin_low", "bin_high", "mean_confidence", "accuracy", "low", "high", "trials"),
         [
             (b.low, b.high, b.mean_confidence, a.value, a.low, a.high, a.trial_count)
@@ -228,7 +228,7 @@ def rings_chart(session: RecordedSession) -> charts.Chart | None:
         by_iteration.grid(axis="x", visible=False)
         by_iteration.set_xlim(0.4, longest + 0.6)
         by_iteration.set_ylim(0.0, 100.0)
-        by_iteration.legend(title="$r_a$, mm", loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
+        charts.legend(by_iteration, "$r_a$, mm", reverse=True)
         charts.tidy(by_iteration, "By iteration, of the trials still running", "iteration", "share, %")
 
     return charts.Chart(
@@ -236,7 +236,7 @@ def rings_chart(session: RecordedSession) -> charts.Chart | None:
         "Ring positions used",
         "Which ring positions r_a the policy chose in estimation: over all palpations, and at each iteration "
         "over the trials that still ran.",
-        (8.4, 3.0),
+        3.0,
         ("iteration", *(f"palpations_at_{mm(ring_m)}mm" for ring_m in rings_m)),
         [(i + 1, *map(int, counts[i])) for i in range(longest)],
         draw,

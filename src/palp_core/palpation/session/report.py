@@ -6,6 +6,7 @@ is needed: the launcher asks for this module before the run begins.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,8 +119,8 @@ def _write(found: RecordedSession, summary: RunSummary) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, unfinished_words(result))
-    pictures = [picture(one, found.folder / "charts", svg=False) for one in _charts(found, summary)]
-    write_report(found.folder / "report.html", result, pictures)
+    pictures = [picture(one, found.folder / "charts") for one in _charts(found, summary, result)]
+    write_report(found.folder / "report.html", result, pictures, trials=found.trials, args=summary.args)
     return headline(result)
 
 
@@ -145,7 +146,7 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
     return f"{unfinished.capitalize()}. {said}" if unfinished else said
 
 
-def _charts(found: RecordedSession, summary: RunSummary) -> Iterator[Chart]:
+def _charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
     from palp_core.palpation.session.estimation_charts import (
         accuracy_chart,
@@ -154,23 +155,47 @@ def _charts(found: RecordedSession, summary: RunSummary) -> Iterator[Chart]:
         rings_chart,
     )
     from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
+    from palp_core.palpation.session.trial_steps import steps_chart
 
     roles = roles_of(summary)
+    sweeps = {
+        "estimator": _as_read(summary, roles.params("estimator")),
+        "from_m": roles.params("experiment").get("from_m"),
+        "speed_m_s": roles.params("stage").get("sweep_speed_m_s", 0.020),
+    }
     for chart in (
         accuracy_chart(found),
+        _drawing(found, summary, result),
+        steps_chart(found, **sweeps),
         belief_chart(found),
         calibration_chart(found),
         rings_chart(found),
         primitives_chart(found),
-        sweeps_chart(
-            found,
-            estimator=_as_read(summary, roles.params("estimator")),
-            from_m=roles.params("experiment").get("from_m"),
-            speed_m_s=roles.params("stage").get("sweep_speed_m_s", 0.020),
-        ),
+        sweeps_chart(found, **sweeps),
     ):
         if chart is not None:
             yield chart
+
+
+def _drawing(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Chart | None:
+    """Return the drawing of what was simulated; None of a rig with devices, whose sizes nobody told."""
+    from palp_core.palpation.session.rig_drawing import rig_chart
+
+    if result["mechanics"] is None or not found.rows:
+        return None
+    return rig_chart(
+        result["mechanics"]["scene"],
+        rings_m=sorted({row.ring_m for row in found.rows}),
+        indentation_m=_indentation_m(summary),
+    )
+
+
+def _indentation_m(summary: RunSummary) -> float:
+    """Return how deep the tip was pressed, as the phantom told; of older runs, as was asked."""
+    scenes = [json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact"]
+    asked_mm = roles_of(summary).params("phantom").get("indentation_mm", 4.0)
+    told = (float(scene["indentation_m"]) for scene in scenes if "indentation_m" in scene)
+    return next(told, asked_mm * 1e-3)
 
 
 def _as_read(summary: RunSummary, estimator: dict[str, Any]) -> dict[str, Any]:

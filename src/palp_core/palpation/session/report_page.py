@@ -1,12 +1,15 @@
 """The report of a session as one page that needs no other file, for reading and for printing."""
 
-from collections.abc import Sequence
+import json
+import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.reporting.html_page import Picture, percent, write_page
 from palp_core.palpation.session.methods.text import paragraphs
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
+from palp_core.palpation.session.recorded_session import RecordedTrial, mm
 from palp_core.palpation.session.result_json import policy_label, unfinished_words
 
 
@@ -36,13 +39,22 @@ def _in_world(result: dict[str, Any]) -> str:
     return f" Simulated in the world “{world['name']}”, not in the paper's own design." if world else ""
 
 
-def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]) -> Path:
+def write_report(
+    path: Path,
+    result: dict[str, Any],
+    pictures: Sequence[Picture],
+    *,
+    trials: Sequence[RecordedTrial] = (),
+    args: Mapping[str, Any] | None = None,
+) -> Path:
     """Write the page.
 
     Args:
         path: The page.
         result: As of ``result.json``.
         pictures: The charts as drawn.
+        trials: Of estimation, for the table of all.
+        args: The launch file's arguments, as run.
     """
     mechanics, confusion = result["mechanics"], result["confusion"]
     depths = [f"{depth:g} mm" for depth in confusion["depths_mm"]]
@@ -54,6 +66,8 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         unfinished=unfinished_words(result),
         headline=headline(result),
         pictures=pictures,
+        command=command(result, args or {}),
+        trials=[_trial_row(trial) for trial in trials],
         methods=paragraphs([*result["methods"], *result["deliveries"]]),
         published=FIXED,
         human_strategy=HUMAN_STRATEGY_TEXT,
@@ -66,6 +80,29 @@ def write_report(path: Path, result: dict[str, Any], pictures: Sequence[Picture]
         scene=_scene(mechanics["scene"]) if mechanics else [],
         world=_parameters(result.get("world")),
     )
+
+
+def command(result: dict[str, Any], args: Mapping[str, Any]) -> str:
+    """Return the command line that runs the session again, with all arguments as they were.
+
+    >>> command({"launch_file": "launch/sim.yaml", "composed": True}, {"trials": 5, "rings_mm": "0, 4"})
+    "palp launch launch/sim.yaml --compose trials:=5 'rings_mm:=0, 4'"
+    """
+    given = [
+        f"{name}:={value if isinstance(value, str) else json.dumps(value)}" for name, value in args.items()
+    ]
+    composed = ["--compose"] if result["composed"] else []
+    return shlex.join(["palp", "launch", result["launch_file"], *composed, *given])
+
+
+def _trial_row(trial: RecordedTrial) -> list[str]:
+    last = trial.probes[-1]
+    estimate = "–" if last.estimate_m is None else f"{mm(last.estimate_m)} mm"
+    rings = ", ".join(mm(probe.ring_m) for probe in trial.probes)
+    return [
+        *(str(last.trial), last.phantom, f"{mm(trial.depth_m)} mm", str(len(trial.probes)), rings),
+        *(estimate, "right" if trial.right else "wrong", percent(trial.confidence), trial.verdict),
+    ]
 
 
 def _phantoms(per_phantom: dict[str, Any]) -> list[list[str]]:

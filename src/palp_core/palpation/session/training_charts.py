@@ -40,7 +40,7 @@ def primitives_chart(session: RecordedSession) -> charts.Chart | None:
         for k, axes in enumerate(grid.flat):
             if k < panel_count:
                 for i in range(learnt.depths_m.size):
-                    torque, density = _normal(learnt, i, k)
+                    torque, density = normal_of(learnt, i, k)
                     style = charts.depth_style(i) | {"marker": ""}
                     axes.plot(torque, density, label=f"d = {mm(learnt.depths_m[i])} mm", lw=1.8, **style)
                     axes.fill_between(torque, density, color=style["color"], alpha=0.12, lw=0)
@@ -51,11 +51,8 @@ def primitives_chart(session: RecordedSession) -> charts.Chart | None:
                 )
             else:
                 axes.set_axis_off()
-        handles, labels = grid.flat[0].get_legend_handles_labels()
-        if panel_count < grid.size:
-            grid.flat[-1].legend(handles, labels, loc="center", fontsize=11)
-        else:
-            grid.flat[-1].legend()
+        handles = grid.flat[0].get_lines()
+        charts.legend(figure, handles=handles, ncols=len(handles))
 
     rows = [
         (mm(depth_m), mm(ring_m), learnt.mean[i, k] * 1e3, learnt.sd[i, k] * 1e3, int(learnt.count[i, k]))
@@ -68,7 +65,7 @@ def primitives_chart(session: RecordedSession) -> charts.Chart | None:
         "The normal fitted to the peak torques of training, per depth d and ring position r_a "
         f"({_span(learnt.count)} palpations each; as Figure 9 of the paper). Each panel has its own scales: "
         "the more the curves overlap, the less a palpation at that position tells.",
-        (8.4, 2.5 * lines),
+        2.4 * lines + 0.4,
         ("depth_mm", "ring_mm", "mean_n_mm", "sd_n_mm", "palpations"),
         rows,
         draw,
@@ -80,7 +77,7 @@ def _span(count: Float64Array) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def _normal(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64Array]:
+def normal_of(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64Array]:
     """Return torque in N mm and density per N mm within four deviations of a primitive."""
     mean, sd = learnt.mean[i, k] * 1e3, learnt.sd[i, k] * 1e3
     z = np.linspace(-4.0, 4.0, 161)
@@ -127,7 +124,7 @@ def sweeps_chart(
         for ring_m, sweeps in raw.items()
     }
     edge = edge_cone(**settings)
-    along, along_label, per_sample = _axis(length, speed_m_s / rate_hz, from_m)
+    along, along_label, per_sample = stage_axis(length, speed_m_s / rate_hz, from_m)
     means = {ring_m: sweeps.mean(axis=0) * 1e3 for ring_m, sweeps in clean.items()}
     deviations = {ring_m: _sd(sweeps) * 1e3 for ring_m, sweeps in clean.items()}
     peaks = {ring_m: peak(mean, edge=edge) for ring_m, mean in means.items()}
@@ -144,7 +141,6 @@ def sweeps_chart(
             along[window], clean[shown_m][0][window] * 1e3, color=charts.BLUE, lw=1.8, label="de-noised"
         )
         near.plot(along[one.index], one.value_n_m * 1e3, "v", ms=8, color=charts.VERMILION, label="peak")
-        near.legend(loc="best")
         charts.tidy(
             near, f"One palpation near its peak, $r_a$ = {mm(shown_m)} mm", along_label, "torque, N mm"
         )
@@ -162,6 +158,7 @@ def sweeps_chart(
                 va="center",
                 fontsize=8,
             )
+        charts.legend(figure, handles=near.get_lines(), ncols=3)
         charts.tidy(whole, f"Mean ± sd per ring position, d = {mm(depth_m)} mm", along_label, "torque, N mm")
 
     step = max(length // 800, 1)
@@ -177,7 +174,7 @@ def sweeps_chart(
         "measured and de-noised, near its peak. Right: mean and standard deviation of the de-noised sweeps "
         f"(up to {MOST_SWEEPS} per ring position r_a, in mm); triangles mark the peaks, searched for where "
         "the ends of the sweep have no influence.",
-        (8.4, 3.4),
+        3.7,
         ("ring_mm", along_label.replace(", ", "_").replace(" ", "_"), "mean_n_mm", "sd_n_mm"),
         shown,
         draw,
@@ -190,7 +187,7 @@ def _sd(sweeps: Float64Array) -> Float64Array:
     return deviation
 
 
-def _axis(length: int, step_m: float, from_m: float | None) -> tuple[Float64Array, str, float]:
+def stage_axis(length: int, step_m: float, from_m: float | None) -> tuple[Float64Array, str, float]:
     """Return where each sample lies, the axis' name, and the step between samples, mm."""
     step_mm = step_m * 1e3
     way_mm = step_mm * np.arange(length, dtype=np.float64)

@@ -18,12 +18,14 @@ class Study:
         question: What it answers, in a line.
         target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
         parallel: Whether its function takes ``workers`` and ``dask`` too.
+        picture: Stem of the chart that stands for it; empty: it draws none.
         checkpoint: File of its folder that gets a line for every part that is finished; empty: none.
     """
 
     name: str
     question: str
     target: str
+    picture: str = ""
     parallel: bool = False
     checkpoint: str = ""
 
@@ -57,34 +59,40 @@ STUDIES = {
             "contact-stability",
             "Where does each method fail, by which symptom, and what survives there?",
             "palp_core.palpation.studies.contact.stability:run",
+            picture="stability",
         ),
         Study(
             "contact-validity",
             "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
             "palp_core.palpation.studies.contact.validity:run",
+            picture="validity",
             checkpoint="scenes.jsonl",
         ),
         Study(
             "decision-stability",
             "Where does the published algorithm fail, what does the naive way give there, and what ours?",
             "palp_core.palpation.studies.decision.stability:run",
+            picture="traps",
         ),
         Study(
             "decision-limits",
             "How near do policies, stop rules and filters come to what no policy can pass?",
             "palp_core.palpation.studies.decision.combinations:run",
+            picture="accuracy_against_seconds",
             parallel=True,
         ),
         Study(
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",
+            picture="frontier",
             parallel=True,
         ),
         Study(
             "mismatch",
             "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
             "palp_core.palpation.studies.frontier.mismatch:run",
+            picture="mismatch_lab",
             parallel=True,
         ),
         Study(
@@ -96,18 +104,21 @@ STUDIES = {
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",
+            picture="policies",
             parallel=True,
         ),
         Study(
             "power",
             "How many trials and sessions does it take to see the paper's differences?",
             "palp_core.palpation.studies.power.study:run",
+            picture="power_over_sessions",
             parallel=True,
         ),
         Study(
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",
+            picture="robustness_to_best_paper",
             parallel=True,
             checkpoint="cells.jsonl",
         ),
@@ -115,12 +126,14 @@ STUDIES = {
             "why",
             "Which hypotheses make a fixed stiffness stop making progress?",
             "palp_core.palpation.studies.paper.why:run",
+            picture="why",
             parallel=True,
         ),
         Study(
             "features",
             "How late is a sweep's feature known, and how wrong is it, as a stream and offline?",
             "palp_core.palpation.studies.decision.feature_lag:run",
+            picture="features",
         ),
     )
 }

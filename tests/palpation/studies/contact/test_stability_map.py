@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palp_core.errors import MechanicsError
 from palp_core.methods import find, methods, outside, weigh
@@ -24,6 +26,7 @@ from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.palpation.studies.contact.cases_joint import INDENTATION_M, gel, joint_cases
 from palp_core.palpation.studies.contact.cases_other import other_cases
 from palp_core.palpation.studies.contact.map import METHODS, MapVerdict, judge, map_chart, points
+from palp_core.palpation.studies.contact.stability_charts import overview
 
 STAGE_M = np.linspace(-0.03, 0.05, 41)
 
@@ -128,10 +131,50 @@ def test_the_users_map_covers_the_grid_and_draws(tmp_path: Path) -> None:
     assert share["lagging_start"] == 1.0
     whole = [MapVerdict(point, dict.fromkeys(METHODS, point.depth_m > 0.002)) for point in grid]
     chart = map_chart(whole, "small_strain")
-    save(chart, tmp_path, svg=True)
+    save(chart, tmp_path)
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".csv"}
     assert len(chart.rows) == 48
     assert "Safe in 50 % of 48 scenes" in chart.caption
+
+
+def drawn_axes(case: FailureCase) -> Axes:
+    figure = Figure()
+    overview([case]).draw(figure)
+    (axes,) = figure.axes
+    return axes
+
+
+def test_a_bar_has_a_scale_the_value_from_which_it_fails_and_a_mark_for_the_rig() -> None:
+    case = replace(a_case([0.0, 0.0, 0.0, 2.0, 2.0]), rig=(1.0, 9.0))
+    axes = drawn_axes(case)
+    assert axes.get_title(loc="right") == "fails from 3"
+    assert axes.get_xlabel() == "p"
+    assert [tick.get_text() for tick in axes.get_xticklabels()][0::2] == ["0", "1", "2", "3", "4"]
+    marks = {str(line.get_marker()): np.asarray(line.get_xdata()).tolist() for line in axes.get_lines()}
+    assert marks == {"v": [1.0], ">": [4.0]}  # the second lies beyond what was tried
+    failing = [
+        one.get_window_extent().transformed(axes.transData.inverted()).x0
+        for one in axes.patches
+        if one.get_hatch()
+    ]
+    assert failing == pytest.approx([2.5, 3.5])
+
+
+def test_a_bar_spreads_ratios_next_to_a_half() -> None:
+    values = 0.5 - np.array([0.2, 0.01, 0.0001])
+    case = replace(a_case([0.0, 0.0, 2.0]), values=values, axis="to_half", rig=(0.49,))
+    axes = drawn_axes(case)
+    at = {
+        tick.get_text(): float(place)
+        for tick, place in zip(axes.get_xticklabels(), axes.get_xticks(), strict=True)
+    }
+    assert at["0.49"] == pytest.approx(2.0)
+    assert at["0.499"] - at["0.49"] == pytest.approx(1.0)
+
+
+def test_every_case_says_where_the_rig_is_or_varies_nothing_of_it(cases: dict[str, FailureCase]) -> None:
+    unmarked = {name for name, case in cases.items() if not case.rig}
+    assert unmarked == {"dead_load", "stiffness_times_angle", "explicit_friction"}
 
 
 # A failing region that nobody sees fails the build: each case's failing values, and who says so there.

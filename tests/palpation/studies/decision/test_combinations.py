@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold
 from palp_core.palpation.perception.strategy.optimal_shared import shared_optimum
@@ -17,7 +19,8 @@ from palp_core.palpation.studies.decision.combinations import (
     mark_front,
     tradeoff_session,
 )
-from palp_core.palpation.studies.decision.limits import least_seconds, limits, what_stays
+from palp_core.palpation.studies.decision.front_chart import front_chart
+from palp_core.palpation.studies.decision.limits import Limits, least_seconds, limits, what_stays
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, begin_session, run_policy
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
@@ -43,6 +46,49 @@ def test_a_guess_without_a_probe_is_not_on_the_front() -> None:
     ]
     mark_front(rows, "seconds")
     assert [row["front_seconds"] for row in rows] == [False, True, False]
+
+
+def a_row(policy: str, seconds: float, accuracy: float) -> dict[str, Any]:
+    return {
+        **{"policy": policy, "stop": "fixed_1", "feature": "peak", "filter": "naive", "seconds": seconds},
+        **{"probes": seconds / 10.0, "accuracy": accuracy, "front_probes": False},
+    }
+
+
+LIMITS = Limits(
+    independent=(),
+    chernoff_nats=0.5,
+    shared=(),
+    capacity_bits=1.0,
+    fano=((1.0, 0.6),),
+    wald=((1.0, 0.7),),
+    wald_for=(4.0, 8.0, 16.0),
+)
+
+
+def test_the_front_is_a_line_with_named_points_and_all_else_is_faint() -> None:
+    rows = [
+        a_row("fixed_16", 10.0, 0.7),
+        a_row("uniform", 20.0, 0.6),
+        a_row("gain", 30.0, 0.9),
+        a_row("again", 30.0, 0.9),
+    ]
+    mark_front(rows, "seconds")
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    chart = front_chart(rows, "seconds", LIMITS)
+    chart.draw(figure)
+    canvas.draw()
+    (axes,) = figure.axes
+    (line,) = [one for one in axes.get_lines() if one.get_linewidth() == 2.0]
+    assert np.asarray(line.get_xydata()).tolist() == [[10.0, 0.7], [30.0, 0.9]]
+    (cloud,) = axes.collections
+    assert (cloud.get_alpha() or 1.0) < 0.5
+    assert len(np.asarray(cloud.get_offsets())) == len(rows)
+    names = [words.get_text() for words in figure.legends[0].get_texts()]
+    assert names == ["1  fixed 16, fixed 1, peak, naive filter", "2  gain, fixed 1, peak, naive filter (+1)"]
+    assert [words.get_text() for words in axes.texts] == ["1", "2"]
+    assert not any(one.get_window_extent().overlaps(axes.bbox) for one in figure.legends)
 
 
 def test_the_average_of_the_fixed_positions_is_there_too() -> None:
@@ -109,6 +155,13 @@ def test_every_combination_is_a_row_with_its_calibration(out: Path) -> None:
     for row in report["rows"]:
         assert {"accuracy", "ci", "probes", "seconds", "ece"} <= set(row)
     assert any(row["front_probes"] for row in report["rows"])
+
+
+@pytest.mark.slow
+def test_the_page_says_that_a_quick_run_is_no_result(out: Path) -> None:
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "Run with --quick: no result" in page
+    assert "on 2 common sessions" in page
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.interpolate import RectBivariateSpline
 
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
@@ -17,7 +18,15 @@ from palp_core.palpation.reporting.html_page import Picture
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.robustness import study as robustness_study
 from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, RobustnessCell, cells
-from palp_core.palpation.studies.robustness.claim import CLAIMS, against_best, changes_of, judged, reasons
+from palp_core.palpation.studies.robustness.claim import (
+    CLAIMS,
+    against_best,
+    changes_of,
+    judged,
+    reasons,
+    to_best,
+)
+from palp_core.palpation.studies.robustness.heat_maps import to_best_chart
 from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, CellJob, promises, run_cell
 from palp_core.palpation.studies.robustness.study import RobustnessSize
 from palp_core.palpation.studies.simulation.policies import begin_session, run_policy
@@ -144,6 +153,23 @@ def test_a_policy_that_is_worse_everywhere_is_said_to_be() -> None:
     assert (found[1]["worse"], found[1]["suspected"], even["difference"]) == (False, False, 0.0)
 
 
+def test_a_heat_map_crosses_what_is_behind_and_nothing_else(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    lines = lines_of({"uniform": (0.7 + 0.01 * rng.random(16)).tolist()})
+    found = [
+        {"cell": "centre", "design": "paper", "policy": policy, **to_best(lines, policy)}
+        for policy in ("markov", "uniform", "information_gain")
+    ]
+    whole = against_best(lines, "markov")
+    assert (found[0]["difference"], found[0]["ci"]) == (whole["difference"], whole["ci"])
+    figure = Figure()
+    chart = to_best_chart(found, "paper", "Points")
+    chart.draw(figure)
+    assert [words.get_text() for words in figure.axes[0].texts] == ["-21 ×", "+21", "-21 ×"]
+    assert [row[-1] for row in chart.rows] == [1, 0, 1]
+    assert [words.get_text() for words in figure.axes[0].get_yticklabels()] == ["centre"]
+
+
 def test_the_best_of_many_equals_is_not_taken_for_better() -> None:
     rng = np.random.default_rng(1)
     differences = []
@@ -213,7 +239,7 @@ def test_a_run_that_was_stopped_goes_on_with_what_it_has(
     (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
     whole = (out / "one" / "robustness.json").read_bytes()
     monkeypatch.setattr(robustness_study, "_family", lambda *_: json.loads(whole)["family"])
-    monkeypatch.setattr(robustness_study, "picture", lambda *_, **__: Picture("one", "", "", b""))
+    monkeypatch.setattr(robustness_study, "picture", lambda *_, **__: Picture("one", "", "", "nothing", b""))
     ran: list[str] = []
 
     def run_again(job: CellJob) -> Any:
@@ -237,9 +263,19 @@ def test_the_study_writes_every_cell_its_charts_and_its_answer(out: Path) -> Non
     assert len(report["family"]["accuracy"]) == 3
     assert {path.stem for path in (out / "one").glob("*.png")} >= {
         "robustness_accuracy",
+        "robustness_to_best_paper",
+        "robustness_to_best_aware",
         "robustness_differences",
         "robustness_family",
     }
     page = (out / "one" / "index.html").read_text(encoding="utf-8")
     assert "Where information gain is worse" in page
+    assert (
+        page.index("robustness_to_best_aware.svg")
+        < page.index("<details>")
+        < page.index("robustness_accuracy.svg")
+    )
+    assert {(one["cell"], one["design"]) for one in report["to_best"]} == {
+        (cell["name"], design) for cell in report["cells"] for design in DESIGNS
+    }
     assert "no cell can be significant" in page  # three sessions: signs give 1 in 4 at the least

@@ -85,7 +85,7 @@ def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
     from palp_core.palpation.identification.emg.chart import trial_chart
 
     record = {"subject": "", "phase": "", "trial": trial.path.stem, "error": None, **trial_record(trial)}
-    shown = picture(trial_chart(trial), out, svg=False)
+    shown = picture(trial_chart(trial), out)
     _write(out, [record], record, f"EMG of {trial.path.name}", shown)
     heading, rows = series_rows(trial)
     with (out / "series.csv").open("w", encoding="utf-8", newline="") as file:

@@ -40,7 +40,7 @@ def trial_chart(trial: EmgTrial) -> Chart:
         title="Co-contraction and its bursts",
         caption="Normalised co-contraction, eq. (3); shaded are its bursts, squares the peaks within them, "
         "dotted lines the five levels, gaps are lost samples.",
-        size=(9.0, 3.2),
+        height=3.2,
         columns=("time_s", "cocontraction", "level"),
         rows=[[*peak, level] for peak, level in zip(peaks, levels, strict=True)],
         draw=draw,

@@ -58,7 +58,7 @@ def _matrices_chart(found: StrategyFit) -> Chart:
         "matrices",
         "Transition matrices",
         "Posterior mean of M[next, present]; the table beside has every entry's interval.",
-        (1.2 + 3.1 * len(found.chains), 3.2),
+        3.2,
         ("depth_mm", "next", "present", "count", "mean", "low", "high"),
         [row for one in found.chains for row in _entries(one)],
         draw,

@@ -1,6 +1,7 @@
 """A case of the stability map: a method that fails, where it does, beside its survivor."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -22,7 +23,8 @@ class FailureCase:
         of_survivor: Symptom of the survivor, shape (n,).
         limit: Symptom from which on a value counts as failed.
         why: What happens, in a sentence.
-        logarithmic: Draw the parameter on a logarithmic axis.
+        axis: Of the parameter: ``linear``, ``log``, or ``to_half``, which spreads what is just below 0.5.
+        rig: Values of the parameter that the published rig has; none where it is no quantity of the rig.
     """
 
     name: str
@@ -35,7 +37,8 @@ class FailureCase:
     of_survivor: Float64Array
     limit: float
     why: str
-    logarithmic: bool = False
+    axis: Literal["linear", "log", "to_half"] = "linear"
+    rig: tuple[float, ...] = ()
 
     @property
     def failed(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palp_core.palpation.mechanics import Phantom
 from palp_core.palpation.mechanics.contact import fem_failures
 from palp_core.palpation.studies.contact.case import FailureCase
 from palp_core.units import Float64Array
@@ -38,6 +39,8 @@ def _locking(quick: bool) -> FailureCase:
         np.array([abs(fem_failures.softness_error_of_taylor_hood(float(nu))) for nu in ratios]),
         0.1,
         "A linear triangle that keeps its area cannot bend: it locks as the gel becomes incompressible.",
+        axis="to_half",
+        rig=(Phantom().poisson,),
     )
 
 
@@ -59,6 +62,8 @@ def _iterative(quick: bool) -> FailureCase:
         np.array([one_solution(float(nu)) for nu in ratios]),
         3000.0,
         "The condition of the matrix grows as 1 / (1 - 2 nu).",
+        axis="to_half",
+        rig=(Phantom().poisson,),
     )
 
 
@@ -76,7 +81,7 @@ def _truncated(quick: bool) -> FailureCase:
         np.full(len(radii), abs(1.0 / (1.0 + endless) - 1.0)),
         1e-3,
         "The edge holds back what an endless slab would let go, and so lifts every force alike.",
-        logarithmic=True,
+        axis="log",
     )
 
 
@@ -99,7 +104,8 @@ def _cells(quick: bool) -> FailureCase:
         0.05,
         "Over thin gel the stiffening varies within a cell: the force is too high, and the compliance is no "
         "longer positive definite.",
-        logarithmic=True,
+        axis="log",
+        rig=(0.125, 0.25, 0.5),  # cells of 1 mm over 8, 4 and 2 mm of gel
     )
 
 
@@ -118,6 +124,8 @@ def _explicit(quick: bool) -> FailureCase:
         1e4,
         "The step is limited by the pressure wave through the smallest element (Courant, Friedrichs, Lewy); "
         "one longer by a fiftieth lets it grow without end.",
+        axis="to_half",
+        rig=(Phantom().poisson,),
     )
 
 
@@ -134,4 +142,5 @@ def _small_strain(quick: bool) -> FailureCase:
         np.abs(fem_failures.finite_strain_error(pressed_m)),
         0.05,
         "Strains that are not small are taken for small ones; over a bead L5 ends before it is as much.",
+        rig=(4.0,),
     )

@@ -18,6 +18,7 @@ from palp_core.units import Float64Array
 INDENTATION_M = 0.004
 STAGE_M = np.linspace(-0.03, 0.05, 81)
 TIP_M = 0.006
+RINGS_MM = (0.0, 4.0, 8.0, 12.0, 16.0)
 
 
 def gel(depth_m: float, modulus_pa: float = 20e3) -> LayeredHertz:
@@ -78,6 +79,7 @@ def _of_finder(quick: bool, finder: str, name: str, failing: str, survivor: str,
         surviving,
         0.1,
         why,
+        rig=RINGS_MM,
     )
 
 
@@ -135,7 +137,8 @@ def _flat(quick: bool) -> FailureCase:
         np.array([flat(Probe(), float(r)) for r in rings]),
         0.01,
         "With r_a -> 0 and no weight nothing pushes the joint back once the tip has left the gel.",
-        logarithmic=True,
+        axis="log",
+        rig=RINGS_MM,
     )
 
 
@@ -162,6 +165,7 @@ def _several(quick: bool) -> FailureCase:
         np.array(surviving),
         0.1,
         "Before the bead there are three equilibria; which is taken depends on where the tip has been.",
+        rig=(2.0, 4.0, 8.0),
     )
 
 
@@ -189,6 +193,7 @@ def _leading(quick: bool) -> FailureCase:
         np.array(surviving),
         0.1,
         "With little friction a tip that leads the stage is a second stable state.",
+        rig=(Probe().friction,),
     )
 
 

@@ -65,7 +65,7 @@ def _explicit_friction(quick: bool) -> FailureCase:
         np.array(surviving),
         0.2,
         "The smooth law is a stiff damper at rest; an explicit step past its limit overshoots it, and grows.",
-        logarithmic=True,
+        axis="log",
     )
 
 
@@ -93,7 +93,8 @@ def _sampling(quick: bool) -> FailureCase:
         np.array([missed(min(float(step), 0.001)) for step in steps]),
         0.005,
         "The peak over a shallow bead is a few millimetres wide, and a snap is a step.",
-        logarithmic=True,
+        axis="log",
+        rig=(0.02,),  # 20 mm/s at 1 kHz
     )
 
 
@@ -125,6 +126,8 @@ def _winkler(quick: bool) -> FailureCase:
         np.abs(np.array(surviving) / base - 1.0),
         1.0,
         "The modulus of a column that cannot widen is E (1 - nu) / ((1 + nu)(1 - 2 nu)).",
+        axis="to_half",
+        rig=(Phantom().poisson,),
     )
 
 

@@ -152,7 +152,7 @@ def map_chart(found: list[MapVerdict], method: str) -> Chart:
         f"A panel per modulus (rows) and nominal indentation (columns); × and orange: not safe. "
         f"Safe in {100 * share:.0f} % of {len(safe)} scenes. Contact: L2, bead of 7.5 mm, ball of 6 mm, "
         f"mu = 0.3.",
-        (2.2 + 1.7 * len(presses), 1.6 + 1.5 * len(moduli)),
+        1.6 + 1.5 * len(moduli),
         ("depth_m", "ring_m", "modulus_pa", "indentation_m", "safe"),
         [(p.depth_m, p.ring_m, p.modulus_pa, p.indentation_m, int(ok)) for p, ok in safe.items()],
         draw,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, SKY, Chart, tidy
+from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, SKY, Chart, legend, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.judged import NEAR, Judged, judge
 from palp_core.palpation.studies.toolkit.checkpoint import append_line, read_lines
@@ -137,14 +137,14 @@ def _chart(judged: Sequence[Judged]) -> Chart:
         axes.plot(ends, ends, color=GREY, lw=0.9)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.legend(fontsize=8)
+        legend(axes, "rung")
         tidy(axes, "stated and true error", "stated bound", "true error, against L4 at 0.5 mm")
 
     return Chart(
         "validity",
         "Stated bounds against true errors",
         "A point per scene, output and rung that states a bound for it. Above the line a bound is not kept.",
-        (6.0, 4.4),
+        4.4,
         ("rung", "output", "bound", "error", "chosen"),
         points,
         draw,

@@ -19,7 +19,8 @@ from palp_core.palpation.perception.belief.stopping import (
 )
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
-from palp_core.palpation.studies.decision.charts import calibration_chart, rungs_chart, tradeoff_chart
+from palp_core.palpation.studies.decision.charts import calibration_chart, rungs_chart
+from palp_core.palpation.studies.decision.front_chart import front_chart, label, on_front
 from palp_core.palpation.studies.decision.limits import limits
 from palp_core.palpation.studies.decision.rungs import rung_rows
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -147,8 +148,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     write_json(out / "decision_limits.json", report)
     write_records(out / "decision_limits.csv", rows)
     charts = [
-        tradeoff_chart(rows, "probes", bounds),
-        tradeoff_chart(rows, "seconds", bounds),
+        front_chart(rows, "seconds", bounds),
+        front_chart(rows, "probes", bounds),
         calibration_chart(rows),
         rungs_chart(rungs),
     ]
@@ -157,17 +158,10 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "studies/decision_limits.html",
         rows=rows,
         session_count=count,
-        pictures=[picture(chart, out, svg=False) for chart in charts],
-        front=_front(rows),
+        pictures=[picture(chart, out) for chart in charts],
+        quick=quick,
+        front=[(label(row), row, more) for row, more in on_front(rows, "seconds")],
     )
 
 
 _KEPT = ("accuracy", "ci", "probes", "seconds", "moves", "ece", "overconfidence", "undecided", "sessions")
-
-
-def _front(rows: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
-    """Return the rows on the front of accuracy against seconds, each with how many more are equal to it."""
-    front: dict[tuple[float, float], list[dict[str, Any]]] = {}
-    for row in sorted((r for r in rows if r["front_seconds"]), key=lambda r: float(r["seconds"])):
-        front.setdefault((row["seconds"], row["accuracy"]), []).append(row)
-    return [(alike[0], len(alike) - 1) for alike in front.values()]

@@ -13,7 +13,7 @@ import numpy as np
 
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.palpation.perception.signal.wavelet_stream import tail_weight
-from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, Chart, tidy
+from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, Chart, legend, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.decision.feature_cases import (
     FEATURES,
@@ -107,13 +107,13 @@ def _chart(rows: Sequence[FeatureError]) -> Chart:
                 here = [r for r in rows if r.feature == feature and r.noise_factor == factor]
                 _panel(grid[column], here, filled=factor == NOISE_FACTORS[0])
         handles, labels = grid[0].get_legend_handles_labels()
-        to.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=7)
+        legend(to, handles=handles, labels=labels, ncols=4, fontsize=7)
 
     return Chart(
         "features",
         "Error of the feature against lag",
         "Filled: noise of one step of the resolution; open: five steps. Lines: what nothing beats in both.",
-        (8.4, 4.2),
+        4.2,
         ("family", "setting", "lag_s", "noise_steps", "feature", "rms_n_m", "bias_n_m", "relative"),
         [tuple(_record(row).values()) for row in rows],
         draw,

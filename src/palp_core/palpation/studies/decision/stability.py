@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from palp_core.palpation.reporting.html_page import write_page
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.decision import traps_belief, traps_signal
 from palp_core.palpation.studies.decision.trap import Trap, answer
+from palp_core.palpation.studies.decision.trap_charts import map_chart, traps_chart
 from palp_core.whole_file import write_json
 
 TRAPS: tuple[Trap, ...] = (*traps_belief.TRAPS, *traps_signal.TRAPS)
@@ -39,4 +40,9 @@ def run(out: Path, *, quick: bool = False) -> Path:  # noqa: ARG001  it is quick
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "decision_stability.json", rows)
     write_records(out / "decision_stability.csv", rows)
-    return write_page(out / "index.html", "studies/decision_stability.html", traps=rows)
+    return write_page(
+        out / "index.html",
+        "studies/decision_stability.html",
+        traps=rows,
+        pictures=[picture(chart, out) for chart in (traps_chart(rows), map_chart())],
+    )

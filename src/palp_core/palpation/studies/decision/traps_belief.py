@@ -50,8 +50,9 @@ def _finite(found: Any) -> bool:
     return not isinstance(found, Exception) and bool(np.isfinite(found).all())
 
 
-def _naive_posterior() -> Float64Array:
-    density = np.exp(-0.5 * ((60.0 - np.array([10.0, 20.0, 30.0])) / 0.3) ** 2)
+def naive_posterior(reading: float, mean: Float64Array, sd: float) -> Float64Array:
+    """Return eq. (7) as printed, from a flat prior: densities multiplied."""
+    density = np.exp(-0.5 * ((reading - mean) / sd) ** 2)
     return np.asarray(density * FLAT / (density * FLAT).sum())
 
 
@@ -161,7 +162,7 @@ TRAPS = (
         "60 against means 10, 20, 30 with sd 0.3",
         "densities multiplied",
         "logarithms; flagged; `robust` leaves the belief",
-        _naive_posterior,
+        lambda: naive_posterior(60.0, np.array([10.0, 20.0, 30.0]), 0.3),
         _our_posterior,
         lambda found: _finite(found) and float(np.max(found)) < 0.5,
         _law,

@@ -56,7 +56,7 @@ def frontier_chart(rows: Rows, depths: Rows, limits: Limits) -> charts.Chart:
         "the trace filter's model in a swift first sweep. Middle: the mean of the belief on 31 depths of "
         "which training knew three, after one sweep and after four (joined). Right: all trials of a "
         "session decided at once; simulating what is felt is not in it.",
-        (13.0, 4.2 * len(worlds) + 0.7),
+        3.4 * len(worlds) + 1.0,
         ["world", "scheme", "seconds", "accuracy", "low", "high", "ece", "probes", "cpu_ms", "front"],
         [
             [
@@ -154,7 +154,7 @@ def _legend(figure: Figure) -> None:
         sign("Fano", linestyle=":", color=charts.INK),
         sign("Wald", linestyle="--", color=charts.INK),
     ]
-    figure.legend(handles=shown, loc="outside lower center", ncols=len(shown), fontsize=7.5)
+    charts.legend(figure, handles=shown, ncols=-(-len(shown) // 2), fontsize=7.5)
 
 
 def threshold_chart(rows: Rows) -> charts.Chart:
@@ -176,7 +176,7 @@ def threshold_chart(rows: Rows) -> charts.Chart:
             )
         panels[0].set_xscale("log")
         panels[0].axhline(0.0, color=charts.GREY, linewidth=0.8)
-        panels[0].legend()
+        charts.legend(figure, "world", handles=panels[1].get_lines(), ncols=len(worlds))
         charts.tidy(panels[0], "Looking often", "1 - threshold", "more sure than right, points")
         charts.tidy(panels[1], "What it buys", "seconds of the rig a decision", "right, %")
 
@@ -186,7 +186,7 @@ def threshold_chart(rows: Rows) -> charts.Chart:
         "Decided in the sweep at the stiffest ring. Left: stated confidence less the share that is right; a "
         "belief that is looked at often stops where it is too sure. Right: each point a threshold of 0.9, "
         "0.95, 0.98, 0.99, 0.995, 0.999, from the left.",
-        (8.0, 3.6),
+        3.6,
         ["world", "threshold", "accuracy", "seconds", "probes", "ece", "overconfidence"],
         [
             [

@@ -49,7 +49,7 @@ def map_chart(rows: Rows, world: str) -> charts.Chart:
         "than 95 % right, or a stated confidence that is off by more than 0.05. An exclamation mark: in at "
         "least half of the sessions the run itself says that its trials differ from training, or half of its "
         "trials fit nothing that was taught.",
-        (9.0, 0.3 * len(differences) + 1.6),
+        0.3 * len(differences) + 1.6,
         ["difference", "scheme", "accuracy", "low", "high", "ece", "told_sessions", "strange_trials"],
         [
             [
@@ -94,7 +94,7 @@ def power_chart(rows: Rows) -> charts.Chart:
         "Blue: sessions of 300 trials that say by which offset their trials differ from training (p below "
         "0.05, corrected for the number of offsets). Amber: trials whose torque fits no better than one in "
         "twenty would. Dashed: 5 %, what may be warned of for nothing (the row none).",
-        (9.0, 5.0),
+        5.0,
         ["world", "difference", "told_sessions", "low", "high", "strange_trials"],
         [
             [row["world"], row["difference"], row["told_sessions"], *row["told_ci"], row["strange_trials"]]

@@ -9,7 +9,16 @@ import numpy as np
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.reporting.charts import GREY, INK, VERMILION, Chart, depth_style, tidy
+from palp_core.palpation.reporting.charts import (
+    GREY,
+    INK,
+    VERMILION,
+    Chart,
+    depth_style,
+    in_percent,
+    legend,
+    tidy,
+)
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_OVER_TRIALS, HUMAN_RIGHT
 
 if TYPE_CHECKING:
@@ -52,11 +61,13 @@ def figure_3(seed: int) -> Chart:
         names = ("FDS", "EDC")
         for axes, values, name in zip(panels, found.normalised, names, strict=False):
             axes.plot(time_s, values[::step], color=INK, linewidth=0.8)
-            tidy(axes, f"{name}, eq. (1)", "", "share of MVC")
+            in_percent(axes.yaxis)
+            tidy(axes, f"{name}, eq. (1)", "", "of MVC, %")
         panels[2].plot(time_s, found.cocontraction[::step], color=INK, linewidth=0.8)
         at = [peak.index for peak in found.peaks]
         panels[2].plot([i / 1500.0 for i in at], found.cocontraction[at], "o", color=VERMILION, markersize=4)
-        tidy(panels[2], "co-contraction, eq. (3), and its peaks", "time, s", "share of MVC")
+        in_percent(panels[2].yaxis)
+        tidy(panels[2], "co-contraction, eq. (3), and its peaks", "time, s", "of MVC, %")
 
     return Chart(
         "figure_03_emg",
@@ -64,7 +75,7 @@ def figure_3(seed: int) -> Chart:
         "The paper shows a recorded trial; ours is simulated: two muscles whose envelope follows the chain "
         "of Figure 5 at 4 mm, through rectification, RMS (150 ms), MVC normalisation and the rule for peaks. "
         "The pipeline can be compared with the paper's, the signal cannot.",
-        (7.5, 5.0),
+        5.0,
         ["time_s", "fds_share", "edc_share", "cocontraction"],
         rows,
         draw,
@@ -86,13 +97,14 @@ def figure_4() -> Chart:
             over.plot(at, [share for _, share in said], **depth_style(i), label=f"{depth} mm")
         over.annotate('"above 80 %"', (2.0, 0.80), xytext=(2.1, 0.84), fontsize=8)
         over.set_xlim(0.5, 5.5)
-        over.legend(loc="lower right")
-        tidy(over, "(a) what the text gives", "trial", "share of right estimates")
+        tidy(over, "(a) what the text gives", "trial", "right, %")
         colours = [depth_style(i)["color"] for i in range(len(depths))]
         axes.bar([f"{d} mm" for d in depths] + ["all"], [*shares, overall], color=[*colours, GREY], width=0.6)
         for panel in (over, axes):
             panel.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0)
             panel.set_ylim(0, 1)
+            in_percent(panel.yaxis)
+        legend(figure, handles=over.get_lines()[: len(depths)], ncols=len(depths))
         tidy(axes, "(b) all trials", "", "")
 
     return Chart(
@@ -102,7 +114,7 @@ def figure_4() -> Chart:
         "is ours. Dotted: chance. Over trials the text gives three numbers: at 2 mm 65 % in the first trial "
         "and above 80 % after it, at 4 and 8 mm 65 % in the third. Of six subjects only sixths are possible, "
         "so 65 % must be 4 of 6; at 2 mm only 4, 5, 5, 5, 5 of 6 stay above 80 % and make 80 % in all.",
-        (7.5, 3.2),
+        3.2,
         ["depth_mm", "trial", "share"],
         [*HUMAN_OVER_TRIALS, *((d, "all", HUMAN_RIGHT[d] / HUMAN_OF) for d in depths)],
         draw,
@@ -143,7 +155,7 @@ def figure_5() -> Chart:
         "Table 5's eigenvalues, which leave 16 dimensions of a matrix free. Above: nearest to a Gaussian "
         "AR(1) in relative entropy per step (by squared differences another chain is nearer), used in all "
         "results here; below: the nearest-neighbour control. The colour scale is the paper's, 0 to 0.6.",
-        (7.5, 5.0),
+        5.0,
         ["reconstruction", "depth_mm", "next", "current", "probability"],
         rows,
         draw,

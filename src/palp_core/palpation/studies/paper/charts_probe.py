@@ -9,7 +9,7 @@ import numpy as np
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.reporting.charts import Chart, depth_style, ring_colours, tidy
+from palp_core.palpation.reporting.charts import Chart, depth_style, legend, ring_colours, tidy
 from palp_core.palpation.studies.simulation import reading_table
 from palp_core.palpation.studies.simulation.conditions import Conditions
 
@@ -28,14 +28,14 @@ def figure_7b(gel: reading_table.Gel) -> Chart:
         axes = figure.subplots()
         for ring_m, curve, colour in zip(gel.rings_m, curves, ring_colours(len(curves)), strict=True):
             axes.plot(np.degrees(angle), curve, color=colour, label=f"r_a = {ring_m * 1e3:g} mm")
-        axes.legend()
+        legend(axes)
         tidy(axes, "K_s = 2 r_a R k_s cos q", "joint angle q, degrees", "stiffness, N mm/rad")
 
     return Chart(
         "figure_07b_stiffness",
         "Figure 7(b): joint stiffness",
         "Eq. (6) with the published R = 6.8 mm and k_s = 0.24 N/mm: the same curves as the paper's.",
-        (5.5, 3.4),
+        3.4,
         ["angle_deg", *(f"n_mm_per_rad_at_{r * 1e3:g}_mm" for r in gel.rings_m)],
         rows,
         draw,
@@ -80,7 +80,7 @@ def figure_8(gel: reading_table.Gel, conditions: Conditions, seed: int, count: i
             axes.plot(stage_mm[inside], mean[inside], color=colour, label=f"{ring_m * 1e3:g} mm")
             top = inside.start + int(np.argmax(mean[inside]))
             axes.plot(stage_mm[top], mean[top], "o", color=colour, markersize=4)
-        axes.legend(title="r_a", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        legend(axes, "r_a")
         tidy(axes, f"d = 8 mm, {count} palpations each", "stage, mm", "torque, N mm")
 
     return Chart(
@@ -89,7 +89,7 @@ def figure_8(gel: reading_table.Gel, conditions: Conditions, seed: int, count: i
         "Mean and standard deviation of the de-noised sweeps (db10, 5 levels), peaks marked. The spread is "
         "that of the ring's landing and of the sensor; the paper's gel and tip are not known, so its "
         "torques are not expected to be ours, their order over r_a is.",
-        (7.0, 3.8),
+        3.8,
         ["stage_mm", *(f"{k}_at_{r * 1e3:g}_mm_n_mm" for r in gel.rings_m for k in ("mean", "sd"))],
         rows,
         draw,
@@ -115,14 +115,14 @@ def figure_9(primitives: Primitives) -> Chart:
                 look = {name: v for name, v in depth_style(i).items() if name != "marker"}
                 axes.plot(torque, density, label=f"{depths_m[i] * 1e3:g} mm", **look)
             tidy(axes, f"r_a {rings_m[k] * 1e3:g} mm", "N mm", "density" if k == 0 else "")
-        panels[0].legend()
+        legend(figure, "depth", handles=panels[0].get_lines(), ncols=len(depths_m))
 
     return Chart(
         "figure_09_primitives",
         "Figure 9: memory primitives",
         "Normals fitted to 25 training peaks a cell in one session. At r_a = 0 the depths are one; the "
         "stiffer the joint, the further apart they are, as in the paper.",
-        (9.5, 2.8),
+        3.0,
         ["depth_mm", "ring_mm", "mean_n_mm", "sd_n_mm"],
         rows,
         draw,

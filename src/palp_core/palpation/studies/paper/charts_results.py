@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, INK, VERMILION, Chart, depth_style, tidy
+from palp_core.palpation.reporting.charts import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    VERMILION,
+    Chart,
+    depth_style,
+    in_percent,
+    legend,
+    tidy,
+)
 from palp_core.palpation.studies.paper.numbers import PUBLISHED
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
@@ -39,11 +50,11 @@ def beliefs(
             at = np.arange(1, SHOWN + 1)
             axes.errorbar(at, mean, error, **depth_style(i), markersize=3.5, label=f"{depth_m * 1e3:g} mm")
             axes.axhline(1e3 * depth_m, color=depth_style(i)["color"], linewidth=0.6, linestyle=":")
-        axes.legend(title="true depth")
+        legend(axes, "true depth")
         tidy(axes, "", "iteration", "expected depth, mm")
 
     columns = ["iteration", "depth_mm", "expected_mm", "standard_error_mm"]
-    return Chart(name, title, caption, (5.5, 3.4), columns, rows, draw)
+    return Chart(name, title, caption, 3.4, columns, rows, draw)
 
 
 def _bars(axes: Axes, names: Sequence[str], table: Mapping[str, dict[str, Any]], colour: str) -> None:
@@ -52,36 +63,47 @@ def _bars(axes: Axes, names: Sequence[str], table: Mapping[str, dict[str, Any]],
     for place, name in enumerate(names):
         axes.plot([place, place], table[name]["ci"], color=INK, linewidth=1.4)
     axes.set_ylim(0, 1.02)
+    in_percent(axes.yaxis)
 
 
 def figure_12(table: Mapping[str, dict[str, Any]]) -> Chart:
-    """Human, fixed and human strategy: the paper's three bars, and ours."""
-    rows = [
+    """Human, fixed and human strategy: the paper's three bars, ours, and the fixed position that is best."""
+    published = {
+        "fixed_average": PUBLISHED["fixed"]["overall"],
+        "markov": PUBLISHED["human_strategy"]["overall"],
+    }
+    rows: list[list[Any]] = [
         ["human", PUBLISHED["human"]["overall"], None, None, None],
         *(
-            [ours, PUBLISHED[theirs]["overall"], table[ours]["accuracy"], *table[ours]["ci"]]
-            for ours, theirs in (("fixed_average", "fixed"), ("markov", "human_strategy"))
+            [ours, published.get(ours), table[ours]["accuracy"], *table[ours]["ci"]]
+            for ours in ("fixed_average", "fixed_best", "markov")
         ),
     ]
+    names = ["human", "fixed,\naverage", "fixed,\nbest position", "human\nstrategy"]
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.bar([0, 1, 2], [row[1] for row in rows], width=0.35, color=GREY, label="paper")
-        for place in (1, 2):
-            axes.bar(place + 0.38, rows[place][2], width=0.35, color=BLUE, label="ours" if place == 1 else "")
-            axes.plot([place + 0.38] * 2, rows[place][3:], color=INK, linewidth=1.4)
-        axes.set_xticks([0, 1.19, 2.19], ["human", "fixed,\naverage", "human\nstrategy"])
-        axes.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0)
+        for at, (_, paper, ours, *interval) in enumerate(rows):
+            theirs, own = ("paper", "ours") if at == 1 else ("", "")
+            if paper is not None:
+                axes.bar(at - 0.19, paper, width=0.35, color=GREY, label=theirs)
+            if ours is not None:
+                axes.bar(at + 0.19, ours, width=0.35, color=BLUE, label=own)
+                axes.plot([at + 0.19] * 2, interval, color=INK, linewidth=1.4)
+        axes.set_xticks(range(len(rows)), names)
+        axes.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0, label="chance")
         axes.set_ylim(0, 1.02)
-        axes.legend()
-        tidy(axes, "", "", "share of right estimates")
+        in_percent(axes.yaxis)
+        legend(axes)
+        tidy(axes, "", "", "right, %")
 
     return Chart(
         "figure_12_comparison",
         "Figure 12: human, fixed stiffness, human strategy",
         "Grey: as published. Blue: this study, with 95 % intervals over sessions. The paper compares with "
-        "the average of the five fixed positions; the best of them is in the next chart. Dotted: chance.",
-        (5.0, 3.4),
+        "the average of the five fixed positions alone; the best of them, which it leaves out, stands "
+        "beside it: the one at which each session's own training is told apart best.",
+        3.4,
         ["experiment", "paper", "ours", "low", "high"],
         rows,
         draw,
@@ -95,11 +117,14 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(2, 1, sharex=True)
         _bars(left, names, table, BLUE)
-        for level, text in ((0.667, "paper, fixed"), (0.9, "paper, human strategy"), (1 / 3, "chance")):
-            left.axhline(level, color=GREY, linestyle="--", linewidth=0.9)
-            left.annotate(text, (len(names) - 0.5, level), fontsize=7, va="bottom")
-        left.set_xlim(-0.8, len(names) + 2.2)  # room for the words beside the bars
-        tidy(left, "accuracy, 95 % intervals over sessions", "", "share right")
+        for level, line, text in (
+            (0.9, "-.", "paper, human strategy"),
+            (0.667, "--", "paper, fixed"),
+            (1 / 3, ":", "chance"),
+        ):
+            left.axhline(level, color=INK, linestyle=line, linewidth=0.9, label=text)
+        legend(left)
+        tidy(left, "accuracy, 95 % intervals over sessions", "", "right, %")
         right.bar(range(len(names)), [table[n]["seconds"] for n in names], color=GREEN, width=0.7)
         for place, name in enumerate(names):
             right.annotate(
@@ -117,7 +142,7 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
         "Every policy on the same trials",
         "The paper's filter, feature and stop rule verbatim for all. Differences between policies are "
         "within sessions and sharper than the intervals suggest; the table of comparisons tests them.",
-        (9.0, 6.0),
+        6.0,
         ["policy", "accuracy", "low", "high", "probes", "seconds", "ece"],
         [[n, t["accuracy"], *t["ci"], t["probes"], t["seconds"], t["ece"]] for n, t in table.items()],
         draw,
@@ -136,18 +161,20 @@ def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
             axes.annotate(
                 str(name).replace("_", " "),
                 (stated, share),
-                fontsize=6,
+                fontsize=7,
                 xytext=(3, -2),
                 textcoords="offset points",
             )
-        tidy(axes, "", "mean stated confidence", "accuracy")
+        in_percent(axes.xaxis)
+        in_percent(axes.yaxis)
+        tidy(axes, "", "mean stated confidence, %", "right, %")
 
     return Chart(
         "calibration",
         "Is the stated confidence deserved?",
         "Below the dotted line a policy is surer than it is right: the paper's filter takes readings that "
         "share the ring's and the height's error for independent.",
-        (6.0, 4.2),
+        4.2,
         ["policy", "stated", "accuracy", "ece"],
         rows,
         draw,
@@ -173,8 +200,8 @@ def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
         axes = figure.subplots()
         at = np.arange(len(rows))
         for first, shift, colour, label in (
-            (1, -0.2, BLUE, "information gain, latent filter"),
-            (4, 0.2, GREY, "best fixed ring at equal seconds"),
+            (1, -0.2, BLUE, "information gain,\nlatent filter"),
+            (4, 0.2, GREY, "best fixed ring\nat equal seconds"),
         ):
             axes.bar(at + shift, [r[first] for r in rows], width=0.38, color=colour, label=label)
             axes.vlines(
@@ -185,9 +212,10 @@ def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
                 linewidth=1.4,
             )
         axes.set_xticks(at, [str(r[0]).replace("_", " ") for r in rows])
-        axes.set_ylim(0, 1.15)
-        axes.legend(loc="upper right")
-        tidy(axes, "", "", "share right")
+        axes.set_ylim(0, 1.02)
+        in_percent(axes.yaxis)
+        legend(axes)
+        tidy(axes, "", "", "right, %")
 
     return Chart(
         "scenes",
@@ -195,7 +223,7 @@ def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
         "Fixed rings are given at least the seconds that information gain took, with the better of the two "
         "filters and the best ring chosen in hindsight. 95 % intervals over sessions; the paired difference "
         "is in the table.",
-        (6.0, 3.4),
+        3.4,
         [
             "scene",
             *(
@@ -222,7 +250,7 @@ def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
             axes.fill_between(
                 probes, line["low"], line["high"], color=style["color"], alpha=0.15, linewidth=0
             )
-        axes.legend()
+        legend(axes)
         axes.set_ylim(bottom=0)
         tidy(axes, "", "probes", "root mean square error, mm")
 
@@ -232,7 +260,7 @@ def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
         "By the peak. Training knew three depths; the primitives are interpolated in between. Nodules lie at "
         "any of 31. The latent filter is handed the slopes of the objects that make the readings. Shaded: "
         "95 % intervals over sessions.",
-        (5.5, 3.4),
+        3.4,
         ["filter", "probes", "rmse_mm", "low_mm", "high_mm"],
         [
             [name, t + 1, *values]

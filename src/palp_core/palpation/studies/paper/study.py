@@ -113,7 +113,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
     if report["readings"]:
         charts.append(readings_chart(report["readings"]["places"]))
-    pictures = [picture(chart, out, svg=False) for chart in charts]
+    pictures = [picture(chart, out) for chart in charts]
     return write_page(out / "index.html", "studies/paper.html", report=report, pictures=pictures)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.reporting.charts import GREY, INK, PALE_BLUE, Chart, tidy
+from palp_core.palpation.reporting.charts import GREY, INK, PALE_BLUE, Chart, in_percent, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -166,7 +166,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
             if one["cell"].startswith("only") and one["low"] <= 2 / 3 <= one["high"]
         ],
         together=next(one for one in rows if one["cell"] == "all"),
-        picture=picture(_chart(rows), out, svg=False),
+        picture=picture(_chart(rows), out),
         probe_count=PROBES,
     )
 
@@ -222,14 +222,15 @@ def _chart(rows: Sequence[dict[str, Any]]) -> Chart:
         axes.set_yticks(at, [r["cell"] for r in rows])
         axes.invert_yaxis()
         axes.set_xlim(0, 1.02)
-        tidy(axes, "average over fixed positions; dashed: the paper", "share right", "")
+        in_percent(axes.xaxis)
+        tidy(axes, "average over fixed positions; dashed: the paper, dotted: chance", "right, %", "")
 
     return Chart(
         "why",
         "Which hypotheses suffice?",
         "Mean over sessions with 95 % intervals. H3 adds r_a = 0 to the average; without H4 a trial takes 8 "
         "probes. The paper's filter throughout.",
-        (6.5, 5.0),
+        5.0,
         list(rows[0]),
         [list(r.values()) for r in rows],
         draw,

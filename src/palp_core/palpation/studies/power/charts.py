@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, tidy
+from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style, in_percent, legend, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,15 +58,16 @@ def curves_chart(rows: Sequence[Mapping[str, Any]], over: str, shown: Sequence[i
         for axes in panels[-1]:
             axes.set_xlabel(label[over])
         for axes in panels[:, 0]:
-            axes.set_ylabel("power")
-        panels.flat[0].legend(title=label[other], loc="lower right", fontsize=7.5)
+            axes.set_ylabel("power, %")
+        handles, words = panels.flat[0].get_legend_handles_labels()
+        legend(figure, label[other], handles=handles, labels=words, ncols=len(words))
 
     return Chart(
         f"power_over_{over}",
         f"Power against {label[over]}",
         "Share of simulated experiments in which a paired test over sessions sees the difference (two-sided, "
         "0.05, one comparison alone). Dotted: by formula (noncentral t). Horizontal lines: 80 and 90 %.",
-        (8.5, 6.0),
+        6.0,
         _COLUMNS,
         [
             [row["comparison"], *(row[k] for k in ("trials", "sessions", "power", "power_holm", "formula"))]
@@ -80,6 +81,7 @@ def _limits(axes: Axes) -> None:
     for level in (0.8, 0.9):
         axes.axhline(level, color=GREY, linewidth=0.8, linestyle="--")
     axes.set_ylim(0.0, 1.03)
+    in_percent(axes.yaxis)
 
 
 def _plain_ticks(axis: Axis, ticks: Sequence[int]) -> None:
@@ -105,7 +107,7 @@ def effect_chart(policies: Mapping[str, Mapping[str, Any]]) -> Chart:
         axes.set_yscale("log")
         _plain_ticks(axes.xaxis, trials)
         _plain_ticks(axes.yaxis, (1, 2, 5, 10, 20, 50, 100))
-        axes.legend(fontsize=7.5)
+        legend(axes)
         tidy(axes, "", "trials of a session, all depths", "design effect, 1 + (n − 1) ρ")
 
     return Chart(
@@ -113,7 +115,7 @@ def effect_chart(policies: Mapping[str, Mapping[str, Any]]) -> Chart:
         "By how much trials of one session count less",
         "A design effect of 10 makes 300 trials of one session worth 30 independent ones. Correlation ρ "
         "measured over simulated sessions of the paper's design.",
-        (5.5, 3.6),
+        3.6,
         ["policy", "intraclass", *(f"at_{n}" for n in trials)],
         [
             [name, line["intraclass"], *(1.0 + (n - 1) * line["intraclass"] for n in trials)]
@@ -135,15 +137,15 @@ def paper_chart(paper: Mapping[str, Any]) -> Chart:
         _limits(axes)
         axes.axvline(90.0, color=INK, linewidth=0.7)
         axes.annotate("published: 90 %", (90.0, 0.03), fontsize=7.5, rotation=90, ha="right")
-        axes.legend(fontsize=7.5, loc="lower right", title="300 trials of each as")
-        tidy(axes, "", "true share right of the better strategy, %", "power against 66.7 %")
+        legend(axes, "300 trials of each as")
+        tidy(axes, "", "true share right of the better strategy, %", "power against 66.7 %, %")
 
     return Chart(
         "power_of_300_trials",
         "What 300 trials of each strategy can tell from 66.7 %",
         "By the formula with the design effect of the worse strategy's measured correlation; the paper does "
         "not say how many trainings or mountings its trials share. With one session no test can know it.",
-        (6.0, 3.8),
+        3.8,
         ["share", *paper["power"]],
         [[s, *(powers[i] for powers in paper["power"].values())] for i, s in enumerate(paper["shares"])],
         draw,

@@ -109,7 +109,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         out / "index.html",
         "studies/power.html",
         report=report,
-        pictures=[picture(chart, out, svg=False) for chart in charts],
+        pictures=[picture(chart, out) for chart in charts],
         independent=independent["80"],
         one_session=one_session["80"],
         differences={f"{one['first']} - {one['second']}": one for one in report["differences"]},

@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, VERMILION, Chart, tidy
+from palp_core.palpation.reporting.charts import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PINK,
+    VERMILION,
+    Chart,
+    in_percent,
+    legend,
+    tidy,
+)
 from palp_core.palpation.studies.robustness.cells import FACTORS, Factor
 
 if TYPE_CHECKING:
@@ -62,13 +74,12 @@ def factors_chart(
             _panel(axes, factor, points[factor.name], design, key)
         for axes in panels[:, 0]:
             axes.set_ylabel(_AXES[key])
-        legend = panels.flat[len(FACTORS)]
-        legend.axis("off")
+        for axes in panels.flat[len(FACTORS) :]:
+            axes.axis("off")
         handles, labels = panels.flat[0].get_legend_handles_labels()
-        legend.legend(handles, labels, loc="center left", title="policy")
+        legend(figure, "policy", handles=handles, labels=labels, ncols=4)
 
-    size = (9.0, 10.0)
-    return Chart(name, title, caption, size, ["factor", "value", "policy", key, "low", "high"], rows, draw)
+    return Chart(name, title, caption, 9.0, ["factor", "value", "policy", key, "low", "high"], rows, draw)
 
 
 def _points(factor: Factor, cells: Sequence[Mapping[str, Any]]) -> list[tuple[str, Mapping[str, Any]]]:
@@ -107,7 +118,7 @@ def _panel(
         )
     if not factor.numeric:
         words = [value.replace(" ", "\n", 1) if len(value) > 6 else value for value, _ in points]
-        axes.set_xticks(at, words, fontsize=6.5 if len(points) > 2 else 8)
+        axes.set_xticks(at, words, fontsize=7 if len(points) > 2 else 8)
         axes.margins(x=0.15)
     tidy(axes, "", factor.label, "")
 
@@ -148,7 +159,7 @@ def differences_chart(claims: Sequence[Mapping[str, Any]]) -> Chart:
         "Paired difference of accuracy with its 95 % interval over sessions; the best of the others is "
         "chosen by the other sessions. Crosses: significantly worse (Holm over the cells of a panel); "
         "triangles: its own interval alone lies below 0.",
-        (9.0, 1.6 + 0.19 * len(names)),
+        1.6 + 0.19 * len(names),
         ["policy", "design", "cell", "best", "difference", "low", "high", "p_holm", "worse"],
         rows,
         draw,
@@ -169,15 +180,16 @@ def family_chart(family: Mapping[str, Any], centre: Mapping[str, Any]) -> Chart:
             axes.axhline(centre[name]["accuracy"], color=colour, linestyle=line, linewidth=1.3, label=label)
         axes.axhline(0.9, color=INK, linewidth=0.6)
         axes.annotate("published: slightly above 90 %", (1, 0.9), fontsize=7.5, va="bottom")
-        axes.legend(loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)
-        tidy(axes, "", "chain, in order of accuracy", "share right, mean over sessions")
+        legend(axes)
+        tidy(axes, "", "chain, in order of accuracy", "right, %, mean over sessions")
+        in_percent(axes.yaxis)
 
     return Chart(
         "robustness_family",
         f"{len(shares)} chains with Table 5's eigenvalues",
         "Each has the published spectrum; the matrices themselves were not published as numbers. The paper's "
         "filter and stop rule; the same sessions for all.",
-        (6.0, 3.8),
+        3.8,
         ["rank", "accuracy"],
         [[i + 1, share] for i, share in enumerate(shares)],
         draw,

@@ -24,7 +24,9 @@ from palp_core.palpation.studies.robustness.claim import (
     changes_of,
     judged,
     reasons,
+    to_best,
 )
+from palp_core.palpation.studies.robustness.heat_maps import to_best_chart
 from palp_core.palpation.studies.robustness.jobs import (
     DESIGNS,
     CellJob,
@@ -99,6 +101,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "seed": seed,
         **asdict(size),
         "cells": [_cell(cell, lines[cell.name]) for cell in sorted(varied, key=lambda one: bool(one.factor))],
+        "to_best": _to_best(lines),
         "claims": claims,
         "worse": worse,
         "family": _family(size, centre, lines["centre"]["paper"], workers, dask),
@@ -107,21 +110,27 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     write_json(out / "robustness.json", report)
     _csv(out, report["cells"])
     charts = [
-        *(factors_chart(*texts, report["cells"], *what) for texts, what in _CHARTS),
+        *(to_best_chart(report["to_best"], design, title) for design, title in _MAPS),
         differences_chart(claims),
         family_chart(report["family"], lines["centre"]["paper"]),
     ]
+    curves = [factors_chart(*texts, report["cells"], *what) for texts, what in _CHARTS]
     return write_page(
         out / "index.html",
         "studies/robustness.html",
         report=report,
-        pictures=[picture(chart, out, svg=False) for chart in charts],
+        pictures=[picture(chart, out) for chart in charts],
+        curves=[picture(chart, out) for chart in curves],
         shown=_SHOWN,
         significance=LEVEL,
         widest=[max(0.5 * (row["ci"][1] - row["ci"][0]) for row in claim["cells"]) for claim in claims],
     )
 
 
+_MAPS = (
+    ("paper", "Points to the best: the paper's filter and stop rule"),
+    ("aware", "Points to the best: filter told what stays, posterior threshold 0.95"),
+)
 _READ = "Mean over sessions with 95 % intervals; the other factors are at the paper's design. "
 _CHARTS = (
     (
@@ -177,6 +186,16 @@ def _cell(cell: RobustnessCell, lines: Mapping[str, Any]) -> dict[str, Any]:
         for design, by in lines.items()
     }
     return {"name": cell.name, "factor": cell.factor, "value": cell.value, "designs": designs}
+
+
+def _to_best(lines: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return how far every policy that is charted lies from the best of the others, the centre first."""
+    return [
+        {"cell": name, "design": design, "policy": policy, **to_best(lines[name][design], policy)}
+        for name in sorted(lines, key=lambda name: name != "centre")
+        for design in DESIGNS
+        for policy in _SHOWN
+    ]
 
 
 def _claims(lines: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -72,7 +72,7 @@ def task_chart(choice: TaskChoice, points: Sequence[Measured]) -> Chart:
         chart_name(choice),
         f"{choice.task.name}: {choice.task.question}",
         KEY,
-        (7.0 if columns == 1 else 10.0, 4.2 * lines),
+        4.2 * lines,
         COLUMNS,
         [_record(one) for panel in every for one in panel.found],
         draw,

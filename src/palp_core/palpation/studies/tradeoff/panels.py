@@ -17,6 +17,8 @@ from palp_core.palpation.reporting.charts import (
     SKY,
     VERMILION,
     Chart,
+    in_percent,
+    legend,
     tidy,
 )
 from palp_core.palpation.studies.simulation.policies import fixed_name
@@ -64,10 +66,11 @@ def signature_chart(kept: Row) -> Chart:
         "signature",
         "Time against error",
         "",
-        (12.0, 4.1),
+        4.1,
         ("panel", "what", "time_s", "value", "chosen", "unstable"),
         [*_contact_rows(kept["contact"]), *_decision_rows(kept), *_rung_rows(kept["rungs"])],
         draw,
+        width=12.0,
     )
 
 
@@ -125,10 +128,11 @@ def draw_decisions(axes: Axes, rows: Sequence[Row], chosen: Row, readings: Seque
     for name, colour, marker in (*_FAMILIES.values(), *_READINGS.values()):
         axes.plot([], [], marker, color=colour, markersize=5, label=name)
     _chance(axes)
-    axes.legend(fontsize=7, loc="lower center", ncols=2, columnspacing=1.0, borderaxespad=0.2)
+    legend(axes, fontsize=7)
     axes.set_xscale("log")
-    axes.set_ylim(0.1, 1.03)  # what is below chance is free for words
-    tidy(axes, "How right is the decision?", "seconds on the rig a trial", "right decisions of three depths")
+    axes.set_ylim(0.28, 1.03)
+    in_percent(axes.yaxis)
+    tidy(axes, "How right is the decision?", "seconds on the rig a trial", "right of three depths, %")
 
 
 def draw_rungs(axes: Axes, rows: Sequence[Row]) -> None:
@@ -151,7 +155,8 @@ def draw_rungs(axes: Axes, rows: Sequence[Row]) -> None:
             axes.scatter(*spot, s=190, facecolors="none", edgecolors=INK, linewidths=1.4, zorder=4)
     for row in able:
         labels.write(row["rung"], row["cpu_s_per_trial"], row["agreement"], bold=row["chosen"])
-    tidy(axes, "Which touch does a decision need?", "CPU a trial, s", "same decision as with l4")
+    tidy(axes, "Which touch does a decision need?", "CPU a trial, s", "same decision as with l4, %")
+    in_percent(axes.yaxis)
 
 
 def _chance(axes: Axes) -> None:

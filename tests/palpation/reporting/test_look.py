@@ -1,0 +1,213 @@
+"""One look: contrast by WCAG AA in both modes, figures of one width, legends beside data, words explained."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import palp_core.palpation
+from palp_core.palpation.reporting import charts
+from palp_core.palpation.reporting.charts import Chart, in_percent, legend, save
+from palp_core.palpation.reporting.glossary import WORDS, words_of
+from palp_core.palpation.reporting.outline import outlined
+from tests.support.pages import flaws
+
+ROOM = Path(palp_core.palpation.__file__).parent
+STYLE = (ROOM / "reporting" / "templates" / "style.css").read_text("utf-8")
+TEXT, GRAPHICS = 4.5, 3.0  # least contrast of words, and of lines and marks
+LINES = ("BLUE", "VERMILION", "GREEN", "PINK", "SKY", "AMBER")
+
+
+def rgb(colour: str) -> np.ndarray:
+    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+
+
+def luminance(colour: np.ndarray) -> float:
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(one: np.ndarray, other: np.ndarray) -> float:
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def tokens(mode: str) -> dict[str, np.ndarray]:
+    light, dark = STYLE.split("prefers-color-scheme: dark")
+    return {
+        name: rgb(value)
+        for name, value in re.findall(r"--(\w+): (#\w{6})", light if mode == "light" else dark)
+    }
+
+
+def in_the_dark(colour: np.ndarray) -> np.ndarray:
+    """Return what the style's filter makes of a colour; the matrix is that of the Filter Effects module."""
+    found = re.search(r"figure img \{ filter: invert\((\.\d+)\) hue-rotate\(180deg\); \}", STYLE)
+    assert found
+    share = float(found[1])
+    weights = np.array([0.213, 0.715, 0.072])
+    turn = 2.0 * np.tile(weights, (3, 1)) - np.eye(3)  # hue-rotate at cos = -1, sin = 0
+    return np.clip(turn @ (share * (1.0 - colour) + (1.0 - share) * colour), 0.0, 1.0)
+
+
+def test_contrast_is_that_of_wcag() -> None:
+    assert contrast(rgb("#ffffff"), rgb("#000000")) == pytest.approx(21.0)
+    assert contrast(rgb("#777777"), rgb("#ffffff")) == pytest.approx(4.48, abs=0.005)  # the known near miss
+
+
+@pytest.mark.parametrize("mode", ["light", "dark"])
+def test_words_stand_out_from_what_they_stand_on(mode: str) -> None:
+    colour = tokens(mode)
+    on = {
+        "page": ("ink", "soft", "accent", "assumed"),
+        "lead": ("ink", "accent"),
+        "bad": ("ink", "assumed"),
+        "good": ("ink",),
+    }
+    low = {
+        (word, ground): contrast(colour[word], colour[ground])
+        for ground, words in on.items()
+        for word in words
+        if contrast(colour[word], colour[ground]) < TEXT
+    }
+    assert low == {}
+    assert contrast(colour["rule"], colour["page"]) >= GRAPHICS
+
+
+def test_lines_and_words_of_charts_stand_out_light_and_dark() -> None:
+    white, dark = rgb("#ffffff"), in_the_dark(rgb("#ffffff"))
+    assert dark == pytest.approx(
+        tokens("dark")["page"], abs=0.01
+    )  # the chart lies on the page without an edge
+    for name, least in {**dict.fromkeys(LINES, GRAPHICS), "INK": TEXT, "GREY": TEXT}.items():
+        colour = rgb(getattr(charts, name))
+        assert contrast(colour, white) >= least, name
+        assert contrast(in_the_dark(colour), dark) >= least, f"{name} in the dark"
+
+
+def test_colours_of_lines_stay_themselves_in_the_dark() -> None:
+    for name in LINES:
+        before = rgb(getattr(charts, name))
+        after = in_the_dark(before)
+        assert np.argmax(after) == np.argmax(before), name
+        assert np.argmin(after) == np.argmin(before), name
+
+
+def test_every_figure_of_a_page_is_as_wide_as_the_others(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    for name, height in (("low", 2.0), ("high", 5.0)):
+        save(Chart(name, "", "", height, ("x",), [(1,)], lambda figure: None), tmp_path)
+    widths = {imread(tmp_path / f"{name}.png").shape[1] for name in ("low", "high")}
+    assert widths == {round(charts.WIDTH_IN * 144)}
+    own = [
+        p.name
+        for p in ROOM.rglob("*.py")
+        if re.search(r"^\s+width=(?:[2-9]|\d\d)[\d.]*,$", p.read_text("utf-8"), re.MULTILINE)
+    ]
+    assert own == ["panels.py"]  # the picture of the README, on no page
+
+
+def test_a_legend_covers_no_data(tmp_path: Path) -> None:
+    drawn: list[Figure] = []
+
+    def draw(figure: Figure) -> None:
+        drawn.append(figure)
+        for axes in figure.subplots(1, 2):
+            axes.plot([0, 1], [0, 1], label="a line with a long name")
+        legend(figure.axes[0], "title")
+        legend(figure, "below", handles=figure.axes[0].get_lines())
+
+    save(Chart("one", "", "", 3.0, ("x",), [(1,)], draw), tmp_path)
+    (figure,) = drawn
+    legends = [*figure.legends, *(one for axes in figure.axes if (one := axes.get_legend()) is not None)]
+    assert len(legends) == 2
+    for one in legends:
+        assert not any(one.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
+
+
+def test_no_chart_draws_its_legend_by_itself() -> None:
+    own = [
+        str(path.relative_to(ROOM))
+        for path in ROOM.rglob("*.py")
+        if re.search(r"(?<!charts)\.legend\(", path.read_text("utf-8"))
+    ]
+    assert own == ["reporting/charts.py"]
+
+
+def test_shares_are_written_in_per_cent() -> None:
+    axes = Figure().subplots()
+    axes.plot([0.0, 1.0])
+    axes.set_yticks([0.0, 0.5, 1.0])
+    in_percent(axes.yaxis)
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0", "50", "100"]
+
+
+def test_no_axis_is_called_a_share() -> None:
+    named = [
+        f"{path.name}: {words}"
+        for path in ROOM.rglob("*.py")
+        for words in re.findall(r'"(share[^"]*|accuracy)"\)$', path.read_text("utf-8"), re.MULTILINE)
+    ]
+    assert [words for words in named if not words.endswith("%")] == []
+
+
+def test_words_for_who_does_not_see_a_chart_say_what_is_plotted() -> None:
+    chart = Chart(
+        "one", "Depth", "", 1.0, ("policy", "depth_mm"), [("a", 2.0), ("b", 8.0)], lambda figure: None
+    )
+    assert chart.alt == "Chart: Depth. Plotted: policy; depth mm 2 to 8."
+
+
+def test_a_page_explains_the_words_that_it_uses_and_no_others() -> None:
+    text = '<p title="trace">The markov permuted chain at r_a = 4 mm; <code>L2</code>.</p>'
+    assert [name for name, _ in words_of(text)] == [
+        "L0 to L5, rungs",
+        "markov permuted",
+        "r_a, ring position",
+    ]
+    assert words_of("<p>nothing of it; LATENTLY here</p>")[0][0] == "latent filter"
+    assert {"r_a", "L[0-5]", "latent\\w*", "markov permuted"} <= {
+        w for word in WORDS for w in word.split("|")
+    }
+
+
+def test_headings_get_ids_and_the_contents_lead_to_them() -> None:
+    found = outlined("<p>lead</p><h2>Why &amp; how</h2><h3>Why</h3><h2>Why</h2><h2 id='x'>no</h2>")
+    assert found.lead == "<p>lead</p>"
+    assert re.findall(r'<h\d id="([^"]+)"', found.rest) == ["why-how", "why", "why-2"]
+    assert [(one.id, one.words) for one in found.sections] == [("why-how", "Why &amp; how"), ("why-2", "Why")]
+    assert outlined("<p>only</p>").lead == "<p>only</p>"
+
+
+GOOD = (
+    '<!doctype html><html lang="en"><head>'
+    '<meta name="viewport" content="width=device-width, initial-scale=1">'
+    '<title>One</title></head><body><h1>One</h1><h2 id="a">A</h2><a href="#a">A</a>'
+    '<div class="scroll"><img alt="words" src="data:,"></div></body></html>'
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "instead", "said"),
+    [
+        (' lang="en"', "", "has no language"),
+        ('alt="words"', 'alt=""', "pictures without words"),
+        ("h2", "h3", "skips a level"),
+        (' id="a"', "", "without id"),
+        ("</body>", '<p id="a"></p></body>', "an id twice"),
+        ('href="#a"', 'href="#b"', "leads to no id"),
+        ('src="data:,"', 'src="a.png"', "needs another file"),
+        ("<h1>One</h1>", "", "has not one first heading"),
+        (' class="scroll"', "", "wider than a phone"),
+        ("width=device-width", "width=900", "does not fit a phone"),
+        ("</body>", "<p>nan</p></body>", "a value that is none"),
+    ],
+)
+def test_a_flaw_of_a_page_is_found(part: str, instead: str, said: str) -> None:
+    assert flaws(GOOD) == []
+    assert said in " ".join(flaws(GOOD.replace(part, instead)))
