@@ -9,7 +9,7 @@ from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_of
-from nodes.experiment_record import progress_of, result_of, trial_of
+from nodes.experiment_record import note_judged, progress_of, result_of, trial_of
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
@@ -275,10 +275,12 @@ class Experiment(Node):
     def _close_trial(self, belief: Belief) -> None:
         state = self.state
         state.trials_done += 1
-        state.dropped_count += belief.verdict == "dropped"
-        state.right_count += belief.verdict != "dropped" and is_right(
-            self.design, belief.estimate_m, state.depth_m
-        )
+        if belief.verdict == "dropped":
+            state.dropped_count += 1
+        else:
+            right = is_right(self.design, belief.estimate_m, state.depth_m)
+            state.right_count += right
+            note_judged(state, right=right)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:

@@ -102,6 +102,7 @@ class ExperimentState(State):
     row: int = 0
     palpations_done: int = 0
     right_count: int = 0
+    judged: dict[str, list[int]] = {}
     trials_done: int = 0
     dropped_count: int = 0
     sweep_s: float = 0.0

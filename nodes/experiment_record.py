@@ -7,6 +7,8 @@ from palp_core import Progress
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 
+_DEPTHS_TOLD = 6
+
 
 def trial_of(state: ExperimentState, now_ns: int) -> Trial:
     """Return the trial that begins; of a trial of estimation nobody is told the depth."""
@@ -56,8 +58,30 @@ def progress_of(
         phase=phase,
         done_count=state.palpations_done if training else state.trials_done,
         total_count=palpation_count if training else design.trials_per_phantom * phantom_count,
-        text="palpations" if training else "trials",
+        text="palpations" if training else _trials_text(state),
         score=state.right_count / judged_count if judged_count else 0.0,
         score_defined=judged_count > 0,
         busy_s=state.sweep_s,
     )
+
+
+def note_judged(state: ExperimentState, *, right: bool) -> None:
+    """Count the trial that ended to its depth."""
+    depth = f"{state.depth_m * 1e3:g} mm"
+    before, of = state.judged.get(depth, [0, 0])
+    state.judged[depth] = [before + right, of + 1]
+
+
+def _trials_text(state: ExperimentState) -> str:
+    """Return what is counted, and how many were right at each depth.
+
+    Phantoms come in blocks: the share over all trials so far falls and rises with whose block it is.
+    """
+    if not 1 < len(state.judged) <= _DEPTHS_TOLD:
+        return "trials"
+    told = (f"{depth} {right} of {of}" for depth, (right, of) in sorted(state.judged.items(), key=_depth_mm))
+    return f"trials, right: {', '.join(told)}"
+
+
+def _depth_mm(entry: tuple[str, list[int]]) -> float:
+    return float(entry[0].partition(" ")[0])

@@ -377,9 +377,19 @@ def test_progress_counts_palpations_then_trials_and_ends_once(tmp_path: Path) ->
     training = [p.done_count for p in told if p.phase == "training"]
     assert training == list(range(1, 31))
     assert {p.total_count for p in told if p.phase == "training"} == {30}
-    assert (told[-1].done_count, told[-1].total_count, told[-1].text) == (6, 6, "trials")
+    assert (told[-1].done_count, told[-1].total_count) == (6, 6)
     assert told[-1].score == pytest.approx(2 / 6)  # the rig always says 4 mm
     assert told[-1].busy_s == pytest.approx(0.7 * len(read_rows(tmp_path)))
+
+
+def test_live_accuracy_is_told_by_depth_as_phantoms_come_in_blocks(tmp_path: Path) -> None:
+    told = [p.text for p in run(tmp_path).bench.sent(Experiment.progress) if p.phase != "training"]
+    rows = [row for row in read_rows(tmp_path) if row.verdict in ("decided", "undecided")]
+    first = next(text for text in told if text.startswith("trials, right"))
+    assert told[0] == "trials"  # of one depth the score says as much
+    assert told[-1] == "trials, right: 2 mm 0 of 2, 4 mm 2 of 2, 8 mm 0 of 2"  # the rig always says 4 mm
+    assert {row.depth_m for row in rows} == {0.002, 0.004, 0.008}
+    assert first.count(" of ") == 2
 
 
 def test_a_dropped_trial_is_over_and_judges_nothing(tmp_path: Path) -> None:

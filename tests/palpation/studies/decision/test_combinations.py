@@ -75,7 +75,7 @@ def test_the_front_is_a_line_with_named_points_and_all_else_is_faint() -> None:
     ]
     mark_front(rows, "seconds")
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     chart = front_chart(rows, "seconds", LIMITS)
     chart.draw(figure)
     canvas.draw()
