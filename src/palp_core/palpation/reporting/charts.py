@@ -84,7 +84,8 @@ class Chart:
         """What it shows for whoever does not see it: the title, and what is plotted from where to where."""
         columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
         spans = [_span(name, cells) for name, cells in zip(self.columns, columns, strict=True)]
-        return f"Chart: {self.title}. Plotted: {'; '.join(spans)}."
+        end = "" if self.title.endswith(("?", ".", "!")) else "."
+        return f"Chart: {self.title}{end} Plotted: {'; '.join(spans)}."
 
 
 def _span(name: str, cells: Sequence[Any]) -> str:
