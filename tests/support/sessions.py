@@ -38,7 +38,12 @@ SMALL_STRAIN = "small strain: 2 mm pressed into 2 mm of gel over the bead"
 
 @pytest.fixture
 def record(tmp_path: Path) -> Writer:
-    """Write a record: each trial is (true class, posteriors), its estimate the largest of the last one."""
+    """Write a record into the test's folder."""
+    return writer(tmp_path)
+
+
+def writer(folder: Path) -> Writer:
+    """Return what writes a record: a trial is (true class, posteriors), the last of which is its estimate."""
 
     def write(
         name: str = "out",
@@ -49,7 +54,7 @@ def record(tmp_path: Path) -> Writer:
         last_word: str = "decided",
         primitives: bool = True,
     ) -> Path:
-        out, rng, count = tmp_path / name, np.random.default_rng(5), 0
+        out, rng, count = folder / name, np.random.default_rng(5), 0
         keeper = SessionWriter(str(out), depths_m)
         keeper.start()
 
@@ -116,43 +121,44 @@ def record(tmp_path: Path) -> Writer:
     return write
 
 
+def describe(out: Path, *, wall_s: float = 2.0, composed: bool = False, **estimator: Any) -> RunSummary:
+    """Describe a run that recorded into a folder."""
+    args = {"out": str(out), "policy": "markov", "trials": 2, "training": 2}
+    return RunSummary(
+        graph="rig",
+        file="launch/sim.yaml",
+        clock="sim",
+        seed=3,
+        composed=composed,
+        args=args,
+        params={
+            "experiment": args | {"rehome": "trial", "from_m": -0.03},
+            "policy": {"matrices": "ar1"},
+            "phantom": {"phantoms": "", "output": "peak", "tolerance": 0.02, "height_sd_mm": 0.1},
+            "stage": {"sweep_speed_m_s": 0.02},
+            "estimator": {"level": 5, "stop": "paper_guarded", "max_probes": 15} | estimator,
+        },
+        publishes={
+            "experiment": {"/experiment/ring": "RingCommand", "/experiment/result": "TrialResult"},
+            "policy": {"/policy/command": "RingCommand"},
+            "phantom": {"/phantom/guard": "ContactGuard", "/phantom/truth": "PhantomTruth"},
+            "stage": {"/stage/status": "SweepStatus"},
+            "estimator": {"/estimator/belief": "Belief"},
+        },
+        listens={
+            "experiment": ["/estimator/belief", "/phantom/guard", "/phantom/truth", "/stage/status"],
+            "policy": ["/estimator/belief", "/experiment/trial"],
+        },
+        exit_code=0,
+        clock_s=123.0,
+        wall_s=wall_s,
+        activation_count=77,
+    )
+
+
 @pytest.fixture
 def summary() -> Summariser:
     """Describe a run that recorded into a folder."""
-
-    def describe(out: Path, *, wall_s: float = 2.0, composed: bool = False, **estimator: Any) -> RunSummary:
-        args = {"out": str(out), "policy": "markov", "trials": 2, "training": 2}
-        return RunSummary(
-            graph="rig",
-            file="launch/sim.yaml",
-            clock="sim",
-            seed=3,
-            composed=composed,
-            args=args,
-            params={
-                "experiment": args | {"rehome": "trial", "from_m": -0.03},
-                "policy": {"matrices": "ar1"},
-                "phantom": {"phantoms": "", "output": "peak", "tolerance": 0.02, "height_sd_mm": 0.1},
-                "stage": {"sweep_speed_m_s": 0.02},
-                "estimator": {"level": 5, "stop": "paper_guarded", "max_probes": 15} | estimator,
-            },
-            publishes={
-                "experiment": {"/experiment/ring": "RingCommand", "/experiment/result": "TrialResult"},
-                "policy": {"/policy/command": "RingCommand"},
-                "phantom": {"/phantom/guard": "ContactGuard", "/phantom/truth": "PhantomTruth"},
-                "stage": {"/stage/status": "SweepStatus"},
-                "estimator": {"/estimator/belief": "Belief"},
-            },
-            listens={
-                "experiment": ["/estimator/belief", "/phantom/guard", "/phantom/truth", "/stage/status"],
-                "policy": ["/estimator/belief", "/experiment/trial"],
-            },
-            exit_code=0,
-            clock_s=123.0,
-            wall_s=wall_s,
-            activation_count=77,
-        )
-
     return describe
 
 

@@ -89,6 +89,13 @@ def test_lines_and_words_of_charts_stand_out_light_and_dark() -> None:
         assert contrast(in_the_dark(colour), dark) >= least, f"{name} in the dark"
 
 
+@pytest.mark.parametrize("name", ["PALE_BLUE", "PALE_GREEN", "PALE_VERMILION"])
+def test_words_of_charts_stand_out_from_areas_light_and_dark(name: str) -> None:
+    ink, area = rgb(charts.INK), rgb(getattr(charts, name))
+    assert contrast(ink, area) >= TEXT
+    assert contrast(in_the_dark(ink), in_the_dark(area)) >= TEXT
+
+
 def test_colours_of_lines_stay_themselves_in_the_dark() -> None:
     for name in LINES:
         before = rgb(getattr(charts, name))

@@ -26,7 +26,7 @@ from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.rig_drawing import rig_chart
 from palp_core.palpation.session.training_charts import primitives_chart
-from tests.support.sessions import SMALL_STRAIN
+from tests.support.sessions import SMALL_STRAIN, describe, writer
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]
@@ -40,6 +40,13 @@ TRIALS = [
 ALL = {"accuracy", "belief", "calibration", "primitives", "rig", "rings", "steps", "sweeps"}
 
 
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a session with its report, for tests that only read it."""
+    session(describe(out := writer(tmp_path_factory.mktemp("reported"))(trials=TRIALS)))
+    return out
+
+
 def charts(out: Path) -> set[str]:
     return {path.stem for path in (out / "charts").glob("*.png")}
 
@@ -49,22 +56,20 @@ def numbers(out: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(
-    record: Writer, summary: Summariser
-) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    assert (out / "result.json").exists()
-    assert charts(out) == ALL
-    assert {path.stem for path in (out / "charts").glob("*.csv")} == ALL
-    assert {path.stem for path in (out / "charts").glob("*.svg")} == ALL
-    assert not list(out.rglob("*.part"))
+def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(reported: Path) -> None:
+    assert (reported / "result.json").exists()
+    assert charts(reported) == ALL
+    assert {path.stem for path in (reported / "charts").glob("*.csv")} == ALL
+    assert {path.stem for path in (reported / "charts").glob("*.svg")} == ALL
+    assert not list(reported.rglob("*.part"))
 
 
-def test_the_page_needs_no_other_file(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    page = (out / "report.html").read_text(encoding="utf-8")
+def test_the_page_needs_no_other_file(reported: Path) -> None:
+    page = (reported / "report.html").read_text(encoding="utf-8")
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert {base64.b64decode(image) for image in images} == {p.read_bytes() for p in out.glob("charts/*.png")}
+    assert {base64.b64decode(image) for image in images} == {
+        p.read_bytes() for p in reported.glob("charts/*.png")
+    }
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert "http" not in re.sub(r"base64,[^\"]+", "", page)
 
@@ -84,10 +89,9 @@ class _Balance(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_every_tag_of_the_page_is_closed(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
+def test_every_tag_of_the_page_is_closed(reported: Path) -> None:
     reader = _Balance()
-    reader.feed((out / "report.html").read_text(encoding="utf-8"))
+    reader.feed((reported / "report.html").read_text(encoding="utf-8"))
     assert reader.open == []
 
 
@@ -104,36 +108,33 @@ def test_the_page_states_the_session_and_the_reach_of_its_intervals(
     assert "eigenvalues published, entries not legible" in page
 
 
-def test_a_trial_that_has_ended_keeps_its_last_belief(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    at_2mm = [row for row in numbers(out, "belief") if row["depth_mm"] == "2"]
+def test_a_trial_that_has_ended_keeps_its_last_belief(reported: Path) -> None:
+    at_2mm = [row for row in numbers(reported, "belief") if row["depth_mm"] == "2"]
     assert [int(row["trials_running"]) for row in at_2mm] == [2, 2, 1, 0]
     second = 0.8 * 2 + 0.1 * 4 + 0.1 * 8
     expected = [14 / 3, (0.6 * 2 + 0.3 * 4 + 0.1 * 8 + second) / 2, *2 * [(0.9 * 2 + 0.1 * 4 + second) / 2]]
     assert [float(row["expected_depth_mm"]) for row in at_2mm] == pytest.approx(expected)
 
 
-def test_ring_positions_are_counted_by_iteration(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    counts = [list(map(int, row.values())) for row in numbers(out, "rings")]
+def test_ring_positions_are_counted_by_iteration(reported: Path) -> None:
+    counts = [list(map(int, row.values())) for row in numbers(reported, "rings")]
     assert counts == [[1, 0, 4], [2, 2, 0], [3, 0, 1]]
 
 
-def test_a_trial_of_middling_length_is_told_step_by_step(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    rows = numbers(out, "steps")
+def test_a_trial_of_middling_length_is_told_step_by_step(reported: Path) -> None:
+    rows = numbers(reported, "steps")
     assert [row["trial"] for row in rows] == ["1000"] * 2  # of 2, 1, 1 and 3 palpations
     assert [row["verdict"] for row in rows] == ["continue", "decided"]
     assert [float(row["posterior_2mm"]) for row in rows] == [0.6, 0.9]
     likelihoods = [[float(row[f"likelihood_share_{depth}mm"]) for depth in (2, 4, 8)] for row in rows]
     assert [sum(shares) for shares in likelihoods] == pytest.approx([1.0, 1.0])
-    learnt = read_session(out).primitives
+    learnt = read_session(reported).primitives
     assert learnt is not None
     read = [float(row["peak_n_mm"]) * 1e-3 for row in rows]
     rings = [learnt.rings_m.tolist().index(float(row["ring_mm"]) * 1e-3) for row in rows]
     z = [(value - learnt.mean[:, k]) / learnt.sd[:, k] for value, k in zip(read, rings, strict=True)]
     assert [shares.index(max(shares)) for shares in likelihoods] == [int(np.argmin(np.abs(one))) for one in z]
-    page = (out / "report.html").read_text(encoding="utf-8")
+    page = (reported / "report.html").read_text(encoding="utf-8")
     assert (
         "Trial 1000, over phantom A, the true depth 2 mm: 2 palpations, decided: 2 mm at 90 %, right" in page
     )
@@ -146,16 +147,15 @@ def test_a_trial_decided_by_the_whole_trace_has_no_steps_of_a_feature(
     assert charts(out) == ALL - {"steps"}
 
 
-def test_the_rig_is_drawn_to_scale_with_its_labels(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    sizes = {(row["of"], row["quantity"]): float(row["mm"]) for row in numbers(out, "rig")}
+def test_the_rig_is_drawn_to_scale_with_its_labels(reported: Path) -> None:
+    sizes = {(row["of"], row["quantity"]): float(row["mm"]) for row in numbers(reported, "rig")}
     assert sizes["probe", "base_m"] == 80.0
     assert [sizes[code, "depth_m"] for code in "ABC"] == [2.0, 4.0, 8.0]
     assert sizes["stage", "indentation_m"] == 4.0
-    drawn = (out / "charts" / "rig.svg").read_text(encoding="utf-8")
+    drawn = (reported / "charts" / "rig.svg").read_text(encoding="utf-8")
     for words in ("torque sensor", "base link, 80 mm", "joint, R = 6.8 mm", "tip link, 70 mm", "bead, 15 mm"):
         assert f"<!-- {words} -->" in drawn
-    wide, high = scale_of(out)
+    wide, high = scale_of(reported)
     assert wide == pytest.approx(high)
 
 
@@ -173,14 +173,10 @@ def scale_of(out: Path) -> tuple[float, float]:
     return x1 - x0, y1 - y0
 
 
-def test_the_page_begins_with_versions_and_the_command_and_has_every_trial(
-    record: Writer, summary: Summariser
-) -> None:
-    run = summary(out := record(trials=TRIALS))
-    session(run)
-    page = (out / "report.html").read_text(encoding="utf-8")
+def test_the_page_begins_with_versions_and_the_command_and_has_every_trial(reported: Path) -> None:
+    page = (reported / "report.html").read_text(encoding="utf-8")
     top, _, rest = page.partition("<h2")
-    assert f"palp launch launch/sim.yaml out:={out} policy:=markov trials:=2 training:=2" in top
+    assert f"palp launch launch/sim.yaml out:={reported} policy:=markov trials:=2 training:=2" in top
     assert "numpy " in top
     table = rest[rest.index("Every trial") :]
     cells = "<td>1003</td><td>C</td><td>8 mm</td><td>3</td><td>16, 0, 16</td><td>4 mm</td><td>wrong</td>"
@@ -188,9 +184,8 @@ def test_the_page_begins_with_versions_and_the_command_and_has_every_trial(
     assert table.count("<td>decided</td>") == len(TRIALS)
 
 
-def test_sweeps_are_averaged_over_the_deepest_bead(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    rows = numbers(out, "sweeps")
+def test_sweeps_are_averaged_over_the_deepest_bead(reported: Path) -> None:
+    rows = numbers(reported, "sweeps")
     stiffest = [row for row in rows if row["ring_mm"] == "16"]
     mean = np.array([float(row["mean_n_mm"]) for row in stiffest])
     where = [float(row["stage_position_past_the_bead_mm"]) for row in stiffest]

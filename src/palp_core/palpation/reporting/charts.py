@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PINK, SKY, AMBER = "#B9608F", "#399AD6", "#C08500"
 INK, GREY = "#222222", "#707070"
-PALE_BLUE, PALE_GREEN = "#9db8d2", "#cfe8dd"  # areas that words or hatching tell of
+PALE_BLUE, PALE_GREEN, PALE_VERMILION = "#a8c1d8", "#cfe8dd", "#f2bd93"  # areas, which words may stand on
 
 WIDTH_IN = 8.0
 """Of every chart on a page."""
@@ -109,6 +109,7 @@ def save(chart: Chart, folder: Path) -> bytes:
         canvas: Any = FigureCanvasAgg(figure)
         chart.draw(figure)
         canvas.print_png(image, metadata={"Software": "palp"})  # savefig would lay everything out twice
+        figure.set_layout_engine("none")  # what lies where is found once, for both
         vectors: Any = FigureCanvasSVG(figure)
         vectors.print_svg(vector, metadata={"Creator": "palp", "Date": None})
     folder.mkdir(parents=True, exist_ok=True)

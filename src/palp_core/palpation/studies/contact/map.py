@@ -19,7 +19,7 @@ from palp_core.palpation.mechanics.equilibrium.finders import (
 )
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.scene.guard import SMALL_STRAIN_SHARE
-from palp_core.palpation.reporting.charts import PALE_GREEN, VERMILION, Chart
+from palp_core.palpation.reporting.charts import PALE_GREEN, PALE_VERMILION, Chart
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
@@ -120,9 +120,7 @@ def map_chart(found: list[MapVerdict], method: str) -> Chart:
     def draw(figure: Figure) -> None:
         from matplotlib.colors import ListedColormap
 
-        colours = ListedColormap(
-            [VERMILION, PALE_GREEN]
-        )  # vermilion fails, pale green is safe; texts say it too
+        colours = ListedColormap([PALE_VERMILION, PALE_GREEN])  # not safe, safe; crosses say it too
         figure.suptitle(f"{METHODS[method]}\n× and orange: not safe", x=0.01, ha="left", fontweight="bold")
         panels = figure.subplots(len(moduli), len(presses), squeeze=False, sharex=True, sharey=True)
         for i, modulus_pa in enumerate(moduli):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import INK, PALE_GREEN, VERMILION, Chart, tidy
+from palp_core.palpation.reporting.charts import INK, PALE_GREEN, PALE_VERMILION, Chart, tidy
 from palp_core.palpation.studies.decision.trap import answer
 from palp_core.palpation.studies.decision.traps_belief import naive_posterior, naive_stop
 from palp_core.units import Float64Array
@@ -176,7 +176,5 @@ def map_chart() -> Chart:
 def _shade(axes: Axes, fails: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
     from matplotlib.colors import ListedColormap
 
-    axes.imshow(
-        fails, cmap=ListedColormap([PALE_GREEN, VERMILION]), vmin=0, vmax=1, aspect="auto", alpha=0.75
-    )
+    axes.imshow(fails, cmap=ListedColormap([PALE_GREEN, PALE_VERMILION]), vmin=0, vmax=1, aspect="auto")
     axes.grid(visible=False)
