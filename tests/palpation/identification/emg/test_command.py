@@ -87,6 +87,7 @@ def test_a_trial_is_analysed_as_the_library_does(recording: tuple[Path, Path], t
     assert names == {
         "cocontraction.csv",
         "cocontraction.png",
+        "cocontraction.svg",
         "quality.csv",
         "quality.html",
         "quality.json",
