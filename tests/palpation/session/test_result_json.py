@@ -244,6 +244,6 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
     assert texture["basis"].startswith("assumed")
     assert headline(found).endswith("Simulated in the world “lab”, not in the paper's own design.")
     page = write_report(out / "page.html", found, []).read_text("utf-8")
-    assert "<h2>World: lab</h2>" in page
+    assert ">World: lab</h2>" in page
     assert "texture_sd_n_m" in page
     assert "world" not in headline(plain)
