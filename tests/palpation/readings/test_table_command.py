@@ -37,7 +37,7 @@ def test_a_table_gives_a_row_a_combination_and_every_file(table: Path, tmp_path:
     pictures = ("accuracy", "reliability", "progress", "confusion")
     assert {path.name for path in out.iterdir()} == {
         *("analysis.json", "analysis.csv", "trials.csv", "index.html"),
-        *(f"{name}.{kind}" for name in pictures for kind in ("png", "csv")),
+        *(f"{name}.{kind}" for name in pictures for kind in ("png", "svg", "csv")),
     }
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "covariance of a cell: diagonal" in page

@@ -89,7 +89,7 @@ WORDS = {
         "The ring is driven away and back between palpations, so that its error is drawn anew.",
     ),
     r"front": ("front", "What nothing else beats in both: less error and less cost."),
-    r"rungs?|L[0-5]": (
+    r"[Rr]ungs?|[Ll][0-5]": (
         "L0 to L5, rungs",
         "The ladder of contact models: L0 a replayed bump; L1 springs of the gel's local thickness; L2 "
         "Hertz on a layer; L3 a cylinder in plane strain, for tests; L4 finite elements at small strain; "
@@ -127,7 +127,10 @@ def words_of(body: str) -> list[tuple[str, str]]:
         body: The page as HTML; what stands in tags, alternative texts say, does not count.
     """
     text = unescape(_TAG.sub(" ", body))
-    used = [
-        entry for word, entry in WORDS.items() if re.search(rf"(?<!\w)(?:{word})(?!\w)", text, re.IGNORECASE)
-    ]
+    used = [entry for word, entry in WORDS.items() if _pattern(word).search(text)]
     return sorted(used, key=lambda entry: entry[0].lower())
+
+
+def _pattern(word: str) -> re.Pattern[str]:
+    """Return a word's pattern; one with capitals is meant as it stands: EMG is no node called emg."""
+    return re.compile(rf"(?<!\w)(?:{word})(?!\w)", 0 if re.search("[A-Z]", word) else re.IGNORECASE)

@@ -1,3 +1,4 @@
+import csv
 import itertools
 import json
 import sys
@@ -88,6 +89,15 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
     assert len(pictures) >= 8
     assert {path.stem for path in out.glob("*.csv")} == set(pictures)
     assert all(f"{stem}.png" in page for stem in pictures)
+
+
+def test_figure_12_has_the_best_fixed_position_beside_the_papers_bars(out: Path) -> None:
+    with (out / "figure_12_comparison.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["experiment"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["human", "fixed_average", "fixed_best", "markov"]
+    best = json.loads((out / "paper.json").read_text(encoding="utf-8"))["policies"]["fixed_best"]
+    assert float(rows["fixed_best"]["ours"]) == best["accuracy"]
+    assert rows["fixed_best"]["paper"] == ""  # which does not compare it
 
 
 def test_every_analysis_stands_beside_what_the_paper_says_of_it(out: Path) -> None:

@@ -54,7 +54,12 @@ def test_it_is_drawn_again_from_what_is_kept(tmp_path: Path, strict_json: Callab
     done = CliRunner().invoke(app, ["tradeoff", "--signature", "--draw", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert done.stdout == f"{tmp_path / 'signature.png'}\n"
-    assert {path.name for path in tmp_path.iterdir()} == {DATA, "signature.png", "signature.svg", "signature.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        DATA,
+        "signature.png",
+        "signature.svg",
+        "signature.csv",
+    }
     assert (tmp_path / "signature.csv").read_bytes() == (KEPT / "signature.csv").read_bytes()
 
 
