@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, INK, Chart, tidy
+from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, INK, Chart, in_percent, legend, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,17 +44,19 @@ def readings_chart(places: Places) -> Chart:
                     x, [one["ci"][0] for one in found], [one["ci"][1] for one in found], color=INK, lw=1.2
                 )
             axes.set_ylim(0.5, 1.02)
-            tidy(axes, f"world: {world}", "", "share right")
+            in_percent(axes.yaxis)
+            tidy(axes, f"world: {world}", "", "right, %")
         panels[-1].set_xticks(at, [_label(line) for line in lines])
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(_SHOWN))
+        handles, words = panels[0].get_legend_handles_labels()
+        legend(figure, handles=handles, labels=words, ncols=len(_SHOWN))
 
     return Chart(
         "readings",
         "Figure 12 again, by what is read off a sweep",
         "The paper's rule: its filter and stop rule (of the trace, the stop rule alone). Threshold: the "
         "filter that knows what stays, and a threshold on its belief. Swift: decided within the sweep. "
-        "Bars: 95 % over sessions. The axis begins at 0.5; chance is a third.",
-        (9.0, 5.2),
+        "Bars: 95 % over sessions. The axis begins at 50 %; chance is a third.",
+        5.2,
         ["place", "reading", "rule", "protocol", "policy", "accuracy", "low", "high", "seconds", "ece"],
         [
             [

@@ -37,9 +37,9 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "reposition_best": (VERMILION, "--", "P"),
 }
 _AXES = {
-    "accuracy": "share right",
+    "accuracy": "right, %",
     "seconds": "seconds a trial",
-    "ece": "calibration error",
+    "ece": "calibration error, %",
     "probes": "probes",
 }
 _COLUMNS = 3
@@ -74,6 +74,8 @@ def factors_chart(
             _panel(axes, factor, points[factor.name], design, key)
         for axes in panels[:, 0]:
             axes.set_ylabel(_AXES[key])
+            if _AXES[key].endswith("%"):
+                in_percent(axes.yaxis)
         for axes in panels.flat[len(FACTORS) :]:
             axes.axis("off")
         handles, labels = panels.flat[0].get_legend_handles_labels()

@@ -137,7 +137,7 @@ _CHARTS = (
         (
             "robustness_accuracy",
             "Accuracy, the paper's filter and stop rule",
-            f"{_READ}Chance is 1/3. Positions are shifted a little so that intervals can be told apart.",
+            f"{_READ}Chance is 33.3 %. Positions are shifted a little so that intervals can be told apart.",
         ),
         ("paper", "accuracy"),
     ),
