@@ -50,7 +50,7 @@ def frontier_chart(rows: Rows, depths: Rows, limits: Limits) -> charts.Chart:
         "stop rule (of the trace, the stop rule alone); full: a filter that knows what stays, and a "
         "threshold. Black rim: a short path, a low lift, no re-homing, and, by the trace, a sweep that "
         "ends once the belief is at 0.99. Bars: 95 % over sessions. A cross: where a scheme stops being "
-        "right about itself, its stated confidence being off by more than five points. Grey: the best found, at "
+        "right about itself, its stated confidence being off by more than 5 points. Grey: the best found, at "
         "so many seconds or so much CPU. Dotted: what Fano's inequality permits to the information of the "
         "trace so far; dashed: Wald's bound for the two depths that are hardest to tell apart; both for "
         "the trace filter's model in a swift first sweep. Middle: the mean of the belief on 31 depths of "

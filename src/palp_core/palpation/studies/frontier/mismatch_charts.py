@@ -46,7 +46,7 @@ def map_chart(rows: Rows, world: str) -> charts.Chart:
         f"mismatch_{world}",
         f"Trained in one world, judged in another: {world}",
         "Per cent of right decisions; every row is one difference of the trials from training. A cross: less "
-        "than 95 % right, or a stated confidence that is off by more than five points. An exclamation mark: in at "
+        "than 95 % right, or a stated confidence off by more than 5 points. An exclamation mark: in at "
         "least half of the sessions the run itself says that its trials differ from training, or half of its "
         "trials fit nothing that was taught.",
         0.3 * len(differences) + 1.6,
