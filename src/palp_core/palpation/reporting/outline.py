@@ -10,7 +10,7 @@ _TAG = re.compile(r"<[^>]*>")
 
 
 @dataclass(frozen=True)
-class Section:
+class Heading:
     """A heading of the second level: its id, and its words as HTML."""
 
     id: str
@@ -29,7 +29,7 @@ class Outline:
 
     lead: str
     rest: str
-    sections: tuple[Section, ...]
+    sections: tuple[Heading, ...]
 
 
 def outlined(body: str) -> Outline:
@@ -43,7 +43,7 @@ def outlined(body: str) -> Outline:
         found = _free(given or _slug(plain), taken)
         taken.add(found)
         if level == "2":
-            sections.append(Section(found, plain))
+            sections.append(Heading(found, plain))
         return f'<h{level} id="{found}">{words}</h{level}>'
 
     text = _HEADING.sub(name, body)

@@ -36,7 +36,7 @@ class StudyNote(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexCard:
     """A study on the index.
 
     Attributes:
@@ -103,7 +103,7 @@ def _read_note(path: Path) -> StudyNote:
     return note
 
 
-def _entry(folder: Path, name: str, note: StudyNote) -> Entry:
+def _entry(folder: Path, name: str, note: StudyNote) -> IndexCard:
     page = folder / name / "index.html"
     try:
         text = page.read_text(encoding="utf-8")
@@ -114,7 +114,7 @@ def _entry(folder: Path, name: str, note: StudyNote) -> Entry:
     study = STUDIES[note.name]
     picture = f"{study.picture}.png" if study.picture else ""
     shown = picture if picture and (folder / name / picture).exists() else ""
-    return Entry(
+    return IndexCard(
         note,
         name,
         study.question,
