@@ -9,7 +9,7 @@ import pytest
 
 from palp_core.palpation.reporting import html_page
 from palp_core.whole_file import write_whole
-from tests.support.pages import flaws
+from tests.palpation.reporting.page_flaws import flaws
 from tests.support.sessions import record, strict_json, summary
 
 __all__ = ["record", "strict_json", "summary"]

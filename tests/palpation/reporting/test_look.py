@@ -14,7 +14,7 @@ from palp_core.palpation.reporting import charts
 from palp_core.palpation.reporting.charts import Chart, in_percent, legend, save
 from palp_core.palpation.reporting.glossary import WORDS, words_of
 from palp_core.palpation.reporting.outline import outlined
-from tests.support.pages import flaws
+from tests.palpation.reporting.page_flaws import flaws
 
 ROOM = Path(palp_core.palpation.__file__).parent
 STYLE = (ROOM / "reporting" / "templates" / "style.css").read_text("utf-8")

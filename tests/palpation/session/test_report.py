@@ -21,11 +21,11 @@ from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import save
+from palp_core.palpation.session.charts.rig import rig_chart
+from palp_core.palpation.session.charts.training import primitives_chart
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session
-from palp_core.palpation.session.rig_drawing import rig_chart
-from palp_core.palpation.session.training_charts import primitives_chart
 from tests.support.sessions import SMALL_STRAIN, describe, writer
 
 Writer = Callable[..., Path]

@@ -148,14 +148,14 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
 
 def _charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Iterator[Chart]:
     """Yield the charts that the record has numbers for, in the order of the page."""
-    from palp_core.palpation.session.estimation_charts import (
+    from palp_core.palpation.session.charts.estimation import (
         accuracy_chart,
         belief_chart,
         calibration_chart,
         rings_chart,
     )
-    from palp_core.palpation.session.training_charts import primitives_chart, sweeps_chart
-    from palp_core.palpation.session.trial_steps import steps_chart
+    from palp_core.palpation.session.charts.steps import steps_chart
+    from palp_core.palpation.session.charts.training import primitives_chart, sweeps_chart
 
     roles = roles_of(summary)
     sweeps = {
@@ -179,7 +179,7 @@ def _charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any])
 
 def _drawing(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Chart | None:
     """Return the drawing of what was simulated; None of a rig with devices, whose sizes nobody told."""
-    from palp_core.palpation.session.rig_drawing import rig_chart
+    from palp_core.palpation.session.charts.rig import rig_chart
 
     if result["mechanics"] is None or not found.rows:
         return None

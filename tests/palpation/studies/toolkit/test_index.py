@@ -15,7 +15,7 @@ from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies import catalogue
 from palp_core.palpation.studies.catalogue import STUDIES, Study
 from palp_core.palpation.studies.index import StudyNote, write_index, write_note
-from tests.support.pages import flaws
+from tests.palpation.reporting.page_flaws import flaws
 
 
 def run_of_why(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:

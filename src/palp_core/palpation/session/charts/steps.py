@@ -11,8 +11,8 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.perception.signal.wavelet import denoise
 from palp_core.palpation.reporting.charts import BLUE, GREY, INK, VERMILION, Chart, depth_style, legend, tidy
+from palp_core.palpation.session.charts.training import normal_of, stage_axis
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
-from palp_core.palpation.session.training_charts import normal_of, stage_axis
 from palp_core.palpation.session.trials_csv import Row, read_sweep
 from palp_core.units import Float64Array
 

@@ -1,0 +1,1 @@
+"""Charts of a session: what was learnt, what came of it, the rig, and one trial step by step."""
