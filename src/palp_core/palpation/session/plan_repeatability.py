@@ -5,13 +5,18 @@ remounted and the ring left alone (``remount``), and before and after a wait (``
 what differs between groups of a condition, and not within, is what the condition did.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session.plan import BeginTrial, MountPhantom, Palpate, Phase, Plan, Rehome, Wait
 
 CONDITIONS: tuple[Phase, ...] = ("stay", "reposition", "remount", "hour")
+
+
+def is_repeatability(phases: Sequence[str]) -> bool:
+    """Tell whether a session with these phases followed the plan."""
+    return any(phase in CONDITIONS for phase in phases)
 
 
 @dataclass(frozen=True)

@@ -47,11 +47,6 @@ class Repeatability:
     sweep_count: int
 
 
-def is_repeatability(phases: Sequence[str]) -> bool:
-    """Tell whether a session with these phases followed the plan."""
-    return any(phase in CONDITIONS for phase in phases)
-
-
 def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None) -> Repeatability:
     """Return the components of a session that followed the plan.
 

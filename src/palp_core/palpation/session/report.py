@@ -111,7 +111,7 @@ def _cannot_report(folder: Path, error: OSError) -> PalpError:
 
 def _write(found: RecordedSession, summary: RunSummary) -> str:
     from palp_core.palpation.reporting.html_page import picture
-    from palp_core.palpation.session.repeatability import is_repeatability
+    from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
     from palp_core.palpation.session.result_json import build, unfinished_words, write_result
 

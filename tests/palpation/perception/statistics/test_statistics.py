@@ -1,8 +1,11 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm
+from scipy.stats import binomtest, norm
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.statistics.statistics import (
@@ -42,6 +45,23 @@ def test_the_interval_is_that_of_wilsons_formula(trials: int, share: float, conf
     half = z / (1.0 + z * z / trials) * np.sqrt(p * (1.0 - p) / trials + (z / (2.0 * trials)) ** 2)
     found = wilson(successes, trials, confidence=confidence)
     assert (found.low, found.high) == pytest.approx((centre - half, centre + half), abs=1e-14)
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.999])
+def test_the_interval_is_scipys_to_the_last_bit(confidence: float) -> None:
+    for trials in (1, 2, 3, 7, 20, 263, 12_000):
+        for successes in {0, 1, trials // 3, trials // 2, trials - 1, trials}:
+            found = wilson(successes, trials, confidence=confidence)
+            theirs = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+            assert (found.low, found.high) == (theirs.low, theirs.high)
+
+
+def test_an_interval_does_not_wait_for_all_of_scipys_statistics() -> None:
+    program = (
+        "import sys; from palp_core.palpation.perception.statistics.statistics import wilson\n"
+        "wilson(3, 4); sys.exit('scipy.stats' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def test_an_impossible_share_is_refused() -> None:
