@@ -20,6 +20,7 @@ class _Page(HTMLParser):
         self.tags: list[tuple[str, dict[str, str]]] = []
         self.headings: list[tuple[int, dict[str, str]]] = []
         self.unscrolled: list[str] = []
+        self.buried: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         found = {name: value or "" for name, value in attrs}
@@ -30,6 +31,8 @@ class _Page(HTMLParser):
             "scroll" in of.get("class", "").split() for _, of in self.open
         ):
             self.unscrolled.append(tag)
+        if tag == "nav" and [name for name, _ in self.open] != ["html", "body", "main"]:
+            self.buried.append(self.open[-1][0])
         if tag not in _VOID:
             self.open.append((tag, found))
 
@@ -68,6 +71,7 @@ def flaws(text: str, *, alone: bool = True) -> list[str]:
         "needs another file": alone and [at for _, at in links if not at.startswith(("#", "data:"))],
         "has pictures without words": [one for one in pictures if not re.search(r"\w", one.get("alt", ""))],
         "is wider than a phone": page.unscrolled,
+        "has its contents list within something else": page.buried,
         "has a table head without scope": [f for tag, f in page.tags if tag == "th" and "scope" not in f],
         "shows a value that is none": re.findall(r">\s*(?:None|nan|Undefined)\s*<", text),
     }

@@ -216,6 +216,7 @@ GOOD = (
         (' class="scroll"', "", "wider than a phone"),
         ("width=device-width", "width=900", "does not fit a phone"),
         ("</body>", "<p>nan</p></body>", "a value that is none"),
+        ("</body>", "<div><nav></nav></div></body>", "within something else"),
     ],
 )
 def test_a_flaw_of_a_page_is_found(part: str, instead: str, said: str) -> None:

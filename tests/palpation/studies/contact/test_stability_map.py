@@ -160,6 +160,13 @@ def test_a_bar_has_a_scale_the_value_from_which_it_fails_and_a_mark_for_the_rig(
     assert failing == pytest.approx([2.5, 3.5])
 
 
+def test_a_case_says_whether_it_fails_at_the_rig() -> None:
+    assert not replace(a_case([0.0, 0.0, 2.0]), rig=(1.2, 9.0)).fails_at_the_rig
+    assert replace(a_case([0.0, 0.0, 2.0]), rig=(1.6,)).fails_at_the_rig
+    assert not replace(a_case([0.0, 0.0]), rig=(1.0,)).fails_somewhere
+    assert not a_case([2.0, 2.0]).fails_at_the_rig  # nothing of the rig's is varied
+
+
 def test_a_bar_spreads_ratios_next_to_a_half() -> None:
     values = 0.5 - np.array([0.2, 0.01, 0.0001])
     case = replace(a_case([0.0, 0.0, 2.0]), values=values, axis="to_half", rig=(0.49,))

@@ -51,6 +51,17 @@ class FailureCase:
         return bool(np.all(self.of_survivor < self.limit))
 
     @property
+    def fails_somewhere(self) -> bool:
+        """Whether the failing method fails anywhere in what was tried."""
+        return bool(self.failed.any())
+
+    @property
+    def fails_at_the_rig(self) -> bool:
+        """Whether it fails at the value that was tried next to one of the published rig's; none is beyond."""
+        tried = [at for at in self.rig if self.values[0] <= at <= self.values[-1]]
+        return any(bool(self.failed[int(np.argmin(np.abs(self.values - at)))]) for at in tried)
+
+    @property
     def row(self) -> tuple[str, str, str, str]:
         """Failing method, symptom with its limit, where it fails of what was tried, survivor; in words."""
         least, most = (f"{end:.5g}" for end in (self.values[0], self.values[-1]))
