@@ -1,12 +1,15 @@
 """EMG whose bursts and levels are known: how many are found, how many are false, how many levels are right.
 
 By three models (noise in a band, noise shaped as surface EMG, a pool of motor units) under conditions that
-were not used to set a threshold; beside it what other rules make of the plain condition, whether what is
-held for long stays one burst, and how often ``palp markov fit``'s 95 % intervals hold the chain that made the
-EMG. Shares come with Wilson's 95 % interval; contractions of one subject share an MVC, so of levels it is too
-narrow.
+were not used to set a threshold, and under conditions drawn anew for every subject; by two public generators
+(``--peers``, see ``emg_peers.py``). Beside it: what somebody reads who is told the contractions' times, or
+their course; what other rules make of the plain condition; crosstalk that is kept and removed; whether what
+is held for long stays one burst; and how often ``palp markov fit``'s 95 % intervals hold the chain that made
+the EMG. Shares come with Wilson's 95 % interval; contractions of one subject share an MVC, so of levels it is
+too narrow. Tables are written as they grow: what was measured stays when it is ended early.
 
-Run: .venv/bin/python benchmarks/emg_bursts.py [--out DIR] [--subjects 15] [--count 40] [--fits 10] [--quick]
+Run: .venv/bin/python -m benchmarks.emg_bursts [--out DIR] [--subjects 15] [--count 40] [--fits 10]
+     [--seed 4000] [--models "motor units"] [--only known crosstalk] [--workers 1] [--peers] [--quick]
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import csv
 import json
 import math
 import os
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -28,11 +32,14 @@ import numpy as np
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.emg.peaks import PeakFinder
+from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.studies.perception.emg_known import (
     CONDITIONS,
+    CROSSTALK,
     EmgCondition,
     Score,
+    added,
     contractions,
     coverage,
     judge,
@@ -52,6 +59,13 @@ BEFORE = {
     "prominence 0.05, 0.2 s apart, 50 ms": (0.05, 0.2),
     "prominence 0.05, 0.4 s apart, 150 ms": (0.15, 0.4),
 }
+FITS = {
+    "relaxed by 0.9": (0.9, BURSTS.shelf_s),
+    "relaxed by 0.9, valleys alone": (0.9, 0.0),
+    "relaxed by half": (0.5, BURSTS.shelf_s),
+    "relaxed by half, valleys alone": (0.5, 0.0),
+}
+"""Share of a level that is given up before the next, and ``shelf_s``."""
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
@@ -61,10 +75,12 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
     return (middle - half) / (1 + z * z / of), (middle + half) / (1 + z * z / of)
 
 
-def row_of(model: str, name: str, one: Score) -> dict[str, Any]:
+def row_of(table: str, model: str, name: str, one: Score) -> dict[str, Any]:
     """Return a line of the table."""
     low, high = wilson(one.right, one.made)
+    told = one.told_course > 0
     return {
+        "table": table,
         "model": model,
         "condition": name,
         "made": one.made,
@@ -73,17 +89,19 @@ def row_of(model: str, name: str, one: Score) -> dict[str, Any]:
         "levels_right": one.right / one.made,
         "levels_right_low": low,
         "levels_right_high": high,
+        "told_times_right": one.told_times / one.made if told else None,
+        "told_course_right": one.told_course / one.made if told else None,
         "bias": one.bias,
     }
 
 
-def before(window_s: float, distance_s: float, model: str, subjects: int, count: int) -> Score:
+def before(window_s: float, distance_s: float, model: str, subjects: int, count: int, seed: int) -> Score:
     """Return what peaks by prominence, held against the sum of maxima, make of the plain condition."""
     settings, of = EmgSettings(window_s=window_s, mvc_rule="sum_of_maxima"), EmgCondition("plain")
     made_count = found = extra = right = 0
     ratios: list[float] = []
     for one in range(subjects):
-        rng = np.random.default_rng((SEED + one, 15))
+        rng = np.random.default_rng((seed + one, 15))
         strength, made = contractions(of, count, rng)
         trial, mvc, _ = recorded(model, of, strength, rng)
         peaks = PeakFinder(of.rate_hz, distance_s=distance_s).whole(
@@ -101,12 +119,12 @@ def before(window_s: float, distance_s: float, model: str, subjects: int, count:
     return Score(made_count, found, extra, right, float(np.mean(ratios)) - 1.0)
 
 
-def sustained(model: str, subjects: int) -> dict[str, Any]:
+def sustained(model: str, subjects: int, seed: int) -> dict[str, Any]:
     """Return the bursts and peaks that contractions held for half a minute are taken for."""
     of = EmgCondition("held for 30 s", held_s=(30.0, 30.0), rest_s=(2.0, 2.0))
     bursts, peaks = [], []
     for one in range(subjects):
-        rng = np.random.default_rng((SEED + one, 17))
+        rng = np.random.default_rng((seed + one, 17))
         trial, mvc, rest = recorded(model, of, contractions(of, 2, rng)[0], rng)
         found = analyse(trial, mvc, EmgSettings(), rest=rest)
         bursts.append(len(found.bursts) / 2)
@@ -114,49 +132,128 @@ def sustained(model: str, subjects: int) -> dict[str, Any]:
     return {"model": model, "bursts": float(np.mean(bursts)), "peaks": float(np.mean(peaks))}
 
 
-def measure(job: tuple[str, argparse.Namespace]) -> dict[str, Any]:
-    """Return every table of one model."""
-    model, options = job
-    size: dict[str, int] = {"subjects": options.subjects, "count": options.count, "seed": SEED}
-    known = [
-        row_of(model, of.name, judge(model, of, settings=EmgSettings(rate_hz=of.rate_hz), **size))
-        for of in CONDITIONS
+def drawn(seed: int) -> EmgCondition:
+    """Return a condition between and beside those that are named, another one with every seed."""
+    rng = np.random.default_rng((seed, 19))
+    shortest, rest = rng.uniform(0.5, 1.5), rng.uniform(0.4, 0.8)
+    return EmgCondition(
+        "drawn anew for every subject",
+        held_s=(shortest, shortest + rng.uniform(0.4, 3.0)),
+        rest_s=(rest, rest + rng.uniform(0.1, 1.5)),
+        noise=rng.uniform(0.002, 0.05),
+        hum=rng.uniform(0.0, 0.05),
+        drift=rng.uniform(0.0, 1.0),
+        crosstalk=rng.uniform(0.0, 0.05),
+        mvc_s=rng.uniform(3.0, 6.0),
+        mvc=str(rng.choice(["held", "fading", "pushes"])),
+        rate_hz=float(rng.choice([1000.0, 1500.0, 2048.0])),
+    )
+
+
+def known(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return how a condition is read."""
+    of = next(one for one in CONDITIONS if one.name == name)
+    settings = EmgSettings(rate_hz=of.rate_hz)
+    return row_of("known", model, name, judge(model, of, settings=settings, **_size(options)))
+
+
+def anew(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return how conditions are read that are drawn for every subject."""
+    scores = []
+    for one in range(options.seed, options.seed + options.subjects):
+        of, size = drawn(one), {**_size(options), "subjects": 1, "seed": one}
+        scores.append(judge(model, of, settings=EmgSettings(rate_hz=of.rate_hz), **size))
+    return row_of("anew", model, name, added(scores))
+
+
+def crosstalk(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return how crosstalk is read that is kept or removed."""
+    of = next(one for one in CROSSTALK if name.startswith(one.name))
+    settings = EmgSettings(crosstalk="remove" if name.endswith("removed") else "keep")
+    return row_of("crosstalk", model, name, judge(model, of, settings=settings, **_size(options)))
+
+
+def rules(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what another rule makes of the plain condition."""
+    if name in BEFORE:
+        one = before(*BEFORE[name], model, **_size(options))
+    else:
+        one = judge(model, CONDITIONS[0], settings=replace(EmgSettings(), **RULES[name]), **_size(options))
+    return row_of("rules", model, name, one)
+
+
+def fits(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what intervals hold of the chain that made the EMG."""
+    relax_share, shelf_s = FITS[name]
+    settings = EmgSettings(bursts=BurstSettings(shelf_s=shelf_s))
+    seen = [
+        coverage(model, settings, seed=options.seed + number, relax_share=relax_share)
+        for number in range(options.fits)
     ]
-    rules = [
-        row_of(model, name, judge(model, CONDITIONS[0], settings=replace(EmgSettings(), **changed), **size))
-        for name, changed in RULES.items()
-    ]
-    for name, (window_s, distance_s) in BEFORE.items():
-        one = before(window_s, distance_s, model, options.subjects, options.count)
-        rules.append(row_of(model, name, one))
-    fits = []
-    for relax_share in (0.9, 0.5):
-        seen = [
-            coverage(model, EmgSettings(), seed=SEED + number, relax_share=relax_share)
-            for number in range(options.fits)
-        ]
-        fits.append(
-            {
-                "model": model,
-                "relax_share": relax_share,
-                "entries_of_25": [one.entries for one in seen],
-                "shares_of_5": [one.shares for one in seen],
-                "transitions": [one.transitions for one in seen],
-            }
-        )
-    return {"known": known, "rules": rules, "sustained": [sustained(model, options.subjects)], "fits": fits}
+    return {
+        "model": model,
+        "fit": name,
+        "entries_of_25": [one.entries for one in seen],
+        "shares_of_5": [one.shares for one in seen],
+        "transitions": [one.transitions for one in seen],
+    }
+
+
+TABLES: dict[str, tuple[Callable[[str, str, argparse.Namespace], dict[str, Any]], Sequence[str]]] = {
+    "known": (known, [of.name for of in CONDITIONS]),
+    "anew": (anew, ["drawn anew for every subject"]),
+    "crosstalk": (crosstalk, [f"{of.name}, {what}" for of in CROSSTALK for what in ("kept", "removed")]),
+    "rules": (rules, [*RULES, *BEFORE]),
+    "held": (lambda model, _, options: sustained(model, options.subjects, options.seed), ["for 30 s"]),
+    "fits": (fits, list(FITS)),
+}
+"""What is measured of every model, by table: how, and its lines."""
+
+
+def _size(options: argparse.Namespace) -> dict[str, int]:
+    return {"subjects": options.subjects, "count": options.count, "seed": options.seed}
+
+
+def measure(job: tuple[str, str, str, argparse.Namespace]) -> tuple[str, dict[str, Any]]:
+    """Return a line of a table."""
+    table, model, name, options = job
+    if table == "peers":
+        from benchmarks.emg_peers import judge_peer
+
+        return table, row_of(table, model, name, judge_peer(model, **_size(options)))
+    return table, TABLES[table][0](model, name, options)
 
 
 def line(row: dict[str, Any]) -> str:
     """Return a row as text."""
+    if "condition" not in row:
+        return str(row)
     low, high = row["levels_right_low"], row["levels_right_high"]
+    told = row["told_times_right"], row["told_course_right"]
+    beside = "" if None in told else "  told times {:.1%}, course {:.1%}".format(*told)
     return (
         f"{row['model']:<18} {row['condition']:<36} found {row['found']:6.1%}  false {row['false']:5.1%}  "
-        f"levels right {row['levels_right']:6.1%} ({low:.1%} to {high:.1%})  bias {row['bias']:+.1%}"
+        f"levels right {row['levels_right']:6.1%} ({low:.1%} to {high:.1%})  bias {row['bias']:+.1%}{beside}"
     )
 
 
-def draw(found: dict[str, Any], target: Path) -> None:
+def write(found: dict[str, list[dict[str, Any]]], folder: Path) -> None:
+    """Write what there is so far: JSON, CSV, and the chart where a model has every condition."""
+    (folder / "emg_bursts.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    rows = [row for name in ("known", "anew", "crosstalk", "rules", "peers") for row in found.get(name, [])]
+    if not rows:
+        return
+    with (folder / "emg_bursts.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(
+            {key: f"{value:.4f}" if isinstance(value, float) else value for key, value in row.items()}
+            for row in rows
+        )
+    draw(found.get("known", []), folder / "emg_bursts.png")
+
+
+def draw(known_rows: list[dict[str, Any]], target: Path) -> None:
     """Draw what is wrong, by condition and model, beside the limits."""
     from matplotlib.figure import Figure
 
@@ -170,11 +267,11 @@ def draw(found: dict[str, Any], target: Path) -> None:
     )
     for axes, (title, key, limit) in zip(panels, wrong, strict=True):
         for offset, (model, colour) in enumerate(zip(MODELS, ("#9db8d2", "#5b7fa6", "#d55e00"), strict=True)):
-            rows = [row for row in found["known"] if row["model"] == model]
+            rows = [row for row in known_rows if row["model"] == model]
             values = [100.0 * (row[key] if key == "false" else 1.0 - row[key]) for row in rows]
             axes.plot(
                 values,
-                np.arange(len(names)) + 0.2 * (offset - 1),
+                np.array([names.index(row["condition"]) for row in rows]) + 0.2 * (offset - 1),
                 "o",
                 color=colour,
                 label=model,
@@ -201,29 +298,34 @@ def main() -> None:
     parser.add_argument("--subjects", type=int, default=15, help="each with an MVC of its own")
     parser.add_argument("--count", type=int, default=40, help="contractions of each")
     parser.add_argument("--fits", type=int, default=10, help="strategies learnt, of 15 trials each")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the first subject")
+    parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS))
+    parser.add_argument("--only", nargs="+", choices=list(TABLES), default=list(TABLES), help="tables")
+    parser.add_argument(
+        "--peers", action="store_true", help="public generators, too; they are to be installed"
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="2 subjects of 10, 1 fit")
     options = parser.parse_args()
     if options.quick:
         options.subjects, options.count, options.fits = 2, 10, 1
-    found: dict[str, Any] = {"known": [], "rules": [], "sustained": [], "fits": []}
-    with ProcessPoolExecutor(options.workers) as pool:
-        for one in pool.map(measure, [(model, options) for model in MODELS]):
-            for name, rows in one.items():
-                found[name] += rows
-            print(
-                *map(line, one["known"] + one["rules"]), *one["sustained"], *one["fits"], sep="\n", flush=True
-            )
+    jobs = [
+        (table, model, name, options)
+        for table in options.only
+        for model in options.models
+        for name in TABLES[table][1]
+    ]
+    if options.peers:
+        from benchmarks.emg_peers import PEERS
+
+        jobs += [("peers", name, "1000 Hz, its own noise", options) for name in PEERS]
     options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "emg_bursts.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    with (options.out / "emg_bursts.csv").open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, list(found["known"][0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(
-            {key: f"{value:.4f}" if isinstance(value, float) else value for key, value in row.items()}
-            for row in found["known"] + found["rules"]
-        )
-    draw(found, options.out / "emg_bursts.png")
+    found: dict[str, list[dict[str, Any]]] = {}
+    with ProcessPoolExecutor(options.workers) as pool:
+        for table, row in pool.map(measure, jobs):
+            found.setdefault(table, []).append(row)
+            print(line(row), flush=True)
+            write(found, options.out)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,21 @@ from dataclasses import fields, replace
 import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
-from palp_core import Params, Pub, Sub, on
+from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.errors import PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
-from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, BurstSettings, LevelRule, MvcRule
+from palp_core.palpation.perception.emg.settings import (
+    BURSTS,
+    WINDOW_S,
+    BurstSettings,
+    Crosstalk,
+    LevelRule,
+    MvcRule,
+)
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import used_of_class
@@ -31,6 +38,7 @@ class CoContractionParams(Params):
     window_s: SecondsPositive = WINDOW_S
     mvc_rule: MvcRule = "plateau"
     level_rule: LevelRule = "plateau"
+    crosstalk: ReadOnly[Crosstalk] = "keep"
     on_share: RatioNonNegative = BURSTS.on_share
     off_share: RatioNonNegative = BURSTS.off_share
     rest_spreads: RatioNonNegative = BURSTS.rest_spreads
@@ -38,6 +46,7 @@ class CoContractionParams(Params):
     least_s: Seconds = BURSTS.least_s
     valley_share: RatioNonNegative = BURSTS.valley_share
     top_share: RatioNonNegative = BURSTS.top_share
+    shelf_s: Seconds = BURSTS.shelf_s
 
     @property
     def bursts(self) -> BurstSettings:
@@ -146,7 +155,8 @@ class Cocontraction(MethodTeller):
     def _stream(self, rate_hz: float, known: Calibration) -> CoContractionStream:
         params = self.params
         chains = tuple(EmgChain(o, rate_hz, window_s=params.window_s) for o in self.state.offsets_v)
-        return CoContractionStream(chains, known.reference, BurstRule.of(rate_hz, known, params.bursts))
+        rule = BurstRule.of(rate_hz, known, params.bursts)
+        return CoContractionStream(chains, known.reference, rule, params.crosstalk)
 
 
 def _joined(before: list[list[float]], more: list[list[float]]) -> list[list[float]]:

@@ -14,6 +14,7 @@ from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate
 from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
+from palp_core.palpation.perception.emg.settings import Crosstalk
 from palp_core.palpation.perception.strategy.figure5 import matrices
 from palp_core.units import Float64Array
 
@@ -69,19 +70,22 @@ def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgB
             assert message.level == to_levels(np.array(peaks)).index[-1]
 
 
-def test_the_command_makes_the_same_of_a_recording_as_the_node(recording: list[EmgBlock]) -> None:
+@pytest.mark.parametrize("crosstalk", ["keep", "remove"])
+def test_the_command_makes_the_same_of_a_recording_as_the_node(
+    recording: list[EmgBlock], crosstalk: Crosstalk
+) -> None:
     """But for the first window, for the node's filter knows what was before the palpation."""
     parts = {
         phase: np.concatenate([[b.fds_v, b.edc_v] for b in recording if b.phase == phase], axis=1)
         for phase in ("rest", "mvc", "palpation")
     }
-    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(), rest=parts["rest"])
-    stream = processed(recording)
+    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(crosstalk=crosstalk), rest=parts["rest"])
+    stream = processed(recording, crosstalk=crosstalk)
     assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
     assert found.cocontraction[600:] == pytest.approx(
         np.concatenate([c.value for c in stream])[600:], rel=0.01
     )
-    told = levels_of(recording)
+    told = levels_of(recording, crosstalk=crosstalk)
     assert found.levels.index.tolist()[: len(told)] == told
 
 
@@ -99,9 +103,9 @@ def test_thresholds_that_do_not_fit_together_are_refused() -> None:
     assert Cocontraction.examine(CoContractionParams()) == {}
 
 
-def levels_of(blocks: list[EmgBlock]) -> list[int]:
+def levels_of(blocks: list[EmgBlock], **params: object) -> list[int]:
     """Return the level of every peak."""
-    bench = Bench(Cocontraction)
+    bench = Bench(Cocontraction, params)
     found, before = [], 0
     for block in blocks:
         bench.feed(Cocontraction.emg, block)

@@ -7,7 +7,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, LevelRule, MvcRule
+from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, Crosstalk, LevelRule, MvcRule
 
 app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
 
@@ -40,7 +40,11 @@ MvcRuleOption = Annotated[
 ]
 LevelRuleOption = Annotated[
     LevelRule,
-    typer.Option(help="Level of a peak: the median of its top without the power of rest, or its largest."),
+    typer.Option(help="Level of a peak: its top as a whole without the power of rest, or its largest."),
+]
+CrosstalkOption = Annotated[
+    Crosstalk,
+    typer.Option(help="Take off two muscles what their recordings have in common: a third muscle's."),
 ]
 OnOption = Annotated[float, typer.Option("--on", help="A burst begins so far above rest, of rest to MVC.")]
 OffOption = Annotated[float, typer.Option("--off", help="It ends below that, likewise.")]
@@ -53,7 +57,14 @@ ValleyOption = Annotated[
     float, typer.Option("--valley", help="A peak ends below this share of it, rest taken off.")
 ]
 TopOption = Annotated[
-    float, typer.Option("--top", help="Its level is the median of what is above this share of it.")
+    float,
+    typer.Option(
+        "--top", help="Its level is the crest of a parabola through what is above this share of it."
+    ),
+]
+ShelfOption = Annotated[
+    float,
+    typer.Option("--shelf-s", help="A level held so long, s, without a rise is a peak, too; 0: it is not."),
 ]
 
 
@@ -76,6 +87,7 @@ def analyse(
     window_ms: WindowOption = 1e3 * WINDOW_S,
     mvc_rule: MvcRuleOption = "plateau",
     level_rule: LevelRuleOption = "plateau",
+    crosstalk: CrosstalkOption = "keep",
     on: OnOption = BURSTS.on_share,
     off: OffOption = BURSTS.off_share,
     rest_spreads: SpreadsOption = BURSTS.rest_spreads,
@@ -83,6 +95,7 @@ def analyse(
     least_s: LeastOption = BURSTS.least_s,
     valley: ValleyOption = BURSTS.valley_share,
     top: TopOption = BURSTS.top_share,
+    shelf_s: ShelfOption = BURSTS.shelf_s,
     band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
     rails: Annotated[
         tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
@@ -105,9 +118,10 @@ def analyse(
         low_hz=band_hz[0],
         high_hz=band_hz[1],
         window_s=window_ms / 1e3,
-        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top),
+        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top, shelf_s),
         mvc_rule=mvc_rule,
         level_rule=level_rule,
+        crosstalk=crosstalk,
         rails=rails,
     )
     choices = Choices(fs, fds, edc, unit)

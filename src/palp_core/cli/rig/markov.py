@@ -8,6 +8,7 @@ import typer
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.cli.rig.emg import (
+    CrosstalkOption,
     EdcOption,
     FdsOption,
     FsOption,
@@ -17,6 +18,7 @@ from palp_core.cli.rig.emg import (
     MvcRuleOption,
     OffOption,
     OnOption,
+    ShelfOption,
     SpreadsOption,
     TopOption,
     UnitOption,
@@ -52,6 +54,7 @@ def fit(
     window_ms: WindowOption = 1e3 * WINDOW_S,
     mvc_rule: MvcRuleOption = "plateau",
     level_rule: LevelRuleOption = "plateau",
+    crosstalk: CrosstalkOption = "keep",
     on: OnOption = BURSTS.on_share,
     off: OffOption = BURSTS.off_share,
     rest_spreads: SpreadsOption = BURSTS.rest_spreads,
@@ -59,6 +62,7 @@ def fit(
     least_s: LeastOption = BURSTS.least_s,
     valley: ValleyOption = BURSTS.valley_share,
     top: TopOption = BURSTS.top_share,
+    shelf_s: ShelfOption = BURSTS.shelf_s,
     prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
     mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
     seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
@@ -77,9 +81,10 @@ def fit(
 
     settings = EmgSettings(
         window_s=window_ms / 1e3,
-        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top),
+        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top, shelf_s),
         mvc_rule=mvc_rule,
         level_rule=level_rule,
+        crosstalk=crosstalk,
     )
     if out is not None:
         make_folder(out)

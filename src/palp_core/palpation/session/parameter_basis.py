@@ -115,6 +115,8 @@ BASIS = {
     "cocontraction.least_s": "not published; assumed: longer than the RMS window",
     "cocontraction.valley_share": "not published; assumed",
     "cocontraction.top_share": "not published; assumed",
+    "cocontraction.shelf_s": "not published; assumed: as long as the plateau of an MVC",
+    "cocontraction.crosstalk": "choice: published is none removed",
 }
 
 

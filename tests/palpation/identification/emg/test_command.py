@@ -393,16 +393,16 @@ def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
 
     params = CoContractionParams()
     assert params.bursts == EmgSettings().bursts
-    assert (params.window_s, params.mvc_rule, params.level_rule) == (
+    assert (params.window_s, params.mvc_rule, params.level_rule, params.crosstalk) == (
         EmgSettings().window_s,
         EmgSettings().mvc_rule,
         EmgSettings().level_rule,
+        EmgSettings().crosstalk,
     )
     shared = {one.name: one.default for one in inspect.signature(markov.fit).parameters.values()}
     own = {one.name: one.default for one in inspect.signature(emg.analyse).parameters.values()}
-    for name in ("window_ms", "mvc_rule", "level_rule", "on", "off", "rest_spreads", "gap_s", "least_s"):
+    names = ("on", "off", "rest_spreads", "gap_s", "least_s", "valley", "top", "shelf_s")
+    for name in ("window_ms", "mvc_rule", "level_rule", "crosstalk", *names):
         assert shared[name] == own[name]
     bursts = EmgSettings().bursts
-    assert [own[name] for name in ("on", "off", "rest_spreads", "gap_s", "least_s", "valley", "top")] == [
-        *(getattr(bursts, one.name) for one in fields(bursts))
-    ]
+    assert [own[name] for name in names] == [*(getattr(bursts, one.name) for one in fields(bursts))]

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
+from palp_core.palpation.perception.emg.settings import BurstSettings
 from palp_core.palpation.studies.perception.emg_known import (
     CONDITIONS,
+    CROSSTALK,
     Contraction,
     EmgCondition,
     Score,
@@ -66,10 +68,49 @@ def test_the_targets_are_kept_under_every_condition_that_is_no_limit(model: str,
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("model", MODELS)
-def test_intervals_hold_the_chain_that_made_the_emg(model: str) -> None:
-    seen = [coverage(model, EmgSettings(), seed=9000 + number) for number in range(5)]
+@pytest.mark.parametrize("relax_share", [0.9, 0.5])
+def test_intervals_hold_the_chain_that_made_the_emg(model: str, relax_share: float) -> None:
+    seen = [
+        coverage(model, EmgSettings(), seed=9000 + number, relax_share=relax_share) for number in range(5)
+    ]
     assert np.median([one.entries for one in seen]) >= 23
     assert sum(one.shares for one in seen) >= 20
+
+
+def test_levels_of_a_person_who_relaxes_by_half_are_all_counted() -> None:
+    """A level that follows a higher one is none to who looks for valleys alone."""
+    valleys, shelves = (
+        coverage(
+            "noise in a band",
+            EmgSettings(bursts=BurstSettings(shelf_s=shelf_s)),
+            seed=9000,
+            trials=2,
+            levels_per_trial=20,
+            relax_share=0.5,
+        )
+        for shelf_s in (0.0, 0.5)
+    )
+    assert shelves.transitions == 2 * 19
+    assert valleys.transitions < 36
+
+
+@pytest.mark.parametrize("of", [CROSSTALK[2], CROSSTALK[5]], ids=lambda of: of.name)
+def test_a_third_muscle_at_both_electrodes_joins_bursts_unless_it_is_removed(of: EmgCondition) -> None:
+    """Seen: 82 % of bursts where it is kept, all of them where it is removed."""
+    size = {"subjects": 1, "count": 20, "seed": 70}
+    kept = judge("surface EMG noise", of, settings=EmgSettings(), **size)
+    assert kept.found < 0.95 * kept.made
+    assert good(judge("surface EMG noise", of, settings=EmgSettings(crosstalk="remove"), **size))
+
+
+def test_who_is_told_how_strength_goes_reads_its_scale() -> None:
+    """Whatever the rule for bursts and levels is; half a second of what swells is below its level."""
+    of, size = NAMED["swelling"], {"subjects": 2, "count": 20, "seed": 70}
+    deaf = EmgSettings(bursts=BurstSettings(on_share=0.9, off_share=0.9), level_rule="peak")
+    seen = judge("surface EMG noise", of, settings=deaf, **size)
+    assert seen.found == 0
+    assert seen.told_course >= 0.95 * seen.made
+    assert seen.told_times < 0.9 * seen.made
 
 
 @pytest.mark.parametrize(

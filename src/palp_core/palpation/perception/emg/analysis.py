@@ -11,8 +11,15 @@ from palp_core.palpation.perception.emg.emg import EmgChain, normalise
 from palp_core.palpation.perception.emg.levels import Levels, to_levels
 from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
-from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, BurstSettings, LevelRule, MvcRule
-from palp_core.palpation.perception.emg.stream import CoContractionStream
+from palp_core.palpation.perception.emg.settings import (
+    BURSTS,
+    WINDOW_S,
+    BurstSettings,
+    Crosstalk,
+    LevelRule,
+    MvcRule,
+)
+from palp_core.palpation.perception.emg.stream import CoContractionStream, envelopes_of
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
 
@@ -30,8 +37,9 @@ class EmgSettings:
         window_s: RMS window, 0.02 to 0.2.
         bursts: What is a burst and a peak.
         mvc_rule: What the MVC comes to, as of :func:`.calibration.calibrate`; ``sum_of_maxima`` as printed.
-        level_rule: Where a peak's level is read: ``plateau``, the median of its top without the power of
+        level_rule: Where a peak's level is read: ``plateau``, its top as a whole without the power of
             rest; ``peak``, its largest value.
+        crosstalk: ``remove``: what two muscles' recordings have in common is taken off both.
         rails: Least and largest value the converter gives; None: found from the samples.
         least_mvc_ratio: Least ratio of the envelope at MVC to that at rest.
         held_s: Least stay at one value that counts as lost samples; longer for a coarse converter, whose rest
@@ -48,6 +56,7 @@ class EmgSettings:
     bursts: BurstSettings = BURSTS
     mvc_rule: MvcRule = "plateau"
     level_rule: LevelRule = "plateau"
+    crosstalk: Crosstalk = "keep"
     rails: tuple[float, float] | None = None
     least_mvc_ratio: float = 5.0
     held_s: float = 0.01
@@ -154,10 +163,10 @@ def analyse(
     whole, lost = _bridged(samples, settings)
     chains = tuple(settings.chain(one.offset) for one in of_trial)
     trusted = ~_smeared(lost, chains[0].window_samples)
-    envelopes = np.array([chain.envelope(muscle) for chain, muscle in zip(chains, whole, strict=True)])
+    envelopes = envelopes_of(chains, whole, settings.crosstalk)
     known = _calibration(envelopes[:, trusted], maximum, rest, settings)
     rule = BurstRule.of(rate_hz, known, settings.bursts)
-    out = CoContractionStream(chains, known.reference, rule).whole(whole)
+    out = CoContractionStream(chains, known.reference, rule, settings.crosstalk).whole(whole)
     peaks = [one for one in out.peaks if trusted[one.index]]
     bursts = [one for one in out.bursts if any(trusted[peak.index] for peak in one.peaks)]
     levels = to_levels(np.array([settings.level_of(one) for one in peaks]))
@@ -233,7 +242,7 @@ def _envelopes(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Arr
     """Return envelopes of a recording and where they are trusted."""
     whole, lost = _bridged(samples, settings)
     chains = [settings.chain(float(np.median(muscle))) for muscle in whole]
-    found = np.array([chain.envelope(muscle) for chain, muscle in zip(chains, whole, strict=True)])
+    found = envelopes_of(chains, whole, settings.crosstalk)
     return found, ~_smeared(lost, chains[0].window_samples)
 
 

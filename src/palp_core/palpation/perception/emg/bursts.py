@@ -16,9 +16,10 @@ from palp_core.errors import PerceptionError
 from palp_core.methods import Bound, method
 from palp_core.palpation.perception.emg.calibration import Calibration, look_step
 from palp_core.palpation.perception.emg.peaks import EmgPeak
-from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
+from palp_core.palpation.perception.emg.settings import BURSTS, LOOK_S, BurstSettings
 from palp_core.units import Float64Array
 
+_LEAST_TOP = 4  # looks of a top that a parabola is laid through
 _MOST_LOOKS = 4096  # of one peak; beyond, every other one is forgotten
 
 
@@ -70,6 +71,8 @@ class BurstState:
         told: How many of them were told.
         hump: The peak that is followed; None: a valley is.
         valley: Smallest value of that valley.
+        sunk: Since which sample it is one; -1: there is none, or the scatter's, and the peak goes on.
+        still: Its last looks, as long as a shelf is.
     """
 
     sample_count: int = 0
@@ -79,6 +82,8 @@ class BurstState:
     told: int = 0
     hump: Hump | None = None
     valley: float = math.inf
+    sunk: int = -1
+    still: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ def _held(error: float, window_s: float, relax_share: float) -> Bound:
         _held(0.007, 0.05, 0.8),
     ],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a person who hardly relaxes between two levels, or falls to less than half: a shelf is no peak",
+    fails="a person who hardly relaxes between two levels, or holds a lower one for less than half a second",
 )
 @dataclass(frozen=True)
 class BurstRule:
@@ -118,6 +123,7 @@ class BurstRule:
         rest: Co-contraction at rest, dimensionless.
         rest_sd: Standard deviation of it, dimensionless.
         settings: Thresholds and times.
+        window_s: RMS window behind the co-contraction; 0: none.
 
     Raises:
         PerceptionError: The rate is not positive, or rest is negative or no number.
@@ -127,18 +133,19 @@ class BurstRule:
     rest: float = 0.0
     rest_sd: float = 0.0
     settings: BurstSettings = BURSTS
+    window_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.rate_hz > 0.0 and math.isfinite(self.rate_hz)):
             raise PerceptionError(f"burst rule: rate_hz is {self.rate_hz}; it must be positive and finite")
-        for name in ("rest", "rest_sd"):
+        for name in ("rest", "rest_sd", "window_s"):
             if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
                 raise PerceptionError(f"burst rule: {name} is {getattr(self, name)}; record rest again")
 
     @classmethod
     def of(cls, rate_hz: float, known: Calibration, settings: BurstSettings = BURSTS) -> "BurstRule":
         """Return the rule for co-contraction that is measured against a calibration."""
-        return cls(rate_hz, known.rest, known.rest_sd, settings)
+        return cls(rate_hz, known.rest, known.rest_sd, settings, known.window_s)
 
     @property
     def on(self) -> float:
@@ -194,15 +201,34 @@ class BurstRule:
         return math.sqrt(max(0.0, value * value - self.rest * self.rest))
 
     def level(self, value: float, looks: Sequence[float]) -> float:
-        """Return the strength of a peak: the median of its top, of an MVC that is as free of rest.
+        """Return the strength of a peak, of an MVC that is as free of rest.
+
+        It is what the parabola of least squares gives for the middle of its top: of a contraction that is
+        held its mean, of one that swells what it swells to. The top lasts from the first look above a share
+        of the largest to the last, less what the RMS window takes at either end to fill or empty from there.
 
         Args:
             value: Largest co-contraction.
             looks: Co-contraction from look to look.
         """
-        top = self.settings.top_share * self.strength(value)
-        middle = float(np.median([one for one in looks if self.strength(one) >= top] or [value]))
-        return self.strength(middle) / math.sqrt(max(1.0 - self.rest * self.rest, 1e-9))
+        share = self.settings.top_share
+        strengths = np.array([self.strength(one) for one in looks])
+        above = np.flatnonzero(strengths >= share * self.strength(value))
+        top = strengths[above[0] : above[-1] + 1] if above.size else np.array([self.strength(value)])
+        filling = round((1.0 - share**2) * self.window_s / LOOK_S)  # of a step, power goes in a line
+        if top.size >= 2 * filling + _LEAST_TOP:
+            top = top[filling : top.size - filling]
+        strength = float(top.mean())
+        if top.size >= _LEAST_TOP:
+            strength += max(0.0, _crest(top))
+        return strength / math.sqrt(max(1.0 - self.rest * self.rest, 1e-9))
+
+
+def _crest(values: Float64Array) -> float:
+    """Return by how much the middle of the parabola of least squares exceeds the mean."""
+    square = np.linspace(-1.0, 1.0, values.size) ** 2
+    centred = square - square.mean()
+    return -float(square.mean() * (values @ centred) / (centred @ centred))
 
 
 class _Machine:
@@ -214,7 +240,14 @@ class _Machine:
         self.gap = rule.settings.gap_s * rule.rate_hz
         self.begin, self.below = state.begin, state.below
         self.peaks, self.told = list(state.peaks), state.told
-        self.hump, self.valley = state.hump, state.valley
+        self.hump, self.valley, self.sunk, self.still = (
+            state.hump,
+            state.valley,
+            state.sunk,
+            list(state.still),
+        )
+        self.step = look_step(rule.rate_hz)
+        self.shelf = round(rule.settings.shelf_s * rule.rate_hz / self.step)
         self.looks = list(state.hump.looks) if state.hump else []
         self.peaks_out: list[EmgPeak] = []
         self.bursts_out: list[Burst] = []
@@ -239,28 +272,39 @@ class _Machine:
             self._tell(at)
             self.bursts_out.append(Burst(self.begin, end, tuple(self.peaks), at))
         self.begin, self.below, self.peaks, self.told = -1, -1, [], 0
-        self.hump, self.looks, self.valley = None, [], math.inf
+        self.hump, self.looks, self.valley, self.sunk, self.still = None, [], math.inf, -1, []
 
     def left(self, sample_count: int) -> tuple[BurstState, Found]:
         """Return the state after the block, and what came out."""
         hump = replace(self.hump, looks=tuple(self.looks)) if self.hump else None
         state = BurstState(
-            sample_count, self.begin, self.below, tuple(self.peaks), self.told, hump, self.valley
+            sample_count,
+            self.begin,
+            self.below,
+            tuple(self.peaks),
+            self.told,
+            hump,
+            self.valley,
+            self.sunk,
+            tuple(self.still),
         )
         return state, Found(tuple(self.peaks_out), tuple(self.bursts_out))
 
     def _follow(self, at: int, value: float) -> None:
         """Follow the peak to its valley, or the valley to the next peak."""
         strength, share = self.rule.strength, self.rule.settings.valley_share
-        if self.hump is None:
-            self.valley = min(self.valley, value)
-            if value < self.on or share * strength(value) < strength(self.valley):
-                return
-            self.hump, self.looks = Hump(at, value), []
         hump = self.hump
+        if hump is None:
+            self.valley = min(self.valley, value)
+            if value >= self.on and share * strength(value) >= strength(self.valley):
+                hump, self.looks, self.still = Hump(at, value), [], []
+            else:
+                hump = self._shelf(at, value)
+            if hump is None:
+                return
         if strength(value) <= share * strength(hump.value):
             self._settle(at)
-            self.valley = value
+            self.valley, self.sunk = value, at
             return
         if hump.count % hump.stride == 0:
             self.looks.append(value)
@@ -269,6 +313,27 @@ class _Machine:
             self.looks, stride = self.looks[::2], 2 * stride
         index, top = (at, value) if value > hump.value else (hump.index, hump.value)
         self.hump = Hump(index, top, (), stride, hump.count + 1)
+
+    def _shelf(self, at: int, value: float) -> Hump | None:
+        """Return the peak of a level that was held without a rise, once there is one.
+
+        A valley that is over before a gap is joined is the scatter's, and what follows no level of its own.
+        """
+        strength, settings = self.rule.strength, self.rule.settings
+        sunken = strength(value) <= settings.valley_share * strength(self.peaks[-1].value)
+        if sunken and self.sunk < 0:
+            self.sunk = at
+        elif not sunken and at - self.sunk <= self.gap:
+            self.sunk = -1
+        self.still = [*self.still, value][-self.shelf :] if self.shelf and self.sunk >= 0 else []
+        if not self.still or len(self.still) < self.shelf:
+            return None
+        before, top = self.still[:-1], max(self.still)
+        if top < self.on or strength(min(self.still)) < settings.top_share * strength(top):
+            return None
+        index = at - (len(before) - self.still.index(top)) * self.step
+        self.looks, self.still = before, []
+        return Hump(index, top, (), 1, len(before))
 
     def _settle(self, at: int) -> None:
         """End the peak that is followed, if one is."""

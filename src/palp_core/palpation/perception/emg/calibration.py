@@ -33,12 +33,14 @@ class Calibration:
         reference: Denominator of eq. (3), the samples' unit.
         rest: Co-contraction at rest, dimensionless.
         rest_sd: Standard deviation of it, dimensionless.
+        window_s: RMS window; 0: an envelope that no window has smeared.
     """
 
     maxima: tuple[float, ...]
     reference: float
     rest: float
     rest_sd: float
+    window_s: float = 0.0
 
 
 def look_step(rate_hz: float) -> int:
@@ -89,7 +91,7 @@ def calibrate(
     else:
         level = float(np.quantile(quiet, 0.05))
         spread = level * scatter(mvc.sum(axis=0), rate_hz=rate_hz, window_s=window_s)
-    return Calibration(maxima, whole, level, spread)
+    return Calibration(maxima, whole, level, spread, window_s)
 
 
 def plateau(envelope: Float64Array, *, rate_hz: float, window_s: float) -> float:

@@ -13,7 +13,10 @@ MvcRule = Literal["plateau", "maximum_of_sum", "sum_of_maxima"]
 """What the MVC comes to; see :func:`palp_core.palpation.perception.emg.calibration.calibrate`."""
 
 LevelRule = Literal["plateau", "peak"]
-"""Where a peak's level is read: the median of its top, its rest taken off, or its largest value as it is."""
+"""Where a peak's level is read: its top as a whole, rest taken off, or its largest value as it is."""
+
+Crosstalk = Literal["keep", "remove"]
+"""What becomes of what both muscles' recordings have in common; see :func:`.emg.without_common`."""
 
 WINDOW_S = 0.15
 """RMS window: surface EMG scatters by 6 to 12 % of its value there, and by 18 to 20 % at 50 ms."""
@@ -40,8 +43,12 @@ class BurstSettings:
             this share of it, and another begins where it rises by as much again. The scatter of EMG is in
             proportion to its strength; that of two muscles, 8 %, takes a held contraction from 1.24 to 0.76
             at three standard deviations.
-        top_share: The top of a peak, whose median is its level, is what exceeds this share of its largest
-            value, rest taken off likewise.
+        top_share: The top of a peak, through which a parabola tells its level, is what exceeds this share of
+            its largest value, rest taken off likewise.
+        shelf_s: After a peak, what is held for so long without a rise, s, nothing of it below ``top_share``
+            of its largest, is a peak as well: a lower level, to which no valley leads. Half a second, as of
+            an MVC; a contraction that fades from 0.6 of itself stays within a quarter for as long only if it
+            lasts some ten seconds. 0: none is.
 
     Raises:
         PerceptionError: A setting is out of range.
@@ -54,6 +61,7 @@ class BurstSettings:
     least_s: float = 0.2
     valley_share: float = 0.6
     top_share: float = 0.75
+    shelf_s: float = 0.5
 
     def __post_init__(self) -> None:
         for one in fields(self):

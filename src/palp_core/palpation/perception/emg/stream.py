@@ -5,14 +5,16 @@ muscle it is late by :attr:`CoContractionStream.delay_s`, offline as well, for t
 states its own lag.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
-from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction
+from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction, without_common
 from palp_core.palpation.perception.emg.peaks import EmgPeak
+from palp_core.palpation.perception.emg.settings import Crosstalk
 from palp_core.units import Float64Array
 
 
@@ -21,8 +23,8 @@ class StreamState:
     """What the stream remembers between two blocks: plain data, to be kept in a node's state.
 
     Attributes:
-        band: Delays of the band-pass per muscle.
-        squares: Squared samples inside the RMS window per muscle.
+        band: Delays of the band-pass per chain.
+        squares: Squared samples inside the RMS window per chain.
         bursts: Memory of the burst rule.
     """
 
@@ -36,7 +38,7 @@ class StreamBlock:
     """What comes out of a block.
 
     Attributes:
-        envelopes: s_i, the samples' unit, shape (muscles, n).
+        envelopes: s_i, the samples' unit, shape (muscles, n); without what is common if that is removed.
         cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
         peaks: Peaks that the block settles; they may lie in earlier blocks.
         bursts: Bursts that it settles, likewise.
@@ -56,19 +58,23 @@ class CoContractionStream:
         chains: Chain of each muscle, with its offset.
         reference: Denominator of eq. (3), as of :func:`.calibration.calibrate`.
         rule: Rule for bursts.
+        crosstalk: What becomes of what two muscles' recordings have in common.
 
     Raises:
-        PerceptionError: The muscles' rates differ from each other or from the rule's.
+        PerceptionError: The muscles' rates differ from each other or from the rule's, or crosstalk is to be
+            removed and they are not two.
     """
 
     chains: tuple[EmgChain, ...]
     reference: float
     rule: BurstRule
+    crosstalk: Crosstalk = "keep"
 
     def __post_init__(self) -> None:
         rates = {chain.rate_hz for chain in self.chains} | {self.rule.rate_hz}
         if not self.chains or len(rates) != 1:
             raise PerceptionError(f"an EMG stream needs one rate for all muscles and the bursts, not {rates}")
+        _with_sum(self.chains, self.crosstalk)  # it refuses what does not fit
 
     @property
     def delay_s(self) -> float:
@@ -78,7 +84,7 @@ class CoContractionStream:
 
     def start(self) -> StreamState:
         """Return the state before the first sample."""
-        return _pack([chain.start() for chain in self.chains], BurstState())
+        return _pack([chain.start() for chain in _with_sum(self.chains, self.crosstalk)], BurstState())
 
     def step(self, state: StreamState, samples: Float64Array) -> tuple[StreamState, StreamBlock]:
         """Return the next state and what comes out.
@@ -92,15 +98,15 @@ class CoContractionStream:
         """
         if samples.ndim != 2 or len(samples) != len(self.chains):
             raise PerceptionError(f"EMG block has shape {samples.shape}, not ({len(self.chains)}, samples)")
-        if len(state.band) != len(self.chains) or len(state.squares) != len(self.chains):
+        chains = _with_sum(self.chains, self.crosstalk)
+        if len(state.band) != len(chains) or len(state.squares) != len(chains):
             raise PerceptionError("EMG state is of a stream with other muscles; start afresh")
+        blocks = [*samples, samples.sum(axis=0)][: len(chains)]
         steps = [
             chain.step(EnvelopeState(np.array(band), np.array(squares)), block)
-            for chain, band, squares, block in zip(
-                self.chains, state.band, state.squares, samples, strict=True
-            )
+            for chain, band, squares, block in zip(chains, state.band, state.squares, blocks, strict=True)
         ]
-        envelopes = np.array([envelope for _, envelope in steps])
+        envelopes = _own([envelope for _, envelope in steps], self.chains[0].window_s, self.crosstalk)
         value = cocontraction(envelopes, self.reference)
         memory, found = self.rule.step(state.bursts, value)
         return _pack([after for after, _ in steps], memory), StreamBlock(
@@ -118,6 +124,45 @@ class CoContractionStream:
         return StreamBlock(
             block.envelopes, block.cocontraction, block.peaks + last.peaks, block.bursts + last.bursts
         )
+
+
+def envelopes_of(
+    chains: Sequence[EmgChain], samples: Float64Array, crosstalk: Crosstalk = "keep"
+) -> Float64Array:
+    """Return the envelopes of a whole recording as a stream gives them, shape (muscles, n).
+
+    Args:
+        chains: Of each muscle.
+        samples: Raw EMG, shape (muscles, n), finite.
+        crosstalk: What becomes of what two muscles' recordings have in common.
+
+    Raises:
+        PerceptionError: Crosstalk is to be removed, and the muscles are not two.
+    """
+    blocks = [*samples, samples.sum(axis=0)]
+    return _own(
+        [chain.envelope(one) for chain, one in zip(_with_sum(chains, crosstalk), blocks, strict=False)],
+        chains[0].window_s,
+        crosstalk,
+    )
+
+
+def _with_sum(chains: Sequence[EmgChain], crosstalk: Crosstalk) -> list[EmgChain]:
+    """Return the muscles' chains and, where it is needed, that of the sum of their samples."""
+    if crosstalk == "keep":
+        return list(chains)
+    if len(chains) != 2:
+        raise PerceptionError(
+            f"crosstalk is what two muscles have in common; there are {len(chains)}: keep it"
+        )
+    return [*chains, replace(chains[0], offset=sum(one.offset for one in chains))]
+
+
+def _own(envelopes: Sequence[Float64Array], window_s: float, crosstalk: Crosstalk) -> Float64Array:
+    if crosstalk == "keep":
+        return np.array(envelopes)
+    first, second, together = envelopes
+    return without_common(first, second, together, window_s)
 
 
 def _pack(muscles: list[EnvelopeState], bursts: BurstState) -> StreamState:

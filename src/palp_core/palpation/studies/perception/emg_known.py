@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +45,9 @@ class EmgCondition:
         hum: Amplitude of mains over RMS of MVC.
         drift: Amplitude of a baseline that wanders at 0.3 Hz, over RMS of MVC.
         crosstalk: Share that comes through of a third muscle, which works on its own.
+        uneven: How much of that share the second muscle's electrode gets; negative: upside down.
+        late_s: By how much later it gets it there.
+        leak: Share of each muscle that comes through at the other's electrode.
         mvc_s: Duration of the MVC.
         mvc: ``held``, or ``fading`` by a third over it, or ``pushes`` of two seconds.
         smooth: Whether strength swells and falls as sin^2, and is at its level for a moment only.
@@ -58,6 +62,9 @@ class EmgCondition:
     hum: float = 0.0
     drift: float = 0.0
     crosstalk: float = 0.0
+    uneven: float = 1.0
+    late_s: float = 0.0
+    leak: float = 0.0
     mvc_s: float = 5.0
     mvc: str = "held"
     smooth: bool = False
@@ -88,6 +95,19 @@ of 0.6 to 2 s, noise of 1 % and an MVC of 5 s. The correction of the plateau was
 and one that fades at hand, of other seeds."""
 
 
+CROSSTALK = (
+    EmgCondition("none"),
+    EmgCondition("5 %", crosstalk=0.05),
+    EmgCondition("10 %", crosstalk=0.1),
+    EmgCondition("15 %", crosstalk=0.15),
+    EmgCondition("10 and 5 %", crosstalk=0.1, uneven=0.5),
+    EmgCondition("10 and -10 %", crosstalk=0.1, uneven=-1.0),
+    EmgCondition("10 %, 1 ms late at the second", crosstalk=0.1, late_s=0.001),
+    EmgCondition("10 % of each in the other", leak=0.1),
+)
+"""A third muscle at both electrodes, or each at the other's: to be judged with crosstalk kept and removed."""
+
+
 @dataclass(frozen=True)
 class Score:
     """What came of contractions that were made.
@@ -98,6 +118,10 @@ class Score:
         false: Bursts beside them: of nothing, or a second one of the same contraction.
         right: Contractions with one burst, one peak, and that at their level.
         bias: Mean of what a peak reads over what it was, minus 1.
+        told_times: Levels that are right of somebody who is told begin and end of each contraction, and takes
+            the envelope's median over its middle half second.
+        told_course: Likewise of somebody who is told how its strength goes, but for its scale: the best that
+            two RMS can do with the MVC as it was read.
     """
 
     made: int
@@ -105,6 +129,8 @@ class Score:
     false: int
     right: int
     bias: float
+    told_times: int = 0
+    told_course: int = 0
 
 
 def score(found: EmgAnalysis, made: Sequence[Contraction], settings: EmgSettings) -> Score:
@@ -135,7 +161,50 @@ def added(scores: Sequence[Score]) -> Score:
     """Return scores of several recordings as one."""
     made, found = sum(one.made for one in scores), sum(one.found for one in scores)
     bias = float(np.nansum([one.bias * one.found for one in scores])) / max(found, 1)
-    return Score(made, found, sum(one.false for one in scores), sum(one.right for one in scores), bias)
+    return Score(
+        made,
+        found,
+        sum(one.false for one in scores),
+        sum(one.right for one in scores),
+        bias,
+        sum(one.told_times for one in scores),
+        sum(one.told_course for one in scores),
+    )
+
+
+def told(
+    found: EmgAnalysis,
+    trial: Float64Array,
+    strength: Float64Array,
+    made: Sequence[Contraction],
+    settings: EmgSettings,
+) -> tuple[int, int]:
+    """Return the levels that are right of somebody who is told the times, and the course: no rule is in it.
+
+    Both read against the MVC of ``found`` and know nothing of rest but its power.
+    """
+    half, window_s = round(0.25 * settings.rate_hz), settings.window_s
+    point = replace(settings.chain(0.0), window_s=1.0 / settings.rate_hz)  # an envelope of one sample
+    powers = np.array([point.envelope(one) ** 2 for one in trial])
+    quiet = strength == 0.0
+    rest_power = powers[:, quiet].mean(axis=1)
+    rest = np.sqrt(rest_power).sum() / found.reference
+    times, course = [], []
+    for one in made:
+        middle = (one.begin + one.end + round(window_s * settings.rate_hz)) // 2  # the window looks back
+        seen = np.median(found.cocontraction[max(one.begin, middle - half) : min(one.end, middle + half)])
+        times.append(math.sqrt(max(0.0, (seen**2 - rest**2) / (1.0 - rest**2))))
+        share = strength[one.begin : one.end] / one.level
+        strong = share > 0.5
+        scaled = (powers[:, one.begin : one.end] - rest_power[:, None])[:, strong] / share[strong] ** 2
+        course.append(float(np.sqrt(np.maximum(scaled.mean(axis=1), 0.0)).sum() / found.reference))
+    levels = np.array([one.level for one in made])
+    return _right(times, levels), _right(course, levels)
+
+
+def _right(read: Sequence[float], levels: Float64Array) -> int:
+    """Return how many of the values that were read are nearest to their level."""
+    return int((np.asarray(LEVELS)[to_levels(np.array(read)).index] == levels).sum())
 
 
 def contractions(
@@ -164,9 +233,13 @@ def recorded(
     def record(drive: Float64Array, foreign: Float64Array) -> Float64Array:
         t = np.arange(drive.size) / of.rate_hz
         steady = of.hum * np.sin(2.0 * np.pi * 50.0 * t + 1.0) + of.drift * np.sin(2.0 * np.pi * 0.3 * t)
-        beside = of.crosstalk * third(rng, foreign) if of.crosstalk else 0.0
+        beside = np.zeros((2, drive.size))
+        if of.crosstalk:
+            beside[0] = of.crosstalk * third(rng, foreign)
+            beside[1] = of.uneven * np.roll(beside[0], round(of.late_s * of.rate_hz))
         noise = of.noise * rng.standard_normal((2, drive.size))
-        return np.asarray(MVC_V * (np.array([one(rng, drive) for one in muscles]) + beside + steady + noise))
+        both = np.array([one(rng, drive) for one in muscles])
+        return np.asarray(MVC_V * (both + of.leak * both[::-1] + beside + steady + noise))
 
     mvc, rest = _mvc(of), np.zeros(round(_REST_S * of.rate_hz))
     foreign = np.resize(contractions(of, 20, rng)[0], strength.size)
@@ -192,7 +265,8 @@ def judge(
         strength, made = contractions(of, count, rng)
         trial, mvc, rest = recorded(model, of, strength, rng)
         found = analyse(trial, mvc, settings, rest=rest if of.rest_known else None)
-        scores.append(score(found, made, settings))
+        times, course = told(found, trial, strength, made, settings)
+        scores.append(replace(score(found, made, settings), told_times=times, told_course=course))
     return added(scores)
 
 

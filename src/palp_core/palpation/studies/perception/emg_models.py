@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import butter, fftconvolve, sosfilt
+from scipy.signal import butter, sosfilt
 
 from palp_core.units import Float64Array
 
@@ -103,10 +103,11 @@ class MotorUnitPool:
             phase = np.cumsum(np.where(excitation >= threshold[unit], rate, 0.0)) / self.rate_hz
             intervals = rng.normal(1.0, self.interval_spread, int(1.3 * phase[-1]) + 20)
             at = np.cumsum(np.maximum(intervals, 0.2)) - rng.random()
-            train = np.zeros(drive.size)
-            np.add.at(train, np.searchsorted(phase, at[(at > 0.0) & (at < phase[-1])]), 1.0)
-            if train.any():
-                found += fftconvolve(train, potential, mode="same")
+            spikes = np.searchsorted(phase, at[(at > 0.0) & (at < phase[-1])])
+            places = spikes[:, None] + (np.arange(potential.size) - (potential.size - 1) // 2)
+            inside = (places >= 0) & (places < drive.size)
+            shapes = np.broadcast_to(potential, places.shape)
+            found += np.bincount(places[inside], shapes[inside], minlength=drive.size)
         return found
 
     def _potentials(self) -> list[Float64Array]:
