@@ -327,7 +327,7 @@ def test_every_symbol_of_the_paper_s_notation_has_a_name_of_ours() -> None:
     assert set(TABLE_2) - explained == set()
 
 
-@pytest.mark.parametrize("wing", ["graph", "palpation", "cli"])
+@pytest.mark.parametrize("wing", ["graph", "palpation", "cli", "view"])
 def test_the_architecture_names_every_room(wing: str) -> None:
     rooms = {path.parent.name for path in (ROOT / "src" / "palp_core" / wing).glob("*/__init__.py")}
     text = ARCHITECTURE.read_text(encoding="utf-8")

@@ -79,6 +79,7 @@ app = lazy_app(
         ),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
         "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
+        "view": Verb(f"{_CLI}.view.view:view", "Show a running graph, a bag or results in the browser."),
         "doctor": Verb(f"{_CLI}.doctor.doctor:doctor", "Look for what is wrong with host and graph."),
         "wtf": Verb(f"{_CLI}.doctor.doctor:doctor", "The same as doctor.", hidden=True),
         "devices": Verb(f"{_CLI}.rig.devices:app", "Devices: which there are, try them, emulate them."),

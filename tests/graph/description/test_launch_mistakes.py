@@ -40,6 +40,7 @@ VALID = textwrap.dedent(
         inputs: {truth: torque/truth}
         on_exit: shutdown
     report: nodes.policy_markov:report
+    view: nodes.policy_markov:page
     """
 ).lstrip("\n")
 
@@ -118,6 +119,13 @@ MISTAKES: dict[str, tuple[str, str, int, tuple[str, ...]]] = {
     "truth read by a policy": ("estimator/belief", "torque/truth", 21, ("simulates or records",)),
     "a report that is not there": ("markov:report", "markov:reprot", 26, ("'reprot'", "mean 'report'?")),
     "a report without function": ("policy_markov:report", "policy_markov", 26, ("module:function",)),
+    "a page that is not there": (
+        "markov:page",
+        "markov:pge",
+        27,
+        ("view: ", "'pge'", "did you mean 'page'?"),
+    ),
+    "a page without function": ("policy_markov:page", "policy_markov", 27, ("view is", "module:function")),
     "a node given twice": ("  record:\n", "  policy:\n", 22, ("'policy' is given twice", "line 18")),
     "a parameter given twice": ("gain: 1.5", "gain: 1.5, gain: 2.0", 13, ("'gain' is given twice",)),
     "broken YAML": ("params: {gain: 1.5}", "params: {gain: 1.5", 14, ("not valid YAML", "line 13")),
@@ -255,6 +263,7 @@ KEYS = [
     "args",
     "nodes",
     "report",
+    "view",
     "default",
     "choices",
     "run",

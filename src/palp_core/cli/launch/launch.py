@@ -50,6 +50,7 @@ def launch(
     listen: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
     ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
 
@@ -84,7 +85,7 @@ def launch(
     sys.exit(
         _run(
             file, overrides, name=name, log_level=log_level, compose=compose, digest=digest, record=record,
-            listen=listen,
+            listen=listen, in_browser=view,
         )
     )  # fmt: skip
 
@@ -99,10 +100,15 @@ def _run(
     digest: Path | None,
     record: Path | None,
     listen: str | None,
+    in_browser: bool,
 ) -> int:
     """Run a graph and say how it went; return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
+    if in_browser:
+        from palp_core.cli.view.beside import check_can_show
+
+        check_can_show()
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
@@ -137,7 +143,12 @@ def _run(
             _say_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
-            with _digest_into(digest, observers), view.showing(graph.checked), stop_key(graph):
+            with (
+                _shown(graph, wanted=in_browser),
+                _digest_into(digest, observers),
+                view.showing(graph.checked),
+                stop_key(graph),
+            ):
                 summary = graph.run()
     except Interrupted as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks once more does not change how it ended
@@ -199,6 +210,15 @@ def _check_writable(digest: Path) -> None:
         digest.touch()
     except OSError as error:
         raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
+
+
+def _shown(graph: Graph, *, wanted: bool) -> contextlib.AbstractContextManager[None]:
+    """Show a graph in the browser for as long as it runs, if that is wanted."""
+    if not wanted:
+        return contextlib.nullcontext()
+    from palp_core.cli.view.beside import shown_beside
+
+    return shown_beside(graph.directory.path.name)
 
 
 @contextlib.contextmanager

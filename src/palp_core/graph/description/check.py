@@ -66,8 +66,9 @@ def check(
         for assigned in description.nodes.values()
         for node in assigned
     ]
-    if description.report is not None:
-        requests.append(NodeClassRequest(description.report.value, kind="function"))
+    named = {"report": description.report, "view": description.view}
+    functions = {key: located for key, located in named.items() if located is not None}
+    requests += [NodeClassRequest(located.value, kind="function") for located in functions.values()]
     answers = iter(inspect(requests, description.workspace) if requests else [])
     nodes = {
         name: [replace(node, answer=next(answers)) for node in assigned]
@@ -79,8 +80,9 @@ def check(
         for node in assigned:
             _check_class(node, nodes, problems, said, wrong)
     wrong.report(problems)
-    if description.report is not None and (error := next(answers).error) not in (None, *said):
-        problems.add(description.report.mark, f"report: {error}")
+    for key, located in functions.items():
+        if (error := next(answers).error) not in (None, *said):
+            problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
     checked = recorders_apart(_build(description, nodes))
@@ -336,6 +338,7 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
         docs={name: node.declared.doc for name, node in chosen.items()},
         report=description.report.value if description.report else "",
         listen=description.listen,
+        view=description.view.value if description.view else "",
     )
 
 

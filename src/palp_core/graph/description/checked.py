@@ -96,6 +96,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         docs: First line of each node class's docstring, by node.
         report: ``module:function`` to run at the end; "" for none.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
+        view: ``module:function`` that fills its own page of ``palp view``; "" for none.
     """
 
     graph: str
@@ -113,6 +114,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     listen: str = ""
     recorders: list[NodeSpec] = []
     composed: bool = False
+    view: str = ""
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -214,6 +216,8 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree["report"] = graph.report
     if graph.listen:
         tree["listen"] = graph.listen
+    if graph.view:
+        tree["view"] = graph.view
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )

@@ -26,10 +26,10 @@ from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
-_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen")
+_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen", "view")
 _MOST_FILES = 64
 _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
-_REPORT = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+_FUNCTION = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
 def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | None = None) -> LaunchFile:
@@ -143,7 +143,8 @@ class _Reader:
             clock = read_word(fields["clock"].value, "clock", ("sim", "wall"), scope, self.problems) or clock
         if "seed" in fields:
             seed = read_number(fields["seed"].value, "seed", int, 0, scope, self.problems) or 0
-        report = self._report(fields["report"].value, scope) if "report" in fields else None
+        report = self._function("report", fields, scope)
+        view = self._function("view", fields, scope)
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
         for name, place in self.joined.items() if clock != "wall" else ():
             self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
@@ -154,7 +155,7 @@ class _Reader:
         values = {name: scope.values[name] for name in file.arguments}
         return LaunchFile(
             path, self.workspace, place, graph, clock, seed, file.arguments, values, self.nodes, report,
-            self.problems.listed(), listen,
+            self.problems.listed(), listen, view,
         )  # fmt: skip
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:
@@ -312,11 +313,15 @@ class _Reader:
             self.problems.add(tree.mark, "only a graph with clock: wall can be joined; remove listen")
         return text
 
-    def _report(self, tree: Tree, scope: Scope) -> Located | None:
+    def _function(self, key: str, fields: dict[str, Entry], scope: Scope) -> Located | None:
+        """Return the function that a key names; None where there is none, or after reporting a mistake."""
+        if key not in fields:
+            return None
+        tree = fields[key].value
         text = evaluate(tree, scope, self.problems)
         if text is UNKNOWN:
             return None
-        if not isinstance(text, str) or _REPORT.fullmatch(text) is None:
-            self.problems.add(tree.mark, f"report is '{text}'; write module:function")
+        if not isinstance(text, str) or _FUNCTION.fullmatch(text) is None:
+            self.problems.add(tree.mark, f"{key} is '{text}'; write module:function")
             return None
         return Located(text, tree.mark)

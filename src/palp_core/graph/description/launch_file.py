@@ -124,6 +124,7 @@ class LaunchFile:
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
+        view: ``module:function`` that fills its own page of ``palp view``.
     """
 
     file: Path
@@ -138,6 +139,7 @@ class LaunchFile:
     report: Located | None
     problems: tuple[Problem, ...]
     listen: str = ""
+    view: Located | None = None
 
 
 def find_workspace(path: Path) -> Path:

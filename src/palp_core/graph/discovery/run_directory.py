@@ -51,6 +51,7 @@ class RunRecord(msgspec.Struct, frozen=True):
         listen: Where other hosts call; "" if they cannot.
         workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.
+        view: ``module:function`` that fills the launch file's own page of ``palp view``; "" if it has none.
     """
 
     graph: str
@@ -64,6 +65,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     listen: str = ""
     workspace: str = ""
     launched_from: str = ""
+    view: str = ""
 
     @property
     def id(self) -> str:
@@ -117,11 +119,23 @@ class RunDirectory:
         nodes: list[NodeEntry],
         topics: list[Topic],
         workspace: str = "",
+        view: str = "",
     ) -> RunRecord:
         """Return the record of a graph that this process supervises."""
         start_ns, launched_from = self._start_unix_ns, self._launched_from
         return RunRecord(
-            graph, file, clock, os.getpid(), start_ns, serve, nodes, topics, "", workspace, launched_from
+            graph,
+            file,
+            clock,
+            os.getpid(),
+            start_ns,
+            serve,
+            nodes,
+            topics,
+            "",
+            workspace,
+            launched_from,
+            view,
         )
 
     def write(self, record: RunRecord) -> None:
@@ -168,7 +182,8 @@ def present_folder() -> str:
         return ""
 
 
-def _read(folder: Path) -> RunRecord | None:
+def read_record(folder: Path) -> RunRecord | None:
+    """Return what a run directory says of its run; None where there is none, or it cannot be read."""
     try:
         with open(folder / RECORD, "rb", opener=open_private) as file:
             return msgspec.json.decode(file.read(), type=RunRecord)
@@ -178,7 +193,7 @@ def _read(folder: Path) -> RunRecord | None:
 
 def runs() -> list[tuple[Path, RunRecord, bool]]:
     """Return every run of this user with a record: folder, record, whether it lives; the latest first."""
-    found = [(folder, record, locked(folder)) for folder in _folders() if (record := _read(folder))]
+    found = [(folder, record, locked(folder)) for folder in _folders() if (record := read_record(folder))]
     return sorted(found, key=lambda run: -run[1].start_unix_ns)
 
 

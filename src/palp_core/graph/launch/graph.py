@@ -213,6 +213,7 @@ class Graph:
             self.swaps = Swapper(
                 self.checked, backend, self._now_ns, self._swapped, self.launcher_node.report
             )
+            self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
             self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
             self._announce()
             self.recorders.start(self.directory.path, self.launcher_node, self._supervisor)

@@ -38,7 +38,9 @@ def run_record(
     topics = [info.as_topic(name, at(info.node)[0]) for name, info in checked.topics.items()]
     topics += LauncherNode.topics(folder)
     serve = endpoints(folder, LAUNCHER)[1]
-    return directory.record(checked.graph, str(file), checked.clock, serve, nodes, topics, checked.workspace)
+    return directory.record(
+        checked.graph, str(file), checked.clock, serve, nodes, topics, checked.workspace, checked.view
+    )
 
 
 def run_record_of_node(

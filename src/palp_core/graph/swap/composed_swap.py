@@ -28,6 +28,8 @@ class ComposedSwaps:
         time: Simulated time.
     """
 
+    step = ""  # it is done between two instants, when nobody can ask
+
     def __init__(self, composition: Composition, workspace: Path, time: SimulatedTime) -> None:
         self._composition, self._workspace, self._time = composition, workspace, time
 

@@ -47,6 +47,12 @@ class ProcessSwaps:
     def __init__(self, supervisor: Supervisor, folder: Path, workspace: Path, time: SimulatedTime) -> None:
         self._supervisor, self._folder, self._workspace = supervisor, folder, workspace
         self._time = time
+        self._under_way: _ProcessSwap | None = None
+
+    @property
+    def step(self) -> str:
+        """The step that the swap which is under way has come to; "" if there is none."""
+        return self._under_way.step if self._under_way is not None else ""
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Let a forked child import a class and say what it declares."""
@@ -66,7 +72,11 @@ class ProcessSwaps:
         Raises:
             SwapFailed: A step failed; the old node goes on.
         """
-        return _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._time).run()
+        self._under_way = _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._time)
+        try:
+            return self._under_way.run()
+        finally:
+            self._under_way = None
 
 
 class _ProcessSwap:
@@ -78,6 +88,9 @@ class _ProcessSwap:
         swap: What is replaced by what.
         now_ns: Time on the graph's clock.
         time: Simulated time.
+
+    Attributes:
+        step: Which it has come to.
     """
 
     def __init__(
@@ -94,7 +107,7 @@ class _ProcessSwap:
         self._old = supervisor.processes[swap.index]
         self._begun_ns = monotonic_ns()
         self._deadline_ns = self._begun_ns + round(swap.request.timeout_s * 1e9)
-        self._step = "start"
+        self.step = "start"
         self._new: Standby | None = None
         self._announced = self._paused = self._changed = False
         self._on_probation = self._way_back = False
@@ -145,14 +158,14 @@ class _ProcessSwap:
         if why := unfit(running, self._swap):
             self._fail(why)
         self._on_probation = self._swap.probation.run_count > 0 and running.active
-        self._step = "configure"
+        self.step = "configure"
         supervisor = self._supervisor
         new_spec = self._old.successor_spec(self._swap.new)
         self._new = supervisor.standbys.start(new_spec, self._old.log, fresh=True)
         new = self._new.process
         self._wait_for(lambda: new.configured, "it was not configured")
         self._wait_for(lambda: new.matched, "it did not hear all of its publishers")
-        self._step = "connect"
+        self.step = "connect"
         self._announced = True
         publish, serve = endpoints(str(self._folder), new.place)
         supervisor.listening.clear()
@@ -162,7 +175,7 @@ class _ProcessSwap:
         self._send_new(swap_messages.Meet(readers, nodes))
         # Who does not come is no node of this graph, and can ask for what it missed.
         self._reply_of_new(swap_messages.Met)
-        self._step = "state"
+        self.step = "state"
         handed = self._request_hand_over({}, pause=False, with_latest=self._swap.try_out)
         self._send_new(
             swap_messages.Rehearse(handed.hand_over, self._swap.request.params, self._on_probation)
@@ -196,7 +209,7 @@ class _ProcessSwap:
 
     def _shadow(self, after: ReceivedOffsets) -> ReceivedOffsets:
         """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
-        self._step = "shadow"
+        self.step = "shadow"
         request, supervisor, new = self._swap.request, self._supervisor, self._new
         assert new is not None
         handed = self._request_hand_over(after, pause=False)
@@ -232,11 +245,11 @@ class _ProcessSwap:
 
     def _change(self, after: ReceivedOffsets) -> tuple[SwapReport, Done | None]:
         request = self._swap.request
-        self._step = "hand over"
+        self.step = "hand over"
         self._paused = True
         handed = self._request_hand_over(after, pause=True)
         self._old.handed_over = True
-        self._step = "take over"
+        self.step = "take over"
         start_ns = self._supervisor.start_ns
         self._send_new(
             swap_messages.TakeOver(
@@ -254,7 +267,7 @@ class _ProcessSwap:
             self._fail(taken.error)
         assert self._new is not None
         if self._on_probation and start_ns:
-            self._step = "probation"
+            self.step = "probation"
         if self._new.process.has_died():  # with these words; how, the fork server is about to tell
             self._wait_for(lambda: False, "its process has died")
         if start_ns:
@@ -332,7 +345,7 @@ class _ProcessSwap:
         self, former: Standby, handed: swap_messages.HandedIn, taken: swap_messages.TookOver
     ) -> None:
         """Let simulated time go by while the old node stands by."""
-        self._step = "probation"
+        self.step = "probation"
         wanted, supervisor = self._swap.probation, self._supervisor
         inputs = self._swap.new.inputs.values()
         probation = ProcessProbation(
@@ -429,7 +442,7 @@ class _ProcessSwap:
     # What is said to both processes, and how they answer
 
     def _fail(self, text: str) -> NoReturn:
-        raise SwapFailed(self._swap.request.node, self._step, text)
+        raise SwapFailed(self._swap.request.node, self.step, text)
 
     def _request_hand_over(
         self, after: dict[str, tuple[int, int]], *, pause: bool, with_latest: bool = False
@@ -477,8 +490,8 @@ class _ProcessSwap:
 
         in_time = self._supervisor.wait_until(over, self._deadline_ns)
         if new is not None and new.failure:  # it may have answered before it died
-            if self._step == "take over" and self._on_probation and condition():
-                self._step = "probation"
+            if self.step == "take over" and self._on_probation and condition():
+                self.step = "probation"
             self._fail(new.failure)
         if condition():
             return

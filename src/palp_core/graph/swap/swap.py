@@ -168,6 +168,10 @@ def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
 class SwapBackend(Protocol):
     """The nodes, as a swap needs them."""
 
+    @property
+    def step(self) -> str:
+        """The step that the swap which is under way has come to; "" if there is none."""
+
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
         """Import a class where that does no harm, and say what it declares."""
 
@@ -242,6 +246,11 @@ class Swapper:
     @property
     def _busy_text(self) -> str:
         return f"a swap of /{self._busy.removeprefix('/')} is under way; ask again when it is done"
+
+    def progress(self) -> dict[str, Any]:
+        """Say which node is being swapped, if any, and which step that has come to."""
+        step = self._backend.step or (STEPS[0] if self._busy else "")
+        return {"node": self._busy.removeprefix("/"), "step": step, "steps": STEPS}
 
     def answer(self, asked: AskToSwap) -> dict[str, Any]:
         """Swap for a tool that asks.

@@ -1,0 +1,46 @@
+"""A viewer beside a launcher: a process of its own, which the graph neither waits for nor dies of."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+from palp_core.view.server.serve import check_installed
+
+END_S = 5.0
+
+
+def check_can_show() -> None:
+    """Check, before anything starts, that there is something to show it with.
+
+    Raises:
+        PalpError: The extra is not installed; what to type is in the message.
+    """
+    check_installed()
+
+
+@contextlib.contextmanager
+def shown_beside(run: str) -> Iterator[None]:
+    """Show a running graph in the browser; the viewer ends with it.
+
+    Args:
+        run: Its id.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palp_core", "view", "--graph", run],
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONHASHSEED": "random"},
+        start_new_session=True,  # Ctrl-C is the launcher's
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

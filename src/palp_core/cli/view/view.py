@@ -1,0 +1,144 @@
+"""``palp view``: the live page of a graph in the browser, or the same page over a recording."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import GraphOption
+from palp_core.cli.output import note
+from palp_core.cli.running import find_graph
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Iterator
+
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.view.pages.viewer import OwnPage
+    from palp_core.view.source.protocol import ViewSource
+
+
+def view(
+    what: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[BAG|RESULTS]",
+            help="A bag, or the folder of a run that is over; default: the running graph.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="Where, on this host only; 0: any that is free.")
+    ] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Nothing can be pressed.")] = False,
+    operate: Annotated[
+        bool, typer.Option("--operate", help="On a real rig let more be pressed than stop.")
+    ] = False,
+    graph: GraphOption = None,
+) -> None:
+    """Show a running graph, a bag or results in the browser.
+
+    To those who have the address that this prints, on this host. From another one:
+    ssh -L PORT:127.0.0.1:PORT HOST, and there open the same address.
+    """
+    from palp_core.view.server.gate import new_token
+    from palp_core.view.server.serve import address, check_installed, listening_socket
+
+    check_installed()
+    running = find_graph(graph) if what is None else None
+    source = None if what is None else _over(what)
+    listening, token = listening_socket(port), new_token()
+    where = address(listening, token)
+    sys.stdout.write(f"{where}\n")
+    sys.stdout.flush()
+    try:
+        with contextlib.nullcontext() if no_browser else _opened(where):
+            if source is not None:
+                _show_over(listening, token, source)
+            elif running is not None:
+                _show_live(listening, token, running, read_only=read_only, operate=operate)
+    except KeyboardInterrupt:
+        note("the page is closed" + ("; the graph goes on" if running is not None else ""))
+
+
+def _over(what: Path) -> ViewSource:
+    """Return a bag, or a folder of results, as a source.
+
+    Raises:
+        PalpError: It is neither.
+    """
+    from palp_core.graph.bag.metadata import in_order
+    from palp_core.view.source.recorded import RecordedSource
+    from palp_core.view.source.results import ResultsSource
+
+    is_bag = what.is_file() or (what.is_dir() and in_order(what))
+    return RecordedSource(what) if is_bag else ResultsSource(what)
+
+
+def _show_over(listening: socket.socket, token: str, source: ViewSource) -> None:
+    from palp_core.view.pages.put_up import put_up
+    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.serve import serve
+
+    serve(listening, token, lambda: put_up(Viewer(source=source)))
+
+
+def _show_live(
+    listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
+) -> None:
+    from palp_core.view.pages.put_up import put_up
+    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.serve import serve
+    from palp_core.view.source.live import LiveSource
+    from palp_core.view.source.operator import GraphOperator
+    from palp_core.view.source.recordings import Recordings
+
+    source = LiveSource(running)
+    operator = GraphOperator(source, read_only=read_only, operate=operate)
+    recordings = Recordings(operator, Path.cwd())
+    viewer = Viewer(source=source, operator=operator, own_page=_own_page(running))
+    try:
+        serve(listening, token, lambda: put_up(viewer, recordings))
+    finally:
+        recordings.close()
+        source.close()
+
+
+def _own_page(running: RunningGraph) -> OwnPage | None:
+    """Return the launch file's own page; one that cannot be loaded any more is said, and left out."""
+    from palp_core.errors import in_words
+    from palp_core.graph.node.loading import load_module
+    from palp_core.view.pages.viewer import OwnPage
+
+    module, _, name = running.record.view.partition(":")
+    if not name:
+        return None
+    try:
+        return OwnPage(getattr(load_module(module, running.record.workspace), name))
+    except Exception as error:  # noqa: BLE001 - a module of somebody's own may raise anything
+        note(f"view: {running.record.view}: {in_words(error)}; the other pages are there")
+        return None
+
+
+@contextlib.contextmanager
+def _opened(where: str) -> Iterator[None]:
+    """Open the user's browser beside; one that cannot be opened is no failure: the address is printed.
+
+    The browser is given a file of the user's own that leads there: whoever lists processes sees no token.
+    """
+    import tempfile
+    import threading
+    import webbrowser
+
+    with tempfile.TemporaryDirectory(prefix="palp-view-") as folder:
+        page = Path(folder) / "open.html"
+        page.touch(mode=0o600)
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={where}">\n', encoding="utf-8")
+        threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
+        yield

@@ -1,0 +1,72 @@
+"""What stands on top of every page: which graph, which run, how late it is, and what is wrong."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+from nicegui import ui
+
+from palp_core.view.pages.parts import TroubleBox, duration, said
+from palp_core.view.pages.time_bar import time_bar
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.overview import Overview, worst
+from palp_core.view.source.recorded import RecordedSource
+
+REFRESH_S = 0.5
+STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something is badly wrong"}
+
+
+@contextlib.contextmanager
+def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
+    """Put up a page: the strip, what is wrong, and whatever is put up within."""
+    first = viewer.source.overview()
+    ui.page_title(f"{title} - {first.title}" if title else f"{first.title} - palp view")
+    with ui.element("header").classes("strip"):
+        said("span", first.title, "title").props('data-what="graph"')
+        state = said("span", "", "pill").props('data-what="state"')
+        whats = ("run", "clock", "now", "elapsed", "may")
+        labels = {what: said("span", "", "quiet").props(f'data-what="{what}"') for what in whats}
+        with ui.element("nav").classes("row-of"):
+            for word, target in _ways(viewer):
+                ui.link(word, target)
+        if viewer.own_page is not None:
+            viewer.own_page.put_strip(viewer)
+    troubles = TroubleBox()
+    if isinstance(viewer.source, RecordedSource):
+        time_bar(viewer.source)
+
+    def refresh() -> None:
+        overview = viewer.source.overview()
+        state.text = _state(overview)
+        state.classes(replace=f"pill {worst(overview.troubles) if overview.alive else 'unknown'}")
+        labels["run"].text = f"run {overview.run}" if overview.run else ""
+        labels["clock"].text = f"clock: {overview.clock}" if overview.clock else ""
+        labels["now"].text = "" if overview.now_s is None else f"at {overview.now_s:.1f} s"
+        labels["elapsed"].text = (
+            f"for {duration(overview.elapsed_s)}" if overview.elapsed_s is not None else ""
+        )
+        labels["may"].text = viewer.refusal()
+        troubles.show(overview.troubles)
+
+    refresh()
+    ui.timer(REFRESH_S, refresh)
+    yield
+
+
+def _state(overview: Overview) -> str:
+    if not overview.alive:
+        return "ended" if overview.kind == "graph" else "over"
+    return STATES[worst(overview.troubles)]
+
+
+def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
+    results = viewer.source.overview().kind == "results"
+    yield "Files" if results else "Graph", "/"
+    if not results:
+        yield "Topics", "/topics"
+    if viewer.live is not None:
+        yield "Record", "/record"
+        yield "Timeline", "/timeline"
+    if viewer.own_page is not None:
+        yield "Own page", "/own"

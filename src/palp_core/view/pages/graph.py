@@ -1,0 +1,180 @@
+"""The page of the whole graph: drawn from its wires, live, with tables of its nodes and wires below."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import partial
+from typing import Any
+from urllib.parse import quote
+
+from nicegui import ui
+from nicegui.element import Element
+
+from palp_core.view.pages.frame import frame
+from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout, path
+from palp_core.view.pages.parts import figure, node_link, said, table, topic_link
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.overview import NodeState, Overview, WireState
+
+REFRESH_S = 1.0
+MOST_LINES = 3
+"""Topics that a wire between two nodes names; its hover names all of them."""
+
+
+class GraphDrawing(Element, component="graph_drawing.js"):  # type: ignore[misc, call-arg]
+    """A graph as a picture; choosing a node leads to its page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._layout: Layout | None = None
+        self._of: object = None
+        self.on("chosen", lambda event: ui.navigate.to(f"/node/{quote(str(event.args), safe='')}"))
+
+    def show(self, overview: Overview) -> None:
+        """Show a graph as it is now; nodes stay where they are while there are the same."""
+        pairs = pairs_of(overview.wires)
+        of = [node.name for node in overview.nodes], list(pairs)
+        if self._layout is None or self._of != of:
+            self._layout, self._of = layout(of[0], of[1]), of
+        props = drawn(overview, self._layout, pairs)
+        if any(self._props.get(name) != value for name, value in props.items()):
+            self._props.update(props)
+            self.update()
+
+
+def pairs_of(wires: list[WireState]) -> dict[tuple[str, str], list[WireState]]:
+    """Return the wires by publisher and reader."""
+    pairs: dict[tuple[str, str], list[WireState]] = defaultdict(list)
+    for wire in wires:
+        pairs[wire.source, wire.reader].append(wire)
+    return dict(pairs)
+
+
+def drawn(overview: Overview, where: Layout, pairs: dict[tuple[str, str], list[WireState]]) -> dict[str, Any]:
+    """Return what the picture is made of, as plain data."""
+    nodes = [_node(node, where) for node in overview.nodes]
+    known = [
+        (ends, wires) for ends, wires in pairs.items() if ends[0] in where.places and ends[1] in where.places
+    ]
+    return {
+        "nodes": nodes,
+        "wires": [_wire(*ends, wires, where) for ends, wires in known],
+        "width": where.width,
+        "height": where.height + 30,
+    }
+
+
+def _node(node: NodeState, where: Layout) -> dict[str, Any]:
+    place = where.places[node.name]
+    return {
+        "name": node.name,
+        "x": place.x,
+        "y": place.y,
+        "width": WIDTH,
+        "height": HEIGHT,
+        "health": node.health,
+        "resting": node.lifecycle != "active",
+        "state": node.lifecycle,
+        "figures": figure(node.rate_hz, "Hz"),
+        "why": node.why or f"{node.run}: {node.lifecycle or 'not asked yet'}",
+    }
+
+
+def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> dict[str, Any]:
+    shape, x, y = path(where.places[source], where.places[reader])
+    lines = [wire_line(wire) for wire in wires[:MOST_LINES]]
+    if len(wires) > MOST_LINES:
+        lines.append(f"and {len(wires) - MOST_LINES} more")
+    bad = any(wire.lost for wire in wires)
+    return {
+        "key": f"{source} {reader}",
+        "path": shape,
+        "x": x,
+        "y": y - 13 * (len(lines) - 1) / 2,
+        "lines": lines,
+        "health": "warn" if bad else "ok",
+        "why": "\n".join(wire_words(wire) for wire in wires),
+    }
+
+
+def wire_line(wire: WireState) -> str:
+    """Return a topic's port with its rate and latency, and what is lost."""
+    parts = [wire.topic.rpartition("/")[2], figure(wire.rate_hz, "Hz", 0 if (wire.rate_hz or 0) >= 10 else 1)]
+    if wire.latency_p50_s is not None:
+        parts.append(figure(wire.latency_p50_s * 1e3, "ms", 2))
+    if wire.lost:
+        parts.append(f"{wire.lost} lost")
+    return " ".join(part for part in parts if part)
+
+
+def wire_words(wire: WireState) -> str:
+    """Return all that a reader's account says of a topic."""
+    late = wire.latency_p99_s
+    said = f"{wire.topic} -> /{wire.reader}: {wire.received} received, {wire.lost} lost, {wire.late} late"
+    return said + (f", p99 {late * 1e3:.2f} ms" if late is not None else "")
+
+
+def graph_page(viewer: Viewer) -> None:
+    """Put up the page."""
+    with frame(viewer):
+        drawing = GraphDrawing()
+        said("h2", "Nodes")
+        nodes = ui.element("div")
+        said("h2", "Wires")
+        wires = ui.element("div")
+        shown: list[Overview] = []
+
+        def refresh() -> None:
+            overview = viewer.source.overview()
+            drawing.show(overview)
+            if shown and (shown[-1].nodes, shown[-1].wires) == (overview.nodes, overview.wires):
+                return
+            shown[:] = [overview]
+            nodes.clear()
+            with nodes:
+                _node_table(overview.nodes)
+            wires.clear()
+            with wires:
+                _wire_table(overview.wires)
+
+        refresh()
+        ui.timer(REFRESH_S, refresh)
+
+
+def _node_table(nodes: list[NodeState]) -> None:
+    titles = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
+    table(
+        titles,
+        (
+            (
+                partial(node_link, node.name),
+                node.lifecycle,
+                node.run,
+                figure(node.rate_hz, "Hz"),
+                figure(node.cpu_percent, "%"),
+                f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else "",
+                node.why,
+            )
+            for node in nodes
+        ),
+    )
+
+
+def _wire_table(wires: list[WireState]) -> None:
+    titles = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
+    table(
+        titles,
+        (
+            (
+                partial(topic_link, wire.topic),
+                partial(node_link, wire.reader),
+                figure(wire.rate_hz, "Hz"),
+                str(wire.received),
+                str(wire.lost),
+                str(wire.late),
+                figure(None if wire.latency_p50_s is None else wire.latency_p50_s * 1e3, "ms", 2),
+                figure(None if wire.latency_p99_s is None else wire.latency_p99_s * 1e3, "ms", 2),
+            )
+            for wire in wires
+        ),
+    )

@@ -1,0 +1,123 @@
+"""Small parts of which the pages are made; whatever they are given is shown as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from nicegui import run, ui
+from nicegui.elements.mixins.text_element import TextElement
+
+from palp_core.errors import PalpError
+from palp_core.view.source.overview import Trouble, worst
+
+CSS = (Path(__file__).parent / "look.css").read_text(encoding="utf-8")
+
+
+Cell = str | Callable[[], Any]
+"""What a cell of a table holds: a text, or what puts something into it."""
+
+
+def said(tag: str, text: str = "", classes: str = "") -> Any:
+    """Return an element that holds a text and nothing else."""
+    return TextElement(tag=tag, text=text).classes(classes)
+
+
+def node_link(name: str) -> None:
+    """Show a node's name that leads to its page."""
+    ui.link(f"/{name}", f"/node/{quote(name, safe='')}")
+
+
+def topic_link(name: str) -> None:
+    """Show a topic's name that leads to its page."""
+    ui.link(name, f"/topic{quote(name)}")
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Show a table; a cell is a text, or what puts something into it."""
+    with ui.element("table").classes("plain"):
+        with ui.element("thead"), ui.element("tr"):
+            for title in titles:
+                said("th", title)
+        with ui.element("tbody"):
+            for row in rows:
+                with ui.element("tr"):
+                    for cell in row:
+                        if isinstance(cell, str):
+                            said("td", cell)
+                        else:
+                            with ui.element("td"):
+                                cell()
+
+
+class TroubleBox:
+    """What is wrong, in words, with what to do or type; nothing where nothing is."""
+
+    MOST = 8
+
+    def __init__(self) -> None:
+        self._shown: list[Trouble] | None = None
+        self._box = ui.element("div").classes("troubles").props('role="status"')
+
+    def show(self, troubles: list[Trouble]) -> None:
+        """Show these, if they are not shown already."""
+        if troubles == self._shown:
+            return
+        self._shown = list(troubles)
+        self._box.clear()
+        self._box.set_visibility(bool(troubles))
+        self._box.classes(add="error-box" if worst(troubles) == "error" else "", remove="error-box")
+        with self._box:
+            for one in sorted(troubles, key=lambda trouble: trouble.level != "error")[: self.MOST]:
+                with ui.element("div").classes("row-of"):
+                    said("b", f"{one.level}: {one.where}", one.level)
+                    said("span", one.text)
+                    if one.advice:
+                        said("code", one.advice)
+            if len(troubles) > self.MOST:
+                said("div", f"and {len(troubles) - self.MOST} more")
+
+
+class Outcome:
+    """What came of the last thing that was pressed; it stays until the next."""
+
+    def __init__(self) -> None:
+        self._label = said("div", "").props('role="status"')
+
+    def tell(self, text: str, level: str = "ok") -> None:
+        """Show it."""
+        self._label.classes(replace=level)
+        self._label.text = text
+
+    async def of(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+        """Do something that waits, on a thread; return what it returns, or tell why not and return None."""
+        try:
+            return await run.io_bound(work, *given, **named)
+        except PalpError as error:
+            self.tell(str(error), "error")
+        except OSError as error:
+            self.tell(f"{error.filename or ''}: {error.strerror}", "error")
+        return None
+
+
+def figure(value: float | None, unit: str, digits: int = 1) -> str:
+    """Return a number with its unit; "" if there is none.
+
+    >>> figure(12.34, "Hz"), figure(None, "Hz")
+    ('12.3 Hz', '')
+    """
+    return "" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def duration(seconds: float | None) -> str:
+    """Return how long something took or takes.
+
+    >>> duration(3723.4), duration(None)
+    ('1:02:03', '')
+    """
+    if seconds is None:
+        return ""
+    whole = int(max(seconds, 0))
+    return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"

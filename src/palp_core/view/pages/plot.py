@@ -1,0 +1,139 @@
+"""Fields of a topic plotted live: at most 30 times a second, thinned to what a screen shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
+
+from palp_core.errors import GraphError
+from palp_core.view.pages.parts import Outcome
+from palp_core.view.source.protocol import Watch
+from palp_core.view.source.series import FieldSeries, Point, as_csv, number_fields, thinned
+
+FRAME_S = 1 / 30
+MOST_POINTS = 200
+"""Of a series between two frames: more than the columns of pixels that a frame adds."""
+MOST_UNDER_WAY = 3
+"""Frames that a browser has not taken yet: until it has, more are left out, however slow it is."""
+SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
+
+__all__ = ["EChart", "LivePlot", "plot_panel"]
+
+
+class LivePlot(Element, component="live_plot.js"):  # type: ignore[misc, call-arg]
+    """A plot in the browser, which is given points as they come."""
+
+    def __init__(self, file: str) -> None:
+        super().__init__()
+        self._sent = self._taken = 0
+        self.on("taken", self._take)
+        self.shape(names=[], span=10, paused=False, elements=False, file=f"{file}.png")
+
+    def shape(self, **props: Any) -> None:
+        """Change names, span in s, paused, elements (values by number instead of time)."""
+        self._props.update(props)
+        self.update()
+
+    @property
+    def busy(self) -> bool:
+        """Whether the browser has yet to take what it was given before."""
+        return self._sent - self._taken >= MOST_UNDER_WAY
+
+    def add(self, batches: list[list[Point]]) -> None:
+        """Add points, a list for each series."""
+        self._sent += 1
+        self.run_method("add", batches, self._sent)
+
+    def put(self, lists: list[list[float]]) -> None:
+        """Show these values by their number."""
+        self._sent += 1
+        self.run_method("put", lists, self._sent)
+
+    def _take(self, event: Any) -> None:
+        """Note up to which frame the browser has come; whatever it says, it is at most what was sent."""
+        if isinstance(event.args, int):
+            self._taken = min(max(event.args, self._taken), self._sent)
+
+
+class _Plotted:
+    """The fields that one plot shows, and what the browser has yet to be given."""
+
+    def __init__(self) -> None:
+        self.series: list[FieldSeries] = []
+        self.waiting: list[list[Point]] = []
+        self.last_sequence = -1
+
+    def choose(self, fields: list[str], schema: dict[str, Any]) -> None:
+        self.series = [FieldSeries(field, schema) for field in fields]
+        self.waiting = [[] for _ in fields]
+
+    def take(self, watch: Watch) -> bool:
+        """Take what has come; tell whether anything has."""
+        heard = watch.drain()
+        for message in heard:
+            for series, waiting in zip(self.series, self.waiting, strict=True):
+                waiting.extend(series.add(message))
+        self.waiting = [thinned(points, MOST_POINTS) for points in self.waiting]
+        return bool(heard)
+
+
+def plot_panel(watch: Watch) -> None:
+    """Put up a plot of a topic's numbers."""
+    schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
+    known = list(number_fields(schema))
+    if not known:
+        ui.label("no field of it is a number")
+        return
+    with ui.element("div").classes("row-of"):
+        chosen = ui.select(known, multiple=True, label="fields", new_value_mode="add-unique", clearable=True)
+        chosen.props("dense outlined use-chips").style("min-width: 16rem").tooltip(
+            "as in posterior or posterior[3]"
+        )
+        span = ui.select(SPANS_S, value=10, label="window").props("dense outlined")
+        elements = ui.checkbox("by element")
+        elements.tooltip("the elements of an array by their number, of the last message")
+        pause = ui.button("pause").props("outline dense no-caps")
+        save = ui.button("PNG").props("outline dense no-caps")
+        table = ui.button("CSV").props("outline dense no-caps")
+    plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
+    state = {"paused": False}
+
+    def choose() -> None:
+        fields = [str(field) for field in chosen.value or ()]
+        try:
+            plotted.choose(fields, schema)
+        except GraphError as error:
+            outcome.tell(str(error), "error")
+            chosen.value = [series.field for series in plotted.series]
+            return
+        outcome.tell("")
+        plot.shape(names=[series.label for series in plotted.series])
+
+    def toggle() -> None:
+        state["paused"] = not state["paused"]
+        pause.text = "go on" if state["paused"] else "pause"
+        plot.shape(paused=state["paused"])
+
+    def tick() -> None:
+        if not plotted.series:
+            return
+        came = plotted.take(watch)
+        if plot.busy or state["paused"] or not (came or any(plotted.waiting)):
+            return
+        if elements.value:
+            plot.put([series.last for series in plotted.series])
+        else:
+            plot.add(plotted.waiting)
+        plotted.waiting = [[] for _ in plotted.series]
+
+    chosen.on_value_change(choose)
+    span.on_value_change(lambda: plot.shape(span=span.value))
+    elements.on_value_change(lambda: plot.shape(elements=bool(elements.value)))
+    pause.on_click(toggle)
+    save.on_click(lambda: plot.run_method("save"))
+    name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
+    table.on_click(lambda: ui.download.content(as_csv(plotted.series), name))
+    ui.timer(FRAME_S, tick)

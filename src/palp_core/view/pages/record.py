@@ -1,0 +1,92 @@
+"""The page of recordings: start, stop, snapshot, and what is missing."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from palp_core.view.pages.frame import frame
+from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.recordings import Recordings, StartedRecorder
+
+REFRESH_S = 0.5
+
+
+def record_page(viewer: Viewer, recordings: Recordings) -> None:
+    """Put up the page."""
+    with frame(viewer, "Record"):
+        said("h2", "Record")
+        said("div", f"bags are made in {recordings.folder}", "quiet")
+        outcome = Outcome()
+        with ui.element("div").classes("row-of"):
+            name = (
+                ui.input(label="name; empty: graph and time")
+                .props("dense outlined")
+                .style("min-width: 18rem")
+            )
+            topics = ui.select(
+                [topic.name for topic in viewer.source.topics()],
+                multiple=True,
+                clearable=True,
+                label="topics; none: all",
+            )
+            topics.props("dense outlined use-chips").style("min-width: 16rem")
+            seconds = ui.number(label="keep only the last, s", value=0, min=0).props("dense outlined")
+            start = ui.button("record").props("dense no-caps")
+            save = ui.button("write snapshot").props("outline dense no-caps")
+        running = ui.element("div").props('data-what="recordings"')
+
+        async def begin() -> None:
+            given = (
+                str(name.value or ""),
+                [str(topic) for topic in topics.value or ()],
+                float(seconds.value or 0.0),
+            )
+            if await outcome.of(recordings.start, *given) is not None:
+                outcome.tell("the recorder starts")
+
+        async def snapshot() -> None:
+            lines = await outcome.of(recordings.snapshot)
+            if lines is not None:
+                outcome.tell("; ".join(lines))
+
+        start.on_click(begin)
+        save.on_click(snapshot)
+        _list(running, recordings, outcome)
+
+
+def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
+    """Show all recordings, each with what it says."""
+    shown: list[object] = []
+
+    async def end(recording: StartedRecorder) -> None:
+        outcome.tell(f"{recording.out.name} ends")
+        await outcome.of(recordings.stop, recording)
+        outcome.tell(f"{recording.out.name} has ended")
+
+    def refresh() -> None:
+        now = [(one.out, one.running, one.complete, one.words) for one in recordings.all]
+        if now == shown:
+            return
+        shown[:] = now
+        box.clear()
+        with box:
+            for one in reversed(recordings.all):
+                with ui.element("div").classes("row-of"):
+                    said("b", one.out.name)
+                    said("span", *state_of(one))
+                    if one.running:
+                        ui.button("stop", on_click=lambda _, this=one: end(this)).props(
+                            "outline dense no-caps"
+                        )
+                said("pre", "\n".join(one.words[-20:]), "text")
+
+    refresh()
+    ui.timer(REFRESH_S, refresh)
+
+
+def state_of(recording: StartedRecorder) -> tuple[str, str]:
+    """Return how a recording stands, in words, and how good that is."""
+    if recording.running:
+        return "under way", "ok"
+    return ("whole: nothing is missing", "ok") if recording.complete else ("something is missing", "error")

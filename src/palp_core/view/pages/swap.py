@@ -1,0 +1,165 @@
+"""Another class in a node's place, from its page: what fits, and steps and outcome as they happen."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from nicegui import run, ui
+
+from palp_core.errors import GraphError
+from palp_core.graph.node.spec import LAUNCHER
+from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
+from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.live import LiveSource
+from palp_core.view.source.swap_choices import fitting
+
+LOOK_S = 0.1
+
+
+def swap_panel(viewer: Viewer, name: str) -> None:
+    """Put up the panel of a node."""
+    live, operator = viewer.live, viewer.operator
+    if live is None or operator is None:
+        return
+    said("h2", "Swap")
+    with ui.element("div").classes("row-of"):
+        choice = ui.select(
+            [], label="class, or FILE.py:Class", with_input=True, new_value_mode="add-unique", clearable=True
+        )
+        choice.props('dense outlined aria-label="class"').style("min-width: 22rem")
+        params = ui.input(label="parameters").props("dense outlined").tooltip("as in ring_mm:=8 gain:=2")
+        shadow = ui.number(label="shadow, s", value=0, min=0).props("dense outlined").style("width: 7rem")
+        timeout = ui.number(label="time-out, s", value=TIMEOUT_S, min=0.1).props("dense outlined")
+        timeout.style("width: 7rem")
+        dry = ui.checkbox("dry run")
+        dry.tooltip("try every step, or the shadow, and change nothing")
+        button = ui.button("swap").props("dense no-caps")
+    fit = said("div", "", "quiet")
+    steps = _Steps()
+    outcome = Outcome()
+
+    async def find() -> None:
+        found = await run.io_bound(choices, live, name)
+        choice.set_options(found)
+        fit.text = f"{len(found)} classes of the workspace fit its wires"
+
+    async def go() -> None:
+        wanted = str(choice.value or "")
+        try:
+            given = assigned(str(params.value or ""))
+        except GraphError as error:
+            outcome.tell(str(error), "error")
+            return
+        if not wanted and not given:
+            outcome.tell("choose a class, or give parameters for the one that runs", "warn")
+            return
+        button.disable()
+        outcome.tell("the swap is under way")
+        steps.done = False
+        following = asyncio.create_task(steps.follow(live, name))
+        options = {
+            "timeout_s": float(timeout.value or TIMEOUT_S),
+            "shadow_s": float(shadow.value or 0.0),
+            "dry_run": bool(dry.value),
+            "params": given,
+        }
+        answer = await outcome.of(operator.swap, name, wanted, **options)
+        steps.done = True
+        await following
+        button.enable()
+        if answer is not None:
+            steps.end(answer)
+            outcome.tell(*swap_words(answer))
+
+    button.on_click(go)
+    ui.timer(0.0, find, once=True)
+
+
+class _Steps:
+    """The steps of a swap, each marked as it comes."""
+
+    def __init__(self) -> None:
+        self.done = True
+        with ui.element("ol").classes("row-of").props('data-what="steps"'):
+            self._items = {step: said("li", step, "quiet") for step in STEPS}
+
+    async def follow(self, live: LiveSource, node: str) -> None:
+        """Ask the launcher which step it has come to, until the swap is done."""
+        for item in self._items.values():
+            item.classes(replace="quiet")
+        while not self.done:
+            progress = await run.io_bound(_progress, live) or {}
+            if progress.get("node") == node and not self.done:
+                self._mark(progress["step"])
+            await asyncio.sleep(LOOK_S)
+
+    def end(self, answer: dict[str, Any]) -> None:
+        """Show how it went: all steps done, or those before the one that failed."""
+        failed = answer.get("failed")
+        self._mark(failed["step"] if failed else "", bad=bool(failed))
+
+    def _mark(self, present: str, *, bad: bool = False) -> None:
+        place = STEPS.index(present) if present in STEPS else len(STEPS)
+        for number, step in enumerate(STEPS):
+            here = "error" if bad else "pill"
+            self._items[step].classes(
+                replace="ok" if number < place else here if number == place else "quiet"
+            )
+
+
+def _progress(live: LiveSource) -> dict[str, Any]:
+    try:
+        return live.graph.ask(LAUNCHER, "swap_progress", timeout_s=1.0)
+    except GraphError:
+        return {}
+
+
+def choices(live: LiveSource, name: str) -> list[str]:
+    """Return the classes of the workspace that may take a node's place."""
+    record, overview = live.graph.record, live.overview()
+    node = live.graph.node(name)
+    told = [
+        wire for wire in overview.wires if wire.source == name != wire.reader
+    ]  # not what comes from outside
+    read = {wire.topic.rpartition("/")[2] for wire in told}
+    try:
+        inputs = live.graph.ask(name, "info", timeout_s=2.0)["inputs"].values()
+    except GraphError:
+        return []
+    wired = {str(one["port"]) for one in inputs}
+    return fitting(Path(record.workspace), node.run, read, wired) if record.workspace else []
+
+
+def assigned(text: str) -> dict[str, Any]:
+    """Return parameters from words ``name:=value``, values as in YAML.
+
+    Raises:
+        GraphError: A word is none.
+
+    >>> assigned("ring_mm:=8 name:=a")
+    {'ring_mm': 8, 'name': 'a'}
+    """
+    from palp_core.graph.discovery.message_yaml import parse_yaml
+
+    found = {}
+    for word in text.split():
+        name, sign, value = word.partition(":=")
+        if not (sign and name):
+            raise GraphError(f"'{word}' is no parameter; write it as in ring_mm:=8")
+        found[name] = parse_yaml(value, f"value of {name}")
+    return found
+
+
+def swap_words(answer: dict[str, Any]) -> tuple[str, str]:
+    """Return what came of a swap, in words, and how good that is."""
+    if failed := answer.get("failed"):
+        return f"rolled back at step '{failed['step']}': {failed['text']}; the old node goes on", "error"
+    report = answer["report"]
+    shadow = f"{report['shadow']['text']}. " if report["shadow"] else ""
+    if not report["switched"]:
+        return f"{shadow}{report['after']} could take over from {report['before']}; nothing was changed", "ok"
+    took = f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited"
+    return f"{shadow}{report['before']} -> {report['after']} at {report['at_s']:.3f} s; {took}", "ok"

@@ -1,0 +1,102 @@
+"""The pages of topics: a list of all; of one its last message, its rate, a plot, and a form to publish."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from nicegui import ui
+
+from palp_core.errors import PalpError
+from palp_core.view.pages.frame import frame
+from palp_core.view.pages.parts import Outcome, figure, node_link, said, table, topic_link
+from palp_core.view.pages.plot import plot_panel
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.message_lines import tree_text
+from palp_core.view.source.protocol import Watch
+
+REFRESH_S = 0.1
+
+
+def topics_page(viewer: Viewer) -> None:
+    """Put up the list of all topics."""
+    with frame(viewer, "Topics"):
+        rates = {wire.topic: figure(wire.rate_hz, "Hz") for wire in viewer.source.overview().wires}
+        rows = (
+            (
+                partial(topic_link, topic.name),
+                topic.type,
+                partial(node_link, topic.node) if topic.node else "",
+                rates.get(topic.name, ""),
+            )
+            for topic in viewer.source.topics()
+        )
+        table(("Topic", "Type", "Publisher", "Rate"), rows)
+
+
+def topic_page(viewer: Viewer, name: str) -> None:
+    """Put up the page of a topic."""
+    with frame(viewer, name):
+        try:
+            watch = viewer.source.watch(name)
+        except PalpError as error:
+            ui.label(str(error))
+            return
+        ui.context.client.on_delete(watch.close)
+        said("h2", name)
+        with ui.element("div").classes("row-of"):
+            said("span", watch.topic.type)
+            said("span", "published by")
+            node_link(watch.topic.node)
+            rate = said("span", "").props('data-what="rate"')
+        with ui.element("div").classes("columns wide-right"):
+            with ui.element("section"):
+                said("h2", "Last message")
+                _last(watch, rate)
+            with ui.element("section"):
+                said("h2", "Plot")
+                plot_panel(watch)
+        if viewer.operator is not None:
+            _publish(viewer, watch)
+
+
+def _last(watch: Watch, rate: ui.element) -> None:
+    when = said("div", "none yet", "quiet").props('data-what="stamp"')
+    text = said("pre", "", "text").props('data-what="message"')
+    shown = [-1]
+
+    def refresh() -> None:
+        heard = watch.latest()
+        rate.text = figure(watch.rate_hz, "Hz")
+        if heard is None or heard.sequence == shown[0]:
+            return
+        shown[0] = heard.sequence
+        when.text = f"number {heard.sequence}, at {heard.stamp_ns / 1e9:.3f} s"
+        text.text = tree_text(heard.message, watch.topic.json_schema)
+
+    refresh()
+    ui.timer(REFRESH_S, refresh)
+
+
+def _publish(viewer: Viewer, watch: Watch) -> None:
+    """Where the launch file declares the port external: a message to be typed and published."""
+    live, operator = viewer.live, viewer.operator
+    assert live is not None
+    assert operator is not None
+    node, _, port = watch.topic.name.removeprefix("/").partition("/")
+    box, outcome = ui.element("section"), Outcome()
+
+    async def ask() -> None:
+        info = await outcome.of(lambda: live.graph.ask(node, "info"))
+        if info is None or port not in info.get("external", ()):
+            return
+        with box:
+            said("h2", "Publish")
+            field = ui.textarea(value="{}").props('outlined autogrow aria-label="message"')
+            ui.button("publish", on_click=lambda: send(field)).props("outline dense no-caps")
+
+    async def send(field: ui.textarea) -> None:
+        sequence = await outcome.of(operator.publish, node, port, str(field.value))
+        if sequence is not None:
+            outcome.tell(f"published as number {sequence}")
+
+    ui.timer(0.0, ask, once=True)

@@ -1,0 +1,69 @@
+"""What every page of one ``palp view`` shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import msgspec
+
+from palp_core.errors import in_words
+from palp_core.view.source.live import LiveSource
+from palp_core.view.source.operator import GraphOperator
+from palp_core.view.source.protocol import ViewSource
+
+
+class OwnPage:
+    """A launch file's own page, as its key ``view: module:function`` names it.
+
+    Args:
+        function: Is called with the viewer each time somebody opens the page, and fills it. It may have a
+            function ``strip``, called likewise for the strip on top of every page: for what must always be in
+            sight. Either may fail: that is said where it would have been, and nothing else is.
+    """
+
+    def __init__(self, function: Callable[[Viewer], None]) -> None:
+        self._function = function
+
+    def put_up(self, viewer: Viewer) -> None:
+        """Fill the page."""
+        _try(self._function, viewer)
+
+    def put_strip(self, viewer: Viewer) -> None:
+        """Fill its part of the strip, if it has one."""
+        strip: Callable[[Viewer], None] | None = getattr(self._function, "strip", None)
+        if strip is not None:
+            _try(strip, viewer)
+
+
+def _try(function: Callable[[Viewer], None], viewer: Viewer) -> None:
+    from palp_core.view.pages.parts import said
+
+    try:
+        function(viewer)
+    except Exception as error:  # noqa: BLE001 - a page of somebody's own may raise anything
+        said("div", f"the launch file's own page failed: {in_words(error)}", "error")
+
+
+class Viewer(msgspec.Struct, kw_only=True):
+    """One ``palp view``.
+
+    Attributes:
+        source: What is shown.
+        operator: Who may press what; None where nothing can be pressed, as over a bag.
+        own_page: The launch file's own page, if it names one.
+    """
+
+    source: ViewSource
+    operator: GraphOperator | None = None
+    own_page: OwnPage | None = None
+
+    @property
+    def live(self) -> LiveSource | None:
+        """The running graph; None where what is shown is over."""
+        return self.source if isinstance(self.source, LiveSource) else None
+
+    def refusal(self, *, stops: bool = False) -> str:
+        """Return why nothing may be pressed, in words; "" if it may."""
+        if self.operator is None:
+            return "what is shown is over"
+        return self.operator.refusal(stops=stops)

@@ -1,0 +1,1 @@
+"""The server of the pages, and who is let in."""

@@ -1,0 +1,171 @@
+"""Who is let in to the pages: this host only, by the token, from the page's own address.
+
+An ASGI application around that of the pages. It looks at every request and every WebSocket before anything
+else does: ``Host`` must be this host's own name (DNS rebinding), ``Origin`` the page's own address (requests
+of other sites), and the first part of the path the token, compared in constant time. So neither cookies nor
+what a browser sends of itself opens anything.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from typing import Any
+from urllib.parse import parse_qs, quote
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+MOST_SOCKETS = 16
+MOST_REQUESTS = 64
+LONGEST_BODY = 1 << 20
+_TRUSTED_FROM_PROXIES = (b"x-forwarded-", b"forwarded", b"x-original-", b"x-rewrite-")
+CONTENT_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; object-src 'none'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'"
+)
+"""Nothing is fetched from elsewhere, and nothing can be sent there, whatever a page may hold."""
+HEADERS = (
+    (b"content-security-policy", CONTENT_POLICY.encode()),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+)
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses: 192 bits, for an address."""
+    return secrets.token_urlsafe(24)
+
+
+class PageGate:
+    """Lets in who has the token.
+
+    Args:
+        app: The pages, which answer below ``/<token>``.
+        token: Of this server.
+
+    Attributes:
+        app: As given.
+        refused_count: So many were not let in.
+    """
+
+    def __init__(self, app: App, token: str) -> None:
+        self.app = app
+        self._token = token.encode()
+        self._sockets = self._requests = 0
+        self.refused_count = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Look at a request, and hand it on or refuse it."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        status, text = self._judge(scope)
+        if status:
+            self.refused_count += status >= 400
+            await _refuse(scope, send, status, text)
+            return
+        scope["headers"] = [
+            pair for pair in scope["headers"] if not pair[0].startswith(_TRUSTED_FROM_PROXIES)
+        ]
+        socket = scope["type"] == "websocket"
+        self._sockets += socket
+        self._requests += not socket
+        try:
+            await self.app(scope, _bounded(receive), _with_headers(send))
+        finally:
+            self._sockets -= socket
+            self._requests -= not socket
+
+    def _judge(self, scope: Scope) -> tuple[int, str]:
+        """Return the status and the words with which somebody is sent away; 0 who is let in."""
+        headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
+        host = headers.get(b"host", "")
+        name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
+        if name not in LOOPBACK or sum(pair[0] == b"host" for pair in scope["headers"]) != 1:
+            return 421, "this server answers to 127.0.0.1 and localhost only"
+        origin = headers.get(b"origin")
+        if origin is not None or scope["type"] == "websocket":
+            if origin != f"http://{host}":
+                return 403, "another site's page asked for this"
+        elif _is_fetched_elsewhere(scope, headers):
+            return 403, "another site's page asked for this"
+        path = str(scope["path"])
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if path == "/" and self._is_token(given):
+            return 303, f"/{quote(given)}/"
+        _, first, *rest = path.split("/") if path.startswith("/") else ("", "")
+        if not self._is_token(first):
+            return 403, "no token, or a wrong one: open the address that palp view has printed"
+        if not rest:
+            return 303, f"/{quote(first)}/"
+        if any(part in ("..", ".") or "\\" in part or "\0" in part for part in rest):
+            return 404, "no such page"
+        if _length(headers.get(b"content-length", "0")) > LONGEST_BODY:
+            return 413, f"at most {LONGEST_BODY} bytes"
+        if self._sockets >= MOST_SOCKETS and scope["type"] == "websocket":
+            return 503, f"{MOST_SOCKETS} viewers are connected; close one"
+        if self._requests >= MOST_REQUESTS and scope["type"] == "http":
+            return 503, "too many requests at once; try again"
+        return 0, ""
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token)
+
+
+def _is_fetched_elsewhere(scope: Scope, headers: dict[bytes, str]) -> bool:
+    """Tell whether a page of another site asks, but for a link to here that somebody follows."""
+    if headers.get(b"sec-fetch-site", "none") in ("none", "same-origin"):
+        return False
+    return scope.get("method") != "GET" or headers.get(b"sec-fetch-mode") != "navigate"
+
+
+def _length(text: str) -> int:
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 16 else LONGEST_BODY + 1
+
+
+async def _refuse(scope: Scope, send: Send, status: int, text: str) -> None:
+    if scope["type"] == "websocket":  # before it is accepted: HTTP 403
+        await send({"type": "websocket.close", "code": 1008, "reason": text})
+        return
+    headers: list[tuple[bytes, bytes]] = [(b"content-type", b"text/plain; charset=utf-8"), *HEADERS]
+    if status == 303:
+        headers.append((b"location", text.encode()))
+        headers.append((b"cache-control", b"no-store"))
+        text = ""
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": f"{text}\n".encode()})
+
+
+def _bounded(receive: Receive) -> Receive:
+    """Return what receives a request whose body is bounded, whatever its header says."""
+    taken = 0
+
+    async def take() -> Message:
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        return {"type": "http.disconnect"} if taken > LONGEST_BODY else message
+
+    return take
+
+
+def _with_headers(send: Send) -> Send:
+    """Return what sends answers with what a browser is to keep to; a page's own policy stays."""
+
+    async def say(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            own: Iterable[tuple[bytes, bytes]] = message.get("headers", ())
+            known = {name.lower() for name, _ in own}
+            message["headers"] = [*own, *(pair for pair in HEADERS if pair[0] not in known)]
+        await send(message)
+
+    return say

@@ -1,0 +1,236 @@
+"""A running graph as a source: asked once a second, on a thread of its own, while anybody looks."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, PalpError, SchemaMismatch
+from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.discovery.health import EdgeRow, HealthReader, HealthSample, NodeRow, rows, sample_health
+from palp_core.graph.discovery.run_directory import RECORD, read_record
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.standing import Standing, standing
+from palp_core.graph.messages.builtin import GraphEvent
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.spec import LAUNCHER
+from palp_core.view.source.feed import Feeds
+from palp_core.view.source.overview import ERROR, OK, WARN, NodeState, Overview, Trouble, WireState
+from palp_core.view.source.protocol import Watch
+from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
+
+PERIOD_S = 1.0
+ASK_S = 1.0
+LOOKS_NS = 5_000_000_000
+"""So long after the last look a graph is still asked: a page that is being reloaded finds it fresh."""
+EVENTS = "/graph/events"
+RECENT_NS = 60_000_000_000
+SWAPPED = "swapped"
+
+
+class LiveSource:
+    """A running graph.
+
+    Args:
+        graph: It.
+        period_s: How often it is asked.
+
+    Attributes:
+        graph: It, as its record says now: nodes that join or are replaced are in it.
+    """
+
+    def __init__(self, graph: RunningGraph, period_s: float = PERIOD_S) -> None:
+        self.graph = graph
+        self._period_s = period_s
+        self._feeds = Feeds(lambda: self.graph)
+        self._lock = threading.Lock()
+        self._wake, self._closed = threading.Event(), threading.Event()
+        self._looked_ns = 0
+        self._record_mark: tuple[int, int] | None = None
+        self._launch: dict[str, Any] = {}
+        self._launch_of: object = None
+        self._events: list[GraphEvent] = []
+        self._clock: tuple[int, int] | None = None
+        self._before: HealthSample | None = None
+        self._overview = self._unasked()
+        self._thread = threading.Thread(target=self._work, name="palp view: graph", daemon=True)
+        self._thread.start()
+
+    def overview(self) -> Overview:
+        """Return the graph as it was found last; the clock goes on meanwhile."""
+        self._looked_ns = monotonic_ns()
+        self._wake.set()
+        with self._lock:
+            return self._overview
+
+    @property
+    def known(self) -> bool:
+        """Whether the launch file's word is there: before it, nobody can tell whether something moves."""
+        return bool(self._launch)
+
+    def events(self) -> list[GraphEvent]:
+        """Return what the launcher has said, as far back as it remembers."""
+        with self._lock:
+            return list(self._events)
+
+    def topics(self) -> list[Topic]:
+        """Return the topics that are listed."""
+        return self.graph.topics()
+
+    def watch(self, topic: str) -> Watch:
+        """Look at a topic, at best effort.
+
+        Raises:
+            GraphError: There is none of that name.
+        """
+        return self._feeds.watch(self.graph.topic(topic))
+
+    def close(self) -> None:
+        """Let go."""
+        self._closed.set()
+        self._wake.set()
+        self._feeds.close()
+        self._thread.join(timeout=5.0)
+
+    def _work(self) -> None:
+        health = HealthReader(self.graph) if self.graph.record.clock == "wall" else None
+        try:
+            while not self._closed.is_set():
+                if monotonic_ns() - self._looked_ns > LOOKS_NS:
+                    self._wake.wait()
+                    self._wake.clear()
+                    continue
+                begun_ns = monotonic_ns()
+                with contextlib.suppress(PalpError, OSError):  # a graph that ends just now: it is said below
+                    self._look(health)
+                with self._lock:
+                    if not self.graph.alive:
+                        self._overview = _ended(self._overview)
+                self._closed.wait(max(self._period_s - (monotonic_ns() - begun_ns) / 1e9, 0.0))
+        finally:
+            if health is not None:
+                health.close()
+
+    def _look(self, health: HealthReader | None) -> None:
+        self._read_record()
+        graph = self.graph
+        self._ask_launcher(graph)
+        after = health.read(2 * self._period_s) if health is not None else None
+        by_health = after is not None
+        after = after or sample_health(graph)
+        before = self._before
+        node_rows, edge_rows = rows(before, after)
+        self._before = after
+        found = standing(graph, ASK_S)
+        events = self._ask_events(graph)
+        silent = {} if by_health else after.silent
+        troubles = [*node_troubles(node_rows, silent, found, graph.record.id), *wire_troubles(edge_rows)]
+        troubles += _recent(events, self._clock)
+        with self._lock:
+            self._events = events or self._events
+            self._overview = self._made(node_rows, edge_rows, found, troubles)
+
+    def _read_record(self) -> None:
+        """Read anew who there is, if that has changed."""
+        folder = self.graph.folder
+        with contextlib.suppress(OSError):
+            entry = (folder / RECORD).stat()
+            mark = entry.st_mtime_ns, entry.st_ino
+            if mark != self._record_mark and (record := read_record(folder)) is not None:
+                self._record_mark = mark
+                self.graph = RunningGraph(record)
+
+    def _ask_launcher(self, graph: RunningGraph) -> None:
+        """Ask for the time, and for what the launch file says if who there is has changed."""
+        reply = graph.ask(LAUNCHER, "clock", timeout_s=ASK_S)
+        self._clock = int(reply["now_ns"]), monotonic_ns()
+        if self._launch_of is not graph:
+            with contextlib.suppress(GraphError):  # a node that runs alone has none
+                self._launch = graph.ask(LAUNCHER, "launch", timeout_s=2 * ASK_S)
+            self._launch_of = graph
+
+    def _ask_events(self, graph: RunningGraph) -> list[GraphEvent]:
+        reply = graph.ask(LAUNCHER, "history", timeout_s=ASK_S, topic=EVENTS, first=1, last=2**62)
+        with contextlib.suppress(SchemaMismatch):
+            return [decode(GraphEvent, parse(frame).payload) for frame in reply["frames"]]
+        return []
+
+    def _unasked(self) -> Overview:
+        record = self.graph.record
+        nodes = [NodeState(name=node.name, run=node.run, pid=node.pid) for node in record.nodes]
+        return Overview(kind="graph", title=record.graph, run=record.id, clock=record.clock, nodes=nodes)
+
+    def _made(
+        self, nodes: list[NodeRow], edges: list[EdgeRow], found: list[Standing], troubles: list[Trouble]
+    ) -> Overview:
+        record = self.graph.record
+        moving = {spec["name"] for spec in self._launch.get("nodes", ()) if spec.get("moves")}
+        types = {topic.name: (topic.node, topic.type) for topic in record.topics}
+        runs = {entry.name: entry.run for entry in record.nodes}
+        return Overview(
+            kind="graph",
+            title=record.graph,
+            run=record.id,
+            clock=record.clock,
+            now_s=self._clock[0] / 1e9 if self._clock else None,
+            elapsed_s=max(unix_ns() - record.start_unix_ns, 0) / 1e9,
+            nodes=[node_state(row, runs, troubles, moving) for row in nodes],
+            wires=[wire_state(row, types) for row in edges],
+            troubles=troubles,
+        )
+
+
+def node_state(row: NodeRow, runs: dict[str, str], troubles: list[Trouble], moving: set[str]) -> NodeState:
+    """Return how a node does, with what is wrong with it and with its inputs."""
+    name = row.name.removeprefix("/")
+    own = [one for one in troubles if one.where == row.name or one.where.endswith(f"-> {row.name}")]
+    levels = {one.level for one in own if one.where == row.name} | ({WARN} if own else set())
+    return NodeState(
+        name=name,
+        run=runs.get(name, ""),
+        lifecycle=row.state if row.responsive else "silent",
+        health=ERROR if ERROR in levels or not row.responsive else WARN if levels else OK,
+        why="; ".join(f"{one.text}" for one in own),
+        pid=row.pid,
+        cpu_percent=row.cpu_percent,
+        memory_bytes=row.memory_bytes,
+        rate_hz=row.rate_hz,
+        moves=name in moving,
+    )
+
+
+def wire_state(row: EdgeRow, types: dict[str, tuple[str, str]]) -> WireState:
+    """Return how a topic comes to a reader."""
+    source, kind = types.get(row.topic, (row.topic.split("/")[1], ""))
+    return WireState(
+        topic=row.topic,
+        source=source,
+        reader=row.reader.removeprefix("/"),
+        type=kind,
+        rate_hz=row.rate_hz,
+        received=row.received,
+        lost=row.lost,
+        late=row.late,
+        dropped=row.dropped,
+        latency_p50_s=row.latency_p50_s,
+        latency_p99_s=row.latency_p99_s,
+    )
+
+
+def _recent(events: list[GraphEvent], clock: tuple[int, int] | None) -> list[Trouble]:
+    """Return the launcher's bad news of the last minute on the graph's clock, the latest of each node."""
+    now_ns = clock[0] if clock else 0
+    latest = {event.node: event for event in events if now_ns - event.stamp_ns < RECENT_NS}
+    return [trouble for event in latest.values() if (trouble := event_trouble(event)) is not None]
+
+
+def _ended(overview: Overview) -> Overview:
+    if not overview.alive:
+        return overview
+    said = Trouble("the graph", WARN, "it has ended; this is how it was last", "palp launch FILE")
+    return msgspec.structs.replace(overview, alive=False, troubles=[said, *overview.troubles])

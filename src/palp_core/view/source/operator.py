@@ -1,0 +1,129 @@
+"""Who may press what: every change that a page can make goes through here, and is refused here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.message_yaml import message_from_yaml, parse_yaml
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.problems import hint
+from palp_core.view.source.live import LiveSource
+
+READ_ONLY = "this page is read-only; start palp view without --read-only"
+NOT_OPERATED = "this graph moves something real, so only stop can be pressed; start palp view with --operate"
+ENDED = "the graph has ended"
+
+
+class Refused(GraphError):
+    """This must not be pressed here."""
+
+
+class GraphOperator:
+    """What may be done to a running graph from a page. All of it waits for answers: call it on a thread.
+
+    Args:
+        source: The graph.
+        read_only: Nothing may be pressed.
+        operate: Everything may be, on a real rig too.
+    """
+
+    def __init__(self, source: LiveSource, *, read_only: bool = False, operate: bool = False) -> None:
+        self._source = source
+        self._read_only, self._operate = read_only, operate
+
+    def refusal(self, *, stops: bool = False, over: bool = False) -> str:
+        """Return why nothing may be pressed just now, in words; "" if it may.
+
+        Args:
+            stops: What is to be pressed only brings something to rest: a real rig allows it always.
+            over: It may be pressed when the graph has ended, too.
+        """
+        if self._read_only:
+            return READ_ONLY
+        overview = self._source.overview()
+        if not (over or self._source.graph.alive):
+            return ENDED
+        real = overview.moves_something_real or (overview.clock == "wall" and not self._source.known)
+        return NOT_OPERATED if real and not (self._operate or stops) else ""
+
+    def allow(self, *, stops: bool = False, over: bool = False) -> RunningGraph:
+        """Return the graph, if something may be done to it; see :meth:`refusal`.
+
+        Raises:
+            Refused: It may not.
+        """
+        if why := self.refusal(stops=stops, over=over):
+            raise Refused(why)
+        return self._source.graph
+
+    def set_parameters(self, node: str, texts: dict[str, str]) -> dict[str, Any]:
+        """Set parameters, typed as in YAML, all of them or none; return all values as they are then.
+
+        Raises:
+            GraphError: It may not be pressed, or the node refuses; in words.
+        """
+        graph = self.allow()
+        declared = graph.ask(node, "describe_parameters")["parameters"]
+        wanted = {}
+        for name, text in texts.items():
+            if name not in declared:
+                raise GraphError(f"/{node} has no parameter '{name}'{hint(name, declared)}")
+            plain = declared[name]["type"] == "str" and text[:1] not in ("'", '"')
+            wanted[name] = text if plain else parse_yaml(text, f"value of {name}")
+        found: dict[str, Any] = graph.ask(node, "set_parameters", parameters=wanted)["parameters"]
+        return found
+
+    def transition(self, node: str, transition: str) -> str:
+        """Ask a node for a transition of its lifecycle; return the state that it has reached.
+
+        Raises:
+            GraphError: It may not be pressed, or the node refuses.
+        """
+        reply = self.allow().ask(node, "transition", timeout_s=10.0, transition=transition)
+        return str(reply["lifecycle"])
+
+    def publish(self, node: str, port: str, text: str) -> int:
+        """Publish a message, typed as YAML, into a port that takes messages from outside.
+
+        Returns:
+            Its sequence on the topic.
+
+        Raises:
+            GraphError: It may not be pressed, does not fit, or the node refuses.
+        """
+        graph = self.allow()
+        ports = graph.ask(node, "schemas")["ports"]
+        if port not in ports:
+            raise GraphError(f"/{node} has no port '{port}'{hint(port, ports)}")
+        message = message_from_yaml(text or "{}", ports[port]["types"][0]["json_schema"], "message")
+        return int(graph.ask(node, "publish", port=port, message=message)["sequence"])
+
+    def call(
+        self, node: str, service: str, request: dict[str, Any], *, stops: bool = False
+    ) -> dict[str, Any]:
+        """Call a service of a node; return its reply.
+
+        Args:
+            node: Its name.
+            service: The port.
+            request: Plain values, as they travel.
+            stops: It only brings something to rest.
+
+        Raises:
+            GraphError: It may not be pressed, or the node refuses.
+        """
+        graph = self.allow(stops=stops)
+        reply: dict[str, Any] = graph.ask(node, "call", service=service, request=request)["reply"]
+        return reply
+
+    def swap(self, node: str, run: str, **options: Any) -> dict[str, Any]:
+        """Let another class take a node's place, or the same one from its file as it is now.
+
+        Returns:
+            ``report`` or ``failed``, as :meth:`RunningGraph.swap` has it.
+
+        Raises:
+            GraphError: It may not be pressed, or there is no such node.
+        """
+        return self.allow().swap(node, run, **options)

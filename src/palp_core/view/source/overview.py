@@ -1,0 +1,91 @@
+"""A graph at one moment, as a page shows it: plain data."""
+
+from __future__ import annotations
+
+import msgspec
+
+OK, WARN, ERROR, UNKNOWN = "ok", "warn", "error", "unknown"
+
+
+class Trouble(msgspec.Struct, frozen=True):
+    """Something that is wrong: where, how bad (``warn`` or ``error``), in words, and what to do or type."""
+
+    where: str
+    level: str
+    text: str
+    advice: str = ""
+
+
+class NodeState(msgspec.Struct, frozen=True, kw_only=True):
+    """A node: what it is, how it does, and why if not well.
+
+    Attributes:
+        name: Without the slash.
+        run: Its class, ``module:Class``.
+        lifecycle: As ROS 2 has it; ``silent`` where the node does not answer.
+        health: ``ok``, ``warn`` or ``error``; ``unknown`` where nobody tells, as in a bag.
+        why: What is wrong, in words; "" if nothing is.
+        rate_hz: Ticks and messages handled a second; None where that is unknown.
+    """
+
+    name: str
+    run: str = ""
+    lifecycle: str = ""
+    health: str = UNKNOWN
+    why: str = ""
+    pid: int = 0
+    cpu_percent: float | None = None
+    memory_bytes: int = 0
+    rate_hz: float | None = None
+    moves: bool = False
+
+
+class WireState(msgspec.Struct, frozen=True, kw_only=True):
+    """A topic on its way to one reader, with the reader's own account; times in s, None where unknown."""
+
+    topic: str
+    source: str
+    reader: str
+    type: str = ""
+    rate_hz: float | None = None
+    received: int = 0
+    lost: int = 0
+    late: int = 0
+    dropped: int = 0
+    latency_p50_s: float | None = None
+    latency_p99_s: float | None = None
+
+
+class Overview(msgspec.Struct, frozen=True, kw_only=True):
+    """All of a graph.
+
+    Attributes:
+        kind: ``graph``, ``bag`` or ``results``.
+        run: Id of the run; of a bag its folder.
+        clock: ``sim`` or ``wall``.
+        now_s: Time on the graph's clock; None while the launcher does not tell.
+        elapsed_s: Seconds since the launch, by this machine's time of day.
+        alive: The graph still runs.
+    """
+
+    kind: str
+    title: str
+    run: str = ""
+    clock: str = ""
+    now_s: float | None = None
+    elapsed_s: float | None = None
+    alive: bool = True
+    nodes: list[NodeState] = []
+    wires: list[WireState] = []
+    troubles: list[Trouble] = []
+
+    @property
+    def moves_something_real(self) -> bool:
+        """Whether a node of it moves something, and that not in simulated time."""
+        return self.clock == "wall" and any(node.moves for node in self.nodes)
+
+
+def worst(troubles: list[Trouble]) -> str:
+    """Return the worst level of what is wrong; ``ok`` if nothing is."""
+    levels = {trouble.level for trouble in troubles}
+    return ERROR if ERROR in levels else WARN if levels else OK

@@ -1,0 +1,57 @@
+"""What every source has: a running graph, a bag."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import msgspec
+
+from palp_core.graph.messages.topic import Topic
+from palp_core.view.source.overview import Overview
+
+
+class Heard(msgspec.Struct, frozen=True):
+    """A message as plain values, arrays as lists; its time on the graph's clock, its place in its topic."""
+
+    stamp_ns: int
+    sequence: int
+    message: dict[str, Any]
+
+
+class Watch(Protocol):
+    """A topic that somebody looks at, until it is closed."""
+
+    topic: Topic
+
+    def latest(self) -> Heard | None:
+        """Return the last message; None before the first."""
+
+    def drain(self) -> list[Heard]:
+        """Return what has come since the last call, the oldest first; what is too much is left out."""
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages a second on the graph's clock, by the publisher's own numbers and stamps."""
+
+    def close(self) -> None:
+        """Look no longer."""
+
+
+class ViewSource(Protocol):
+    """What a page shows."""
+
+    def overview(self) -> Overview:
+        """Return all of it as it is now, without waiting."""
+
+    def topics(self) -> list[Topic]:
+        """Return what can be watched."""
+
+    def watch(self, topic: str) -> Watch:
+        """Look at a topic.
+
+        Raises:
+            PalpError: There is none of that name.
+        """
+
+    def close(self) -> None:
+        """Let go."""

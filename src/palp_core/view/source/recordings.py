@@ -1,0 +1,152 @@
+"""Recorders that a page has started: processes of their own, ended as Ctrl-C ends ``palp bag record``."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from palp_core.errors import BagError
+from palp_core.graph.clock import unix_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.recording.recorder_run import save_snapshots
+from palp_core.view.source.operator import GraphOperator
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,100}")
+MOST = 8
+"""Recorders of one viewer at a time."""
+END_S = 60.0
+
+
+class StartedRecorder:
+    """One recorder.
+
+    Args:
+        process: It; what it says comes line by line.
+        out: The bag.
+        snapshot_s: It keeps so many seconds in memory; 0: it records at once.
+    """
+
+    def __init__(self, process: subprocess.Popen[str], out: Path, snapshot_s: float) -> None:
+        self.out, self.snapshot_s = out, snapshot_s
+        self._process = process
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, name=f"palp view: {out.name}", daemon=True)
+        self._reader.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on."""
+        return self._process.poll() is None
+
+    @property
+    def complete(self) -> bool | None:
+        """Whether nothing is missing; None while it runs."""
+        return None if self.running else self._process.returncode == 0
+
+    @property
+    def words(self) -> list[str]:
+        """What it has said: that it records, what it lacks, what became of it."""
+        return list(self._lines)
+
+    def stop(self) -> None:
+        """Let it end its bag, and wait until it has."""
+        if self.running:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            raise BagError(f"the recorder of {self.out} does not end; palp logs may tell why") from None
+        self._reader.join(timeout=5.0)
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as said:
+            for line in said:
+                self._lines.append(line.rstrip("\n"))
+
+
+class Recordings:
+    """All recorders of one viewer.
+
+    Args:
+        operator: Who may press what.
+        folder: Where bags are made: nowhere else.
+    """
+
+    def __init__(self, operator: GraphOperator, folder: Path) -> None:
+        self._operator, self.folder = operator, folder
+        self.all: list[StartedRecorder] = []
+
+    def start(self, name: str, topics: list[str], snapshot_s: float = 0.0) -> StartedRecorder:
+        """Start a recorder.
+
+        Args:
+            name: Of the bag, in the folder; "": graph and time.
+            topics: Which; none: all, the hidden ones too.
+            snapshot_s: Keep so many seconds instead, and write them when asked.
+
+        Raises:
+            GraphError: It may not be pressed.
+            BagError: The name is none, or leads elsewhere; or there are many already.
+        """
+        graph = self._operator.allow()
+        name = name or f"{graph.record.graph}-{unix_ns() // 10**9}"
+        if NAME.fullmatch(name) is None:
+            raise BagError(f"'{name}' is no name of a bag in {self.folder}; use letters, digits, _, - and .")
+        if len([one for one in self.all if one.running]) >= MOST:
+            raise BagError(f"{MOST} recorders are running; stop one")
+        out = self.folder / name
+        words = [*topics] if topics else ["--all"]
+        options = ["--snapshot", str(snapshot_s)] if snapshot_s > 0 else []
+        command = [
+            sys.executable,
+            "-m",
+            "palp_core",
+            "bag",
+            "record",
+            "--graph",
+            graph.record.id,
+            "-o",
+            str(out),
+        ]
+        process = subprocess.Popen(
+            [*command, *options, "--", *words] if topics else [*command, *options, *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        found = StartedRecorder(process, out, snapshot_s)
+        self.all.append(found)
+        return found
+
+    def snapshot(self) -> list[str]:
+        """Let every recorder that keeps the last seconds write them; return what they say.
+
+        Raises:
+            GraphError: It may not be pressed.
+            BagError: There is none, or one does not answer.
+        """
+        graph: RunningGraph = self._operator.allow()
+        return save_snapshots(graph, signal.SIGUSR1)
+
+    def stop(self, recording: StartedRecorder) -> None:
+        """End one, and wait until its bag is whole.
+
+        Raises:
+            GraphError: It may not be pressed.
+        """
+        self._operator.allow(over=True)
+        recording.stop()
+
+    def close(self) -> None:
+        """End all of them: whoever closes the page leaves whole bags."""
+        for one in self.all:
+            if one.running:
+                one.stop()

@@ -1,0 +1,81 @@
+"""The folder of a run's results as a source: its files, and nothing outside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from palp_core.errors import GraphError, PalpError
+from palp_core.graph.messages.topic import Topic
+from palp_core.view.source.overview import Overview
+from palp_core.view.source.protocol import Watch
+
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".png": "image/png",
+    ".svg": "image/svg+xml",
+    **dict.fromkeys((".csv", ".json", ".txt", ".md", ".yaml", ".log"), "text/plain; charset=utf-8"),
+}
+MOST = 2000
+
+
+class ResultFile(msgspec.Struct, frozen=True):
+    """A file, by its path from the folder."""
+
+    name: str
+    size_bytes: int
+
+
+class ResultsSource:
+    """The folder of a finished run.
+
+    Args:
+        folder: It.
+
+    Raises:
+        PalpError: There is none.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.is_dir():
+            raise PalpError(f"{folder}: no such folder; give a bag, or the folder of a run's results")
+        self.folder = folder.resolve()
+
+    def overview(self) -> Overview:
+        """Return what it is."""
+        return Overview(kind="results", title=self.folder.name, alive=False)
+
+    def topics(self) -> list[Topic]:
+        """Return none: messages are in bags."""
+        return []
+
+    def watch(self, topic: str) -> Watch:
+        """Refuse.
+
+        Raises:
+            GraphError: Always.
+        """
+        raise GraphError(f"{self.folder} has no topic '{topic}': messages are in bags")
+
+    def close(self) -> None:
+        """Let go."""
+
+    def files(self) -> list[ResultFile]:
+        """Return what can be shown, reports first."""
+        found = []
+        for path in sorted(self.folder.rglob("*")):
+            if path.suffix in KINDS and path.is_file() and self.path_of(str(path.relative_to(self.folder))):
+                found.append(ResultFile(str(path.relative_to(self.folder)), path.stat().st_size))
+            if len(found) == MOST:
+                break
+        return sorted(found, key=lambda one: (not one.name.endswith(".html"), one.name.count("/"), one.name))
+
+    def path_of(self, name: str) -> Path | None:
+        """Return a file by its path from the folder; None if there is none, or it leads out of the folder."""
+        try:
+            path = (self.folder / name).resolve()
+            inside = path.is_relative_to(self.folder) and path.suffix in KINDS
+            return path if inside and path.is_file() else None
+        except (OSError, ValueError, RuntimeError):
+            return None

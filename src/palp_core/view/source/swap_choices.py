@@ -1,0 +1,106 @@
+"""Classes of the workspace that may take a node's place: found by reading its files, without running them.
+
+A candidate declares every output that somebody reads of the node, by name and type as written, and no input
+that the node has no wire for, but optional ones. Whether it really fits is for the launcher to say: a dry run
+asks it.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+MOST_FILES = 500
+LONGEST_FILE = 1 << 20
+
+
+class PortText(msgspec.Struct, frozen=True):
+    """A port as a class declares it: ``Sub`` or ``Pub``, the type as written, whether it may stay open."""
+
+    kind: str
+    type: str
+    optional: bool = False
+
+
+class ClassText(msgspec.Struct, frozen=True):
+    """A class of a file, read and not run: ``module:Class``, its bases, its ports."""
+
+    run: str
+    bases: list[str]
+    ports: dict[str, PortText]
+
+
+def classes_of(workspace: Path) -> Iterator[ClassText]:
+    """Yield the classes in a workspace's ``nodes/``."""
+    for path in sorted((workspace / "nodes").glob("*.py"))[:MOST_FILES]:
+        try:
+            if path.stat().st_size > LONGEST_FILE:
+                continue
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, SyntaxError, RecursionError):
+            continue  # a file that is being written, or is no Python: it is no choice
+        for defined in tree.body:
+            if isinstance(defined, ast.ClassDef):
+                yield ClassText(f"nodes.{path.stem}:{defined.name}", _bases(defined), _ports(defined))
+
+
+def fitting(workspace: Path, run: str, read: set[str], wired: set[str]) -> list[str]:
+    """Return the classes that may take a node's place, but for the one that has it.
+
+    Args:
+        workspace: Folder that holds ``nodes/``.
+        run: The class that runs, ``module:Class``.
+        read: Ports of it whose messages somebody reads.
+        wired: Its inputs that have a wire.
+    """
+    known = {found.run: found for found in classes_of(workspace)}
+    ports = {name: _all_ports(found, known) for name, found in known.items()}
+    own = ports.get(run, {})
+    bases = {base for found in known.values() for base in found.bases}
+    return [
+        name
+        for name, has in ports.items()
+        if name != run and name.rpartition(":")[2] not in bases and _fits(has, own, read, wired)
+    ]
+
+
+def _fits(has: dict[str, PortText], own: dict[str, PortText], read: set[str], wired: set[str]) -> bool:
+    outputs = {name for name, port in has.items() if port.kind == "Pub"}
+    inputs = {name for name, port in has.items() if port.kind == "Sub" and not port.optional}
+    alike = all(has[name].type == own[name].type for name in read | wired if name in has and name in own)
+    return bool(has) and read <= outputs and inputs <= wired and alike
+
+
+def _all_ports(found: ClassText, known: dict[str, ClassText], depth: int = 8) -> dict[str, PortText]:
+    """Return a class's ports with those of its bases in the workspace."""
+    ports: dict[str, PortText] = {}
+    for base in found.bases if depth else ():
+        for other in known.values():
+            if other.run.rpartition(":")[2] == base and other is not found:
+                ports |= _all_ports(other, known, depth - 1)
+    return ports | found.ports
+
+
+def _bases(defined: ast.ClassDef) -> list[str]:
+    return [ast.unparse(base).rpartition(".")[2] for base in defined.bases]
+
+
+def _ports(defined: ast.ClassDef) -> dict[str, PortText]:
+    found = {}
+    for statement in defined.body:
+        value = getattr(statement, "value", None)
+        if not (
+            isinstance(statement, ast.Assign | ast.AnnAssign) and isinstance(value, ast.Call) and value.args
+        ):
+            continue
+        target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+        kind = ast.unparse(value.func).rpartition(".")[2]
+        if kind in ("Sub", "Pub") and isinstance(target, ast.Name):
+            optional = any(
+                word.arg == "optional" and ast.unparse(word.value) == "True" for word in value.keywords
+            )
+            found[target.id] = PortText(kind, ast.unparse(value.args[0]).rpartition(".")[2], optional)
+    return found

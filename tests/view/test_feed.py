@@ -1,0 +1,103 @@
+"""Topics that somebody looks at: read at once, kept only as far as shown, let go when nobody looks."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.frame import Frame
+from palp_core.view.source import feed as feeds
+from palp_core.view.source.feed import Feeds, TopicWatch, heard
+from tests.support.fake_graph import FakeGraph
+
+THREAD = "palp view: /source/sample"
+
+
+@pytest.fixture
+def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeGraph]:
+    monkeypatch.setattr(RunningGraph, "alive", True)
+    found = FakeGraph(tmp_path)
+    found.announce(found.node("source", depth=10))
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def known(graph: FakeGraph) -> RunningGraph:
+    assert graph.bus.record is not None
+    return RunningGraph(graph.bus.record)
+
+
+def listened(graph: FakeGraph, *, so: bool) -> None:
+    graph.until(lambda: graph.nodes[0].out.listened is so)
+
+
+def last(watch: TopicWatch) -> int:
+    found = watch.latest()
+    return found.sequence if found is not None else 0
+
+
+def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
+    graph: FakeGraph, known: RunningGraph
+) -> None:
+    all_feeds = Feeds(lambda: known)
+    watch = all_feeds.watch(known.topic("/source/sample"))
+    listened(graph, so=True)
+    graph.nodes[0].say(5)
+    graph.until(lambda: last(watch) == 5)
+    assert watch.drain() == []  # what came before was for the last message only
+    graph.nodes[0].say(3)
+    graph.until(lambda: last(watch) == 8)
+    assert [one.message["index"] for one in watch.drain()] == [5, 6, 7]
+    assert watch.drain() == []
+    all_feeds.close()
+    listened(graph, so=False)
+
+
+def test_two_who_look_share_what_is_read_and_the_last_one_ends_it(
+    graph: FakeGraph, known: RunningGraph
+) -> None:
+    all_feeds = Feeds(lambda: known)
+    first, second = (all_feeds.watch(known.topic("/source/sample")) for _ in range(2))
+    listened(graph, so=True)
+    assert len([one for one in threading.enumerate() if one.name == THREAD]) == 1
+    first.close()
+    first.close()
+    graph.nodes[0].say(1)
+    graph.until(lambda: last(second) == 1)
+    second.close()
+    listened(graph, so=False)
+
+
+def test_a_page_that_does_not_ask_keeps_no_more_than_its_bound(
+    graph: FakeGraph, known: RunningGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feeds, "MOST_BYTES", 100)
+    all_feeds = Feeds(lambda: known)
+    watch = all_feeds.watch(known.topic("/source/sample"))
+    watch.drain()
+    listened(graph, so=True)
+    graph.nodes[0].say(1000)
+    graph.until(lambda: last(watch) == 1000)
+    kept = watch.drain()
+    assert 1 <= len(kept) <= 20
+    assert kept[-1].sequence == 1000
+    all_feeds.close()
+    listened(graph, so=False)
+
+
+def test_a_message_that_is_too_large_or_no_message_is_told_and_not_shown(known: RunningGraph) -> None:
+    topic = known.topic("/source/sample")
+    for payload, words in ((bytes(2 << 20), "2097152 bytes"), (b"\xc1", "not msgpack"), (b"\x01", "no map")):
+        frame = Frame(topic.name, 0, 0, 1, 0, 0, memoryview(payload))
+        assert words in str(heard(frame, topic).message["(not shown)"])
+
+
+def test_a_topic_that_is_not_there_is_told_with_the_nearest(known: RunningGraph) -> None:
+    with pytest.raises(GraphError, match="did you mean '/source/sample'"):
+        known.topic("/source/sampl")

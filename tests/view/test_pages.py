@@ -1,0 +1,217 @@
+"""The pages without a browser: NiceGUI's own simulated user, and sources that a test speaks for."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from palp_core.graph.messages.topic import Topic
+from palp_core.view.source.operator import Refused
+from palp_core.view.source.overview import NodeState, Overview, Trouble, WireState
+from palp_core.view.source.protocol import Heard
+
+pytest.importorskip("nicegui")
+user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
+
+from palp_core.view.pages.graph import pairs_of, wire_line, wire_words  # noqa: E402
+from palp_core.view.pages.layout import layout  # noqa: E402
+from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+MARKUP = "<script>alert(1)</script>"
+SAMPLE = Topic(name="/source/sample", type="Sample", node="source", json_schema={"type": "object"})
+
+
+class Told:
+    """A source that says what a test tells it."""
+
+    def __init__(self) -> None:
+        nodes = [
+            NodeState(name="source", lifecycle="active", health="ok"),
+            NodeState(name="sink", lifecycle="active"),
+        ]
+        wires = [WireState(topic="/source/sample", source="source", reader="sink", rate_hz=100.0)]
+        self.now = Overview(kind="graph", title="toy", clock="sim", nodes=nodes, wires=wires)
+        self.last: Heard | None = None
+        self.topic = SAMPLE
+        self.watched: list[str] = []
+        self.rate_hz = None
+
+    def overview(self) -> Overview:
+        return self.now
+
+    def topics(self) -> list[Topic]:
+        return [SAMPLE]
+
+    def watch(self, topic: str) -> Told:
+        self.watched.append(topic)
+        return self
+
+    def latest(self) -> Heard | None:
+        return self.last
+
+    def drain(self) -> list[Heard]:
+        return []
+
+    def close(self) -> None:
+        self.watched.clear()
+
+
+class Pressed:
+    """Notes what is called."""
+
+    def __init__(self) -> None:
+        self.calls: list[Any] = []
+
+    def refusal(self, *, stops: bool = False) -> str:
+        return ""
+
+    def call(self, *given: Any, **named: Any) -> dict[str, Any]:
+        self.calls.append((given, named))
+        return {"ok": True}
+
+
+def simulated(put: Callable[[], None], look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
+    """Let a simulated user open a page and look at it."""
+
+    async def run() -> None:
+        async with user_simulation(root=put) as user:
+            await user.open("/")
+            await look(user)
+
+    asyncio.run(run())
+
+
+def test_what_is_wrong_is_on_the_page_as_text() -> None:
+    from palp_core.view.pages.graph import graph_page
+
+    told = Told()
+    trouble = Trouble("/sink", "error", MARKUP, "palp logs sink")
+    told.now = msgspec.structs.replace(told.now, troubles=[trouble], title=MARKUP)
+
+    async def look(user: Any) -> None:
+        await user.should_see("something is badly wrong")
+        await user.should_see("error: /sink")
+        await user.should_see(MARKUP)
+        await user.should_see("palp logs sink")
+        await user.should_see("/source/sample")
+
+    simulated(lambda: graph_page(Viewer(source=told)), look)
+
+
+def test_the_example_of_the_docs_is_a_page_of_ones_own() -> None:
+    code = re.findall(r"```python\n(.*?)```", (ROOT / "docs/view.md").read_text(encoding="utf-8"), re.DOTALL)[
+        0
+    ]
+    assert len(code.splitlines()) <= 36
+    names: dict[str, Any] = {}
+    exec(code, names)
+    told, pressed = Told(), Pressed()
+    own = OwnPage(names["gauge"])
+    viewer = Viewer(source=told, operator=pressed, own_page=own)  # type: ignore[arg-type]
+
+    def put() -> None:
+        own.put_strip(viewer)
+        own.put_up(viewer)
+
+    async def look(user: Any) -> None:
+        await user.should_see("no block yet")
+        told.last = Heard(1_500_000_000, 7, {"index": 6})
+        await user.should_see("block 6 at 1.5 s", retries=100)
+        user.find("stop").click()
+        await user.should_see("stopped", retries=100)
+        assert pressed.calls == [(("safety", "stop", {}), {"stops": True})]
+
+    simulated(put, look)
+
+
+def test_a_page_of_ones_own_that_fails_says_so_and_harms_nothing() -> None:
+    def broken(viewer: Viewer) -> None:
+        raise RuntimeError("no such thing")
+
+    async def look(user: Any) -> None:
+        await user.should_see("the launch file's own page failed: RuntimeError: no such thing")
+
+    simulated(lambda: OwnPage(broken).put_up(Viewer(source=Told())), look)
+
+
+def test_a_wire_says_rate_latency_and_loss() -> None:
+    wire = WireState(
+        topic="/source/sample", source="source", reader="sink", rate_hz=1000.4, received=5, lost=2, late=1,
+        latency_p50_s=4e-4, latency_p99_s=1e-3,
+    )  # fmt: skip
+    assert wire_line(wire) == "sample 1000 Hz 0.40 ms 2 lost"
+    assert wire_words(wire) == "/source/sample -> /sink: 5 received, 2 lost, 1 late, p99 1.00 ms"
+    assert list(pairs_of([wire, wire])) == [("source", "sink")]
+
+
+def test_nodes_stand_right_of_those_they_read_and_apart() -> None:
+    names = ["experiment", "policy", "ring", "stage", "phantom", "torque", "estimator"]
+    wires = [
+        ("experiment", "policy"), ("policy", "ring"), ("ring", "phantom"), ("stage", "phantom"),
+        ("phantom", "torque"), ("torque", "estimator"), ("estimator", "policy"),
+        ("estimator", "experiment"), ("ring", "ring"),
+    ]  # fmt: skip
+    found = layout(names, wires)
+    places = found.places
+    assert len({(place.x, place.y) for place in places.values()}) == len(names)
+    forward = [(a, b) for a, b in wires if places[a].x < places[b].x]
+    assert [wire for wire in wires if wire not in forward] == [*wires[6:8], ("ring", "ring")]
+    assert all(place.x + 150 <= found.width and place.y + 58 <= found.height for place in places.values())
+
+
+def test_the_picture_of_a_large_graph_with_every_wire_is_found() -> None:
+    names = [f"n{i}" for i in range(60)]
+    found = layout(names, [(a, b) for a in names for b in names])
+    assert len(found.places) == 60
+    assert layout([], []).places == {}
+
+
+def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
+    from palp_core.view.pages.plot import MOST_UNDER_WAY, LivePlot
+
+    plots: list[LivePlot] = []
+
+    async def look(user: Any) -> None:
+        plot = plots[-1]
+        for _ in range(MOST_UNDER_WAY):
+            assert not plot.busy
+            plot.add([[(0.0, 1.0)]])
+        assert plot.busy
+        for lie in ("3", None, -1, [2]):
+            plot._take(SimpleNamespace(args=lie))
+            assert plot.busy
+        plot._take(SimpleNamespace(args=1))
+        assert not plot.busy
+        plot._take(SimpleNamespace(args=10**9))  # whatever it says, no more are under way than may be
+        for _ in range(MOST_UNDER_WAY):
+            plot.add([[(0.0, 1.0)]])
+        assert plot.busy
+
+    simulated(lambda: plots.append(LivePlot("a")), look)
+
+
+def test_a_refused_press_is_told_on_the_page() -> None:
+    from nicegui import ui
+
+    from palp_core.view.pages.parts import Outcome
+
+    def refuse() -> None:
+        raise Refused(MARKUP)
+
+    def put() -> None:
+        outcome = Outcome()
+        ui.button("press", on_click=lambda: outcome.of(refuse))
+
+    async def look(user: Any) -> None:
+        user.find("press").click()
+        await user.should_see(MARKUP, retries=100)
+
+    simulated(put, look)

@@ -1,0 +1,171 @@
+"""The server as it is started: one process over a folder of results, attacked over its socket."""
+
+from __future__ import annotations
+
+import http.client
+import importlib.util
+import queue
+import signal
+import socket
+import webbrowser
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.cli.view.view import _opened
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, finished, wait_for_line
+
+pytest.importorskip("nicegui")
+IDLE_SOCKETS = 100
+
+
+class Server:
+    """A viewer's process, asked without a browser."""
+
+    def __init__(self, palp: Palp, folder: Path) -> None:
+        self.process = palp.start("view", folder, "--no-browser")
+        assert self.process.stdout is not None
+        self.address = self.process.stdout.readline().strip()
+        host, _, self.token = self.address.removeprefix("http://").partition("/?token=")
+        self.host, self.port = host, int(host.rpartition(":")[2])
+
+    def connect(self) -> socket.socket:
+        return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
+
+    def get(self, path: str, **headers: str) -> tuple[int, bytes, http.client.HTTPMessage]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        try:
+            connection.request(
+                "GET", path, headers={name.replace("_", "-"): text for name, text in headers.items()}
+            )
+            answer = connection.getresponse()
+            return answer.status, answer.read(), answer.headers
+        finally:
+            connection.close()
+
+
+@pytest.fixture(scope="module")
+def server(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("results")
+    (folder.parent / "secret.txt").write_text("secret", encoding="utf-8")
+    (folder / "report.html").write_text("<script>stolen = 1</script>", encoding="utf-8")
+    yield Server(shared_palp, folder)
+    (folder.parent / "secret.txt").unlink()
+
+
+def test_the_printed_address_leads_to_the_page(server: Server) -> None:
+    assert server.address.startswith("http://127.0.0.1:")
+    status, _, headers = server.get(f"/?token={server.token}")
+    assert (status, headers["location"]) == (303, f"/{server.token}/")
+    status, page, headers = server.get(f"/{server.token}/")
+    assert status == 200
+    assert b"report.html" in page
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert f"/{server.token}/_nicegui".encode() in page  # its own files are asked for with the token, too
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/_nicegui/static/nicegui.js", "/files/report.html", "/docs", "/openapi.json"]
+)
+def test_without_the_token_nothing_is_given(path: str, server: Server) -> None:
+    assert server.get(path)[0] == 403
+    assert server.get(f"/wrong{path}")[0] == 403
+
+
+def test_to_another_name_or_another_site_nothing_is_given(server: Server) -> None:
+    page = f"/{server.token}/"
+    assert server.get(page, Host="rig.example:80")[0] == 421
+    assert server.get(page, Origin="http://evil.example")[0] == 403
+    upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13"}
+    upgrade["Sec_WebSocket_Key"] = "dGhlIHNhbXBsZSBub25jZQ=="
+    place = f"{page}_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    for origin in ({}, {"Origin": "http://evil.example"}, {"Origin": f"http://127.0.0.1:{server.port + 1}"}):
+        assert server.get(place, **upgrade, **origin)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../secret.txt",
+        "..%2fsecret.txt",
+        "%2e%2e/secret.txt",
+        "..%5csecret.txt",
+        "/etc/passwd",
+        "%2fetc%2fpasswd",
+    ],
+)
+def test_no_path_leads_out_of_the_folder(path: str, server: Server) -> None:
+    status, body, _ = server.get(f"/{server.token}/files/{path}")
+    assert status == 404
+    assert b"secret" not in body
+
+
+def test_a_file_of_results_runs_nothing(server: Server) -> None:
+    status, body, headers = server.get(f"/{server.token}/files/report.html")
+    assert (status, body) == (200, b"<script>stolen = 1</script>")
+    assert headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+
+
+def test_a_hundred_sockets_that_say_nothing_and_one_that_says_much_keep_nobody_out(server: Server) -> None:
+    idle = [server.connect() for _ in range(IDLE_SOCKETS)]
+    flood = server.connect()
+    try:
+        flood.sendall(b"GET / HTTP/1.1\r\n")
+        for _ in range(64):
+            flood.sendall(b"X: " + b"x" * 4096 + b"\r\n")
+    except OSError:
+        pass  # it has been hung up on, which is as well
+    status, _, _ = server.get(f"/{server.token}/")
+    for one in (*idle, flood):
+        one.close()
+    assert status == 200
+
+
+@pytest.mark.parametrize("words", [("view",), ("launch", CHAIN, "--view")])
+def test_without_the_extra_a_line_says_what_to_install(
+    words: tuple[object, ...], palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = importlib.util.find_spec
+    hide = lambda name, *rest: None if name == "nicegui" else known(name, *rest)  # noqa: E731
+    monkeypatch.setattr(importlib.util, "find_spec", hide)
+    done = palp.here(*words)
+    assert done.returncode == 2
+    assert done.stderr == "palp view needs NiceGUI, which is not installed; type: pip install 'palp[view]'\n"
+
+
+def test_a_port_that_is_taken_is_said(palp: Palp, tmp_path: Path, server: Server) -> None:
+    done = palp.here("view", tmp_path, "--no-browser", "--port", server.port)
+    assert done.returncode == 2
+    assert f"--port {server.port}: Address already in use" in done.stderr
+
+
+def test_what_is_no_bag_and_no_folder_is_refused(palp: Palp, tmp_path: Path) -> None:
+    done = palp.here("view", tmp_path / "none", "--no-browser")
+    assert (done.returncode, "no such folder" in done.stderr) == (2, True)
+
+
+def test_a_launch_with_view_shows_the_graph_and_its_viewer_ends_with_it(palp: Palp) -> None:
+    palp.environment["BROWSER"] = "true"
+    process = palp.start("launch", CHAIN, "--view", "count:=100000")
+    wait_for_line(process, "http://127.0.0.1:")
+    assert palp.running("view")
+    process.send_signal(signal.SIGINT)
+    status, _ = finished(process)
+    assert status == 130
+    assert palp.all_gone()
+
+
+def test_the_browser_is_given_a_file_of_ones_own_and_no_token_in_its_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: queue.Queue[str] = queue.Queue()
+    monkeypatch.setattr(webbrowser, "open", opened.put)
+    where = "http://127.0.0.1:1/?token=secret"
+    with _opened(where):
+        words = opened.get(timeout=PATIENCE_S)
+        page = Path(words.removeprefix("file://"))
+        assert "secret" not in words
+        assert where in page.read_text(encoding="utf-8")
+        assert (page.stat().st_mode & 0o077, page.parent.stat().st_mode & 0o077) == (0, 0)
+    assert not page.exists()

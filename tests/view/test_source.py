@@ -1,0 +1,221 @@
+"""What a page shows, without any page: series, messages, logs, what is wrong."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.health import EdgeRow, NodeRow
+from palp_core.graph.discovery.standing import Standing
+from palp_core.graph.messages.builtin import GraphEvent
+from palp_core.view.source.live import node_state, wire_state
+from palp_core.view.source.message_lines import MOST_LINES, tree_text
+from palp_core.view.source.node_log import MOST_BYTES, NodeLog
+from palp_core.view.source.overview import NodeState, Overview, worst
+from palp_core.view.source.protocol import Heard
+from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned
+from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
+
+NUMBER = {"type": "number", "x-unit": "N m"}
+ARRAY = {"type": "string", "x-dtype": "<f8", "x-unit": "N m"}
+BLOCK: dict[str, Any] = {
+    "properties": {
+        "start_ns": {"type": "integer"},
+        "rate_hz": {"type": "number"},
+        "torque_n_m": ARRAY,
+        "name": {"type": "string"},
+        "inner": {
+            "type": "object",
+            "properties": {"peak": NUMBER, "words": {"type": "array", "items": {"type": "string"}}},
+        },
+    }
+}
+
+
+def heard(stamp_s: float, **message: Any) -> Heard:
+    return Heard(round(stamp_s * 1e9), 1, message)
+
+
+def test_the_numbers_of_a_message_can_be_plotted_and_nothing_else() -> None:
+    assert list(number_fields(BLOCK)) == ["start_ns", "rate_hz", "torque_n_m", "inner.peak"]
+    with pytest.raises(GraphError, match="holds no numbers"):
+        FieldSeries("name", BLOCK)
+    with pytest.raises(GraphError, match="did you mean 'torque_n_m'"):
+        FieldSeries("torque_nm", BLOCK)
+
+
+def test_the_samples_of_a_block_stand_each_at_its_own_time() -> None:
+    series = FieldSeries("torque_n_m", BLOCK)
+    assert series.label == "torque_n_m [N m]"
+    points = series.add(heard(9.0, start_ns=1_000_000_000, rate_hz=1000.0, torque_n_m=[0.5, 0.25]))
+    assert points == [(1.0, 0.5), (1.001, 0.25)]
+
+
+def test_an_array_without_times_is_spread_since_the_message_before() -> None:
+    series = FieldSeries("torque_n_m", BLOCK)
+    series.add(heard(1.0, torque_n_m=[0.0]))
+    assert series.add(heard(2.0, torque_n_m=[1.0, 2.0])) == [(1.5, 1.0), (2.0, 2.0)]
+    assert series.last == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "message", [{}, {"inner": {}}, {"inner": {"peak": math.nan}}, {"(not shown)": "too large"}]
+)
+def test_a_message_without_the_number_adds_no_point(message: dict[str, Any]) -> None:
+    assert FieldSeries("inner.peak", BLOCK).add(heard(1.0, **message)) == []
+
+
+def test_thinning_keeps_every_peak_and_the_order() -> None:
+    points = [(float(i), 0.0) for i in range(10_000)]
+    points[4321] = (4321.0, 7.0)
+    points[8765] = (8765.0, -7.0)
+    kept = thinned(points, 100)
+    assert len(kept) <= 100
+    assert {points[4321], points[8765]} <= set(kept)
+    assert kept == sorted(kept)
+
+
+def test_a_plot_is_saved_with_all_its_points() -> None:
+    series = FieldSeries("inner.peak", BLOCK)
+    for i in range(3):
+        series.add(heard(i, inner={"peak": i / 8}))
+    assert as_csv([series]).splitlines() == [
+        "time_s,field,value",
+        "0.000000000,inner.peak [N m],0.0",
+        "1.000000000,inner.peak [N m],0.125",
+        "2.000000000,inner.peak [N m],0.25",
+    ]
+
+
+def test_a_message_is_a_tree_of_lines_with_units() -> None:
+    message = {"torque_n_m": [0.5, 1.0], "inner": {"peak": 0.25, "words": ["a"]}, "name": "<b>x</b>"}
+    assert tree_text(message, BLOCK).splitlines() == [
+        "torque_n_m: [0.5, 1] (2) N m", "inner:", "  peak: 0.25 N m", "  words: [a] (1)", "name: <b>x</b>",
+    ]  # fmt: skip
+
+
+def test_a_huge_message_is_cut_and_says_so() -> None:
+    wide = {f"f{i}": i for i in range(100_000)}
+    lines = tree_text(wide, {}).splitlines()
+    assert (len(lines), lines[-1]) == (MOST_LINES + 1, "... more")
+    assert len(tree_text({"text": "x" * 10_000_000, "list": list(range(1_000_000))}, {})) < 2000
+
+
+def log_of(tmp_path: Path) -> Path:
+    (tmp_path / "log").mkdir()
+    return tmp_path / "log/merged.log"
+
+
+def test_a_nodes_lines_come_as_they_are_printed(tmp_path: Path) -> None:
+    path = log_of(tmp_path)
+    log = NodeLog(tmp_path, "relay")
+    assert log.new_lines() == []
+    path.write_text(
+        "10:00 relay: [ERROR] [relay]: broken\n10:00 source: hello\n10:00 relay:  and", encoding="utf-8"
+    )
+    assert [(line.level, line.text) for line in log.new_lines()] == [("error", "[ERROR] [relay]: broken")]
+    with path.open("a", encoding="utf-8") as file:
+        file.write(" more\n10:01 relay: <script>alert(1)</script>\n")
+    assert [line.text for line in log.new_lines()] == [" and more", "<script>alert(1)</script>"]
+    assert log.new_lines() == []
+
+
+def test_a_log_that_becomes_the_old_one_is_followed(tmp_path: Path) -> None:
+    path = log_of(tmp_path)
+    path.write_text("10:00 relay: one\n", encoding="utf-8")
+    log = NodeLog(tmp_path, "relay")
+    log.new_lines()
+    path.rename(tmp_path / "log/merged.log.1")
+    path.write_text("10:01 relay: two\n", encoding="utf-8")
+    assert [line.text for line in log.new_lines()] == ["two"]
+
+
+def test_a_storm_of_lines_is_shown_with_a_gap_that_is_said(tmp_path: Path) -> None:
+    path = log_of(tmp_path)
+    path.write_text("10:00 relay: one\n", encoding="utf-8")
+    log = NodeLog(tmp_path, "relay")
+    log.new_lines()
+    with path.open("a", encoding="utf-8") as file:
+        file.write("10:00 relay: storm\n" * 100_000)
+    lines = log.new_lines()
+    assert "left out" in lines[0].text
+    assert len(lines) < MOST_BYTES / 10
+    assert log.new_lines() == []
+
+
+def node_row(**changed: Any) -> NodeRow:
+    counts = dict.fromkeys(("lost", "overruns", "missed_deadlines"), 0)
+    figures = {
+        "cpu_percent": 1.0,
+        "memory_bytes": 1,
+        "rate_hz": 100.0,
+        "latency_p99_s": None,
+        "gc_pause_max_s": 0.0,
+    }
+    given = {"name": "/relay", "pid": 1, "state": "active", "responsive": True, **counts, **figures}
+    return NodeRow(**{**given, **changed})
+
+
+def edge_row(**changed: Any) -> EdgeRow:
+    counts = dict.fromkeys(("lost", "repeated", "late", "dropped"), 0)
+    latencies = {"latency_p50_s": 1e-4, "latency_p99_s": 1e-3, "latency_max_s": 1e-2}
+    given = {"topic": "/source/sample", "reader": "/relay", "rate_hz": 100.0, "received": 10}
+    return EdgeRow(**{**given, **counts, **latencies, **changed})
+
+
+def test_a_node_that_is_well_is_told_so() -> None:
+    state = node_state(node_row(), {"relay": "nodes.relay:Relay"}, [], {"relay"})
+    assert (state.name, state.run, state.health, state.moves) == ("relay", "nodes.relay:Relay", "ok", True)
+    assert list(node_troubles([node_row()], {}, [], "")) == []
+    assert list(wire_troubles([edge_row()])) == []
+
+
+def test_what_is_wrong_is_said_with_what_to_type() -> None:
+    found = [Standing("safety", "error", "the rig is stopped", "palp safety ack", 3.0)]
+    nodes = [node_row(), node_row(name="/sink", state="inactive"), node_row(name="/dead", responsive=False)]
+    troubles = [
+        *node_troubles(nodes, {"dead": "its process 7 is gone"}, found, ""),
+        *wire_troubles([edge_row(lost=3)]),
+    ]
+    assert [(one.where, one.level, one.text, one.advice) for one in troubles] == [
+        ("/safety", "error", "the rig is stopped", "palp safety ack"),
+        ("/dead", "error", "its process 7 is gone", "palp logs dead"),
+        ("/sink", "warn", "it is inactive: it handles nothing", "palp lifecycle list /sink"),
+        (
+            "/source/sample -> /relay",
+            "warn",
+            "3 messages lost, 10 received",
+            "palp topic info /source/sample",
+        ),
+    ]
+    assert worst(troubles) == "error"
+    states = {row.name: node_state(row, {}, troubles, set()) for row in nodes}
+    assert [states[name].health for name in ("/relay", "/sink", "/dead")] == ["warn", "warn", "error"]
+    assert states["/relay"].why == "3 messages lost, 10 received"
+    assert states["/dead"].lifecycle == "silent"
+
+
+def test_bad_news_of_the_launcher_is_among_it() -> None:
+    crash = GraphEvent(stamp_ns=0, kind="restarting", node="relay", text="it died", data="{}")
+    trouble = event_trouble(crash)
+    assert trouble is not None
+    assert (trouble.where, trouble.text) == ("/relay", "restarting: it died")
+    assert event_trouble(GraphEvent(stamp_ns=0, kind="swapped", node="relay", text="", data="{}")) is None
+
+
+def test_a_wire_knows_who_publishes() -> None:
+    wire = wire_state(edge_row(), {"/source/sample": ("source", "Sample")})
+    assert (wire.source, wire.reader, wire.type, wire.latency_p50_s) == ("source", "relay", "Sample", 1e-4)
+
+
+def test_only_what_moves_on_the_wall_clock_is_a_real_rig() -> None:
+    moving = [NodeState(name="stage", moves=True)]
+    assert Overview(kind="graph", title="a", clock="wall", nodes=moving).moves_something_real
+    assert not Overview(kind="graph", title="a", clock="sim", nodes=moving).moves_something_real
+    assert not Overview(
+        kind="graph", title="a", clock="wall", nodes=[NodeState(name="a")]
+    ).moves_something_real
