@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.running_graph import RunningGraph, hidden
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.recording.live_feed import reread
+from palp_core.graph.recording.live_topics import is_order, live_topics
 
-ASK_S = 1.5
-"""A node that does not answer holds up what viewers are shown of the others no longer than that."""
-CHANGE_S = 5.0
+ASK_S = 5.0
 
 
 class ServiceType(NamedTuple):
@@ -28,6 +29,40 @@ class ServiceType(NamedTuple):
     def name(self) -> str:
         """As in ``/torque/tare``."""
         return f"/{self.node}/{self.port}"
+
+
+class Description(NamedTuple):
+    """A running graph as viewers are offered it.
+
+    Attributes:
+        topics: All but what nodes consume in which order, by name; hidden ones among them.
+        services: By name.
+        infos: What its nodes say of themselves.
+        silent: Nodes that did not answer: of those, this lacks a part.
+    """
+
+    graph: RunningGraph
+    topics: dict[str, Topic]
+    services: dict[str, ServiceType]
+    infos: Answers
+    silent: frozenset[str]
+
+
+def describe(graph: RunningGraph) -> Description:
+    """Ask a graph, as its run directory has it now, what it is made of."""
+    graph = reread(graph)
+    topics = {name: topic for name, topic in live_topics(graph).items() if not is_order(name)}
+    if not graph.node_names:
+        return Description(graph, topics, {}, Answers({}, {}), frozenset())
+    schemas, infos = (graph.ask_all(wanted, timeout_s=ASK_S) for wanted in ("schemas", "info"))
+    services = [
+        _service(node, port, *described["types"])
+        for node, reply in schemas.replies.items()
+        for port, described in reply["ports"].items()
+        if described["kind"] == "srv"
+    ]
+    shown = {service.name: service for service in services if not hidden(service.name)}
+    return Description(graph, topics, shown, infos, frozenset({*schemas.silent, *infos.silent}))
 
 
 class GraphAccess:
@@ -69,23 +104,11 @@ class GraphAccess:
         refused = []
         for node, changes in by_node.items():
             try:
-                self.graph.ask(node, "set_parameters", timeout_s=CHANGE_S, parameters=changes)
+                self.graph.ask(node, "set_parameters", timeout_s=ASK_S, parameters=changes)
             except GraphError as error:
                 refused.append(str(error))
         if refused:
             raise GraphError("; ".join(refused))
-
-    def services(self) -> dict[str, ServiceType]:
-        """Return the services of the nodes that answer, by name."""
-        if not self.graph.node_names:
-            return {}
-        found = [
-            _service(node, port, *described["types"])
-            for node, reply in self.graph.ask_all("schemas", timeout_s=ASK_S).replies.items()
-            for port, described in reply["ports"].items()
-            if described["kind"] == "srv"
-        ]
-        return {service.name: service for service in found if not hidden(service.name)}
 
     def call(self, service: ServiceType, request: bytes) -> bytes:
         """Call a service, JSON in and out.
@@ -95,9 +118,7 @@ class GraphAccess:
         """
         self._must_be_allowed("call a service")
         message = from_json(request, service.request)
-        answer = self.graph.ask(
-            service.node, "call", timeout_s=CHANGE_S, service=service.port, request=message
-        )
+        answer = self.graph.ask(service.node, "call", timeout_s=ASK_S, service=service.port, request=message)
         return to_json(service.reply)(msgspec.msgpack.encode(answer["reply"]))
 
     def _must_be_allowed(self, what: str) -> None:

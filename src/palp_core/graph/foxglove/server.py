@@ -7,6 +7,7 @@ import json
 import logging
 from collections import Counter, deque
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, Self
 
 import foxglove
@@ -18,7 +19,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove import log_entries
 from palp_core.graph.foxglove.gate import Gate, hidden_address
-from palp_core.graph.foxglove.graph_access import ASK_S, GraphAccess, ServiceType, full_names
+from palp_core.graph.foxglove.graph_access import Description, GraphAccess, ServiceType, describe, full_names
 from palp_core.graph.foxglove.json_messages import schema_text, to_json
 from palp_core.graph.foxglove.viewers import Look, Viewers, as_parameters
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
@@ -27,13 +28,12 @@ from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import reread
-from palp_core.graph.recording.live_topics import is_order, live_topics
 
 WAIT_MS = 20
 LOOK_NS = 500_000_000
 TIME_NS = 20_000_000
-HISTORY_S = 1.0
+RETRY_NS = 3_000_000_000
+HISTORY_S = 3.0
 BACKLOG = 256
 """Messages that wait for a viewer; what is beyond replaces the oldest."""
 LOG_KEPT = 500
@@ -78,7 +78,11 @@ class FoxgloveServer:
         self._looking: Counter[str] = Counter()
         self._entries: deque[tuple[int, bytes]] = deque(maxlen=LOG_KEPT)
         self._noted: dict[str, tuple[int, int]] = {}
-        self._next_time_ns, self._next_look_ns, self._described_at = 0, 0, -1
+        self._silent: frozenset[str] = frozenset()
+        self._describing: Future[Description] | None = None
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="describe")
+        self._clock_ns, self._told_ns = 0, 0
+        self._next_time_ns, self._next_look_ns, self._retry_ns = 0, 0, 0
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that left unasked is no news
         self._context = foxglove.Context()
         self._log = foxglove.Channel(log_entries.LOG, schema=log_entries.SCHEMA, context=self._context)
@@ -95,7 +99,8 @@ class FoxgloveServer:
             self._watched.close()
             raise
         self.address = self._gate.address
-        self._follow_changes()
+        self._described_at = self._described_ns()
+        self._take(describe(graph))
 
     def __enter__(self) -> Self:
         return self
@@ -103,6 +108,7 @@ class FoxgloveServer:
     def __exit__(self, *_: object) -> None:
         self._gate.close()
         self._server.stop()
+        self._pool.shutdown(cancel_futures=True)
         self._watched.close()
 
     @property
@@ -116,14 +122,13 @@ class FoxgloveServer:
             self._heed(look)
         for words in self._viewers.refused():
             self._server.publish_status(words, foxglove.StatusLevel.Error)
-        stamp_ns = 0
         for frame in self._watched.receive(WAIT_MS):
-            stamp_ns = max(stamp_ns, frame.stamp_ns)
+            self._clock_ns = max(self._clock_ns, frame.stamp_ns)
             self._show(frame)
         now_ns = monotonic_ns()
-        if stamp_ns and now_ns >= self._next_time_ns:
-            self._next_time_ns = now_ns + TIME_NS
-            self._server.broadcast_time(stamp_ns)
+        if self._clock_ns > self._told_ns and now_ns >= self._next_time_ns:
+            self._next_time_ns, self._told_ns = now_ns + TIME_NS, self._clock_ns
+            self._server.broadcast_time(self._told_ns)
         if now_ns >= self._next_look_ns:
             self._next_look_ns = now_ns + LOOK_NS
             self.ended = not self._access.graph.alive
@@ -149,14 +154,14 @@ class FoxgloveServer:
 
     def _history(self, topic: Topic) -> list[Frame]:
         """Return the latched messages of a topic, for whoever comes late."""
-        if not topic.latched_depth:
-            return []
+        if not topic.latched_depth or topic.node in self._silent:
+            return []  # of who is silent it comes when the node answers again
         asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": 2**62}
         try:
             reply = self._access.graph.ask(topic.node, "history", timeout_s=HISTORY_S, **asked)
             return [parse(raw) for raw in reply["frames"]]
         except (GraphError, SchemaMismatch):
-            return []  # it comes when the node says it anew
+            return []
 
     def _show(self, frame: Frame) -> None:
         topic = self._topics.get(frame.topic)
@@ -189,35 +194,50 @@ class FoxgloveServer:
                 self._server.publish_parameter_values(as_parameters(full_names({topic.node: changed})))
 
     def _follow_changes(self) -> None:
-        """See whether the graph is described anew: a node has joined, left or been replaced."""
-        with contextlib.suppress(OSError):  # it has ended
-            described_at = (self._access.graph.folder / "graph.json").stat().st_mtime_ns
-            if described_at != self._described_at:
-                self._described_at = described_at
-                self._describe()
+        """See whether the graph is described anew: a node has joined, left or been replaced.
 
-    def _describe(self) -> None:
+        A node that did not answer, as one that was just starting again, is asked once more. Meanwhile the
+        rest is shown.
+        """
+        if self._describing is not None:
+            if not self._describing.done():
+                return
+            self._take(self._describing.result())
+            self._describing = None
+            self._retry_ns = monotonic_ns() + RETRY_NS
+        described_at = self._described_ns()
+        if described_at != self._described_at or (self._silent and monotonic_ns() >= self._retry_ns):
+            self._described_at = described_at
+            self._describing = self._pool.submit(describe, self._access.graph)
+
+    def _described_ns(self) -> int:
+        """Return when the graph was described last; 0 if it is gone."""
+        with contextlib.suppress(OSError):
+            return (self._access.graph.folder / "graph.json").stat().st_mtime_ns
+        return 0
+
+    def _take(self, now: Description) -> None:
         """Offer what the graph has now."""
-        graph = self._access.graph = reread(self._access.graph)
-        self._topics = {name: topic for name, topic in live_topics(graph).items() if not is_order(name)}
-        self._watched.relocate(graph.record.topics)
+        self._access.graph, self._topics, self._silent = now.graph, now.topics, now.silent
+        self._watched.relocate(now.graph.record.topics)
         shown = {name: topic for name, topic in self._topics.items() if not hidden(name)}
         for name in [n for n, old in self._shown.items() if n not in shown or _differ(old.topic, shown[n])]:
             self._watched.leave([name])
             self._shown.pop(name).channel.close()
         for name, topic in shown.items():
-            if name not in self._shown:
+            if name in self._shown:
+                self._shown[name] = self._shown[name]._replace(topic=topic)
+            else:
                 self._offer(topic)
         log = {name: topic for name, topic in self._topics.items() if log_entries.tells(topic.type_hash)}
-        new = {name: topic for name, topic in log.items() if not self._watched.watches(name)}
-        self._watched.watch(new, every=True)
-        for topic in new.values():
+        self._watched.watch(log, every=True)
+        for topic in log.values():
             for frame in self._history(topic):
                 self._note(frame, topic)
-        self._offer_services(self._access.services())
-        infos = graph.ask_all("info", timeout_s=ASK_S) if graph.node_names else Answers({}, {})
-        self._server.publish_connection_graph(self._connections(infos))
-        params = {node: info["params"] for node, info in infos.replies.items()}
+        known = {name: old for name, old in self._services.items() if old.node in now.silent}
+        self._offer_services(known | now.services)
+        self._server.publish_connection_graph(self._connections(now.infos))
+        params = {node: info["params"] for node, info in now.infos.replies.items()}
         self._server.publish_parameter_values(as_parameters(full_names(params)))
 
     def _offer(self, topic: Topic) -> None:

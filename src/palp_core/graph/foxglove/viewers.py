@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -65,8 +66,15 @@ class Viewers(ServerListener):
 
 
 def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    """Return parameters as the SDK has them."""
-    return [Parameter(name, value=value) for name, value in values.items()]
+    """Return parameters as the SDK has them; what it has no way to say stands as JSON text."""
+    return [_parameter(name, value) for name, value in values.items()]
+
+
+def _parameter(name: str, value: Any) -> Parameter:
+    try:
+        return Parameter(name, value=value)
+    except TypeError:  # a null within a mapping, say
+        return Parameter(name, value=json.dumps(value))
 
 
 def _drained(waiting: SimpleQueue[Any]) -> list[Any]:
