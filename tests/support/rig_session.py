@@ -84,7 +84,7 @@ class _NoServer:
     def __init__(self, *_: object) -> None: ...
 
     def inspect_classes(
-        self, requests: Sequence[NodeClassRequest], workspace: Path, _: Path
+        self, requests: Sequence[NodeClassRequest], workspace: Path, **_: object
     ) -> list[NodeClass]:
         return inspect_classes(requests, workspace)
 

@@ -201,6 +201,9 @@ def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_n
         (light,) = server.inspect_classes([NodeClassRequest("nodes.talk:Talk")], tmp_path, tmp_path)
         assert light.error is None
         assert not loaded(server, "/scipy/")
+        only_looked_at = [NodeClassRequest("nodes.heavy:Talk")]
+        assert server.inspect_classes(only_looked_at, tmp_path, tmp_path, to_run=False)[0].error is None
+        assert not loaded(server, "/scipy/")
         (heavy,) = server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
         assert heavy.error is None
         assert loaded(server, "/scipy/special/")

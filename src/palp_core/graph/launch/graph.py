@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -47,8 +48,10 @@ if TYPE_CHECKING:
 POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
 
-def _checked(path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory) -> CheckedGraph:
-    inspect = lambda requests, where: server.inspect_classes(requests, where, folder.path)  # noqa: E731
+def _checked(
+    path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory, *, to_run: bool
+) -> CheckedGraph:
+    inspect = partial(server.inspect_classes, folder=folder.path, to_run=to_run)
     return load(path, overrides, inspect, succeed)
 
 
@@ -67,7 +70,7 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     folder = RunDirectory(Path(path).stem)
     server = ForkServer()
     try:
-        return _checked(Path(path), overrides, server, folder)
+        return _checked(Path(path), overrides, server, folder, to_run=False)
     finally:
         server.close()
         folder.remove()
@@ -169,7 +172,9 @@ class Graph:
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)
             try:
-                self.checked = _checked(self.path, self._overrides, server, self.directory)
+                self.checked = _checked(
+                    self.path, self._overrides, server, self.directory, to_run=not self._compose
+                )
                 if self._name is not None:
                     self.checked = msgspec.structs.replace(self.checked, graph=self._name)
                 if self._compose and self.checked.clock != "sim":

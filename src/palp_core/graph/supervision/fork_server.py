@@ -55,11 +55,15 @@ INSPECTING = ""
 
 
 class InspectClasses(ChannelMessage, frozen=True):
-    """Fork a child that inspects node classes and writes the answer to a file."""
+    """Fork a child that inspects node classes and writes the answer to a file.
+
+    If their nodes are to run, the server imports what is heavy beside the child; else it need not.
+    """
 
     requests: list[NodeClassRequest]
     workspace: str
     answer: str
+    to_run: bool = True
 
 
 class Signal(ChannelMessage, frozen=True):
@@ -144,12 +148,18 @@ class ForkServer:
         return found
 
     def inspect_classes(
-        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path
+        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path, *, to_run: bool = True
     ) -> list[NodeClass]:
         """Let a forked child import node classes and say what they are.
 
         If one ends the child, that is what is said of it, and another child goes on with the next. If one
         does not come to an end, that is said of all that are left: they may well wait for the same module.
+
+        Args:
+            requests: What to look at.
+            workspace: First on the module path.
+            folder: Where the answer is written.
+            to_run: Nodes of these classes are to be forked here, which then find loaded what is heavy.
 
         Raises:
             GraphError: The fork server is gone.
@@ -163,7 +173,7 @@ class ForkServer:
             if request.run in ended:
                 found.append(NodeClass(run=request.run, error=ended[request.run]))
                 continue
-            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), str(answer)))
+            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), str(answer), to_run))
             status = self._wait_for_inspector(answer)
             found += answers_in(answer)
             if len(found) == len(requests):
@@ -356,7 +366,8 @@ class _Server:
 
     def _inspect(self, request: InspectClasses) -> int:
         with open(request.answer, "wb", buffering=0, opener=open_private) as file:
-            ImportAnnouncer(self._announce, lambda: os.utime(request.answer)).install()
+            announce = self._announce if request.to_run else os.open(os.devnull, os.O_WRONLY)
+            ImportAnnouncer(announce, lambda: os.utime(request.answer)).install()
             for answer in inspected(request.requests, Path(request.workspace)):
                 data = encode_any(answer)
                 file.write(len(data).to_bytes(_LENGTH_BYTES) + data)
