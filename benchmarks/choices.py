@@ -31,7 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.choice_bench import counts, joint, touches, wired
+from benchmarks.choice_bench import counts, joint, touches, traced, wired
 from benchmarks.choice_bench.contest import Case, Verdict, judge
 from benchmarks.choice_bench.table import Line, markdown, write
 from palp_core.errors import PalpError
@@ -41,11 +41,12 @@ CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {
     **joint.CONTESTS,
     **counts.CONTESTS,
     **touches.CONTESTS,
+    **traced.CONTESTS,
 }
 """By task; draws a scene."""
 
-FEWER = {"delivery": 20, "motion": 60, "test": 60, "burst": 60}
-"""Scenes at most where one takes seconds: graphs, sweeps in motion, minutes of EMG, hundreds of tests."""
+FEWER = {"delivery": 20, "motion": 60, "test": 60, "burst": 60, "trace_filter": 60}
+"""Scenes at most where one takes seconds: graphs, sweeps in motion, minutes of EMG, many tests, traces."""
 
 _DRAWS = 50  # of a scene, until one has an answer
 

@@ -1,8 +1,5 @@
 """Infer the depth of the nodule from the torque of each sweep."""
 
-from typing import Literal
-
-import msgspec
 import numpy as np
 
 from msgs.actuator import RingState
@@ -10,26 +7,18 @@ from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
-from palp_core import Params, Pub, ReadOnly, Sub, on
+from nodes.estimator_params import EstimatorParams, EstimatorState
+from palp_core import DiagnosticStatus, Params, Pub, Qos, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.primitives import Primitives, fit_cells, quantisation_sd
 from palp_core.palpation.perception.belief.stopping import StopRule, Verdict, decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import DepthCount, TrialFilter, TrialReading
+from palp_core.palpation.perception.belief.trial_filter import TrialFilter, TrialReading
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_by
-from palp_core.palpation.session.method_choices import (
-    DenoiseName,
-    FeatureName,
-    FilterName,
-    LikelihoodName,
-    StopName,
-    TraceFilterName,
-    names_of,
-)
+from palp_core.palpation.session.method_choices import names_of
 from palp_core.palpation.session.methods.estimating import (
     TRACE,
     asked,
@@ -39,99 +28,12 @@ from palp_core.palpation.session.methods.estimating import (
     together,
     uses_of,
 )
-from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
-from palp_core.palpation.session.trace.reader import SweepUnderWay, TraceMemory
+from palp_core.palpation.session.methods.teller import MethodTeller
+from palp_core.palpation.session.trace.reader import SweepUnderWay
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.session.trace.watch import TraceWatch
-from palp_core.units import (
-    CountPositive,
-    Float64Array,
-    HertzPositive,
-    Metres,
-    MillimetresNonNegative,
-    MillimetresPositive,
-    NewtonMillimetresNonNegative,
-    NewtonMillimetresPositive,
-    RatioNonNegative,
-    Seconds,
-)
-
-
-class EstimatorParams(Params):
-    """Set in the launch file; the names are those of the methods register.
-
-    ``auto`` for ``denoise``, ``feature``, ``filter``, ``likelihood`` or ``stop`` leaves it to the register,
-    which goes by scene, noise, ``training`` palpations a cell, ``max_probes`` and ``rate_hz``.
-    ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
-    grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
-    what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
-    ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics it knows how
-    a reading answers to the height.
-
-    With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
-    told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
-    above, and by ``scene``'s mechanics what spreads as stated here (assumed), never as the simulated phantom
-    does. ``run_in``: whether a sweep begins with a tip that sticks. From ``from_m`` on, of this reading only.
-    """
-
-    reading: ReadOnly[Literal["feature", "trace"]] = "feature"
-    wavelet: str = "db10"
-    level: CountPositive = 5
-    denoise: DenoiseName = "soft_universal"
-    feature: FeatureName = "peak"
-    likelihood: LikelihoodName = "normal"
-    filter: FilterName = "naive"
-    depths: DepthCount = 0
-    noise: str = ""
-    ring_sd_mm: MillimetresNonNegative = 0.17
-    height_sd_mm: MillimetresNonNegative = 0.1
-    scene: str = ""
-    stop: StopName = "paper_guarded"
-    stop_value: RatioNonNegative = 0.0
-    max_probes: CountPositive = 15
-    training: CountPositive = 25
-    resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3
-    rate_hz: HertzPositive = 1000.0
-    largest_gap_s: Seconds = 0.003
-    from_m: ReadOnly[Metres] = -0.03
-    to_m: ReadOnly[Metres] = 0.05
-    bin_mm: ReadOnly[MillimetresPositive] = 2.0
-    trace_filter: TraceFilterName = "second_order"
-    trace_height_sd_mm: MillimetresNonNegative = 0.2
-    friction_sd: RatioNonNegative = 0.1
-    modulus_sd: RatioNonNegative = 0.1
-    place_sd_mm: MillimetresNonNegative = 1.0
-    tip_sd_mm: MillimetresNonNegative = 0.1
-    bias_sd_n_mm: NewtonMillimetresNonNegative = 0.02
-    slope_error: RatioNonNegative = 0.2
-    texture_sd_n_mm: NewtonMillimetresNonNegative = 0.2
-    texture_length_mm: MillimetresPositive = 3.0
-    run_in: bool = False
-
-
-class EstimatorState(MethodTellerState):
-    """What a replacement inherits: the sweep under way, what was learnt, and the belief of this trial."""
-
-    trial: int = 0
-    phase: str = ""
-    label_known: bool = False
-    depth_m: float = 0.0
-    ring_m: float = 0.0
-    ring_trial: int = 0
-    ring_iteration: int = 0
-    start_ns: int = 0
-    rate_hz: float = 0.0
-    blocks: list[bytes] = []
-    received_count: int = 0
-    expected_count: int = -1
-    stream: SweepCut | None = None
-    training: list[tuple[float, float, float]] = []
-    primitives: dict[str, list[float]] = {}
-    landed: bool = False
-    probes: list[tuple[float, int, bool]] = []
-    posteriors: list[list[float]] = []
-    gains: list[list[float]] = []
-    trace: TraceMemory = msgspec.field(default_factory=TraceMemory)
+from palp_core.palpation.session.unlike_training import ADVICE, by_readings, unlike_training
+from palp_core.units import Float64Array
 
 
 class Estimator(MethodTeller):
@@ -151,6 +53,7 @@ class Estimator(MethodTeller):
     outlook = Pub(Outlook)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
 
     def on_configure(self) -> None:
         for check in checks(self.params).values():
@@ -178,6 +81,8 @@ class Estimator(MethodTeller):
     def on_resume(self) -> None:
         if self.state.training:
             self.state.trace.require(traces=self.traces)
+        if self.state.session.told:
+            self._diagnose(self.state.session.told)
         super().on_resume()
 
     def on_parameters(self, params: Params) -> None:
@@ -314,7 +219,7 @@ class Estimator(MethodTeller):
 
     def _watch(self) -> TraceWatch:
         if self.watch is None or self.watch[0] != self.params:
-            self.watch = (self.params, TraceWatch(TraceSettings.of(self.params)))
+            self.watch = (self.params, TraceWatch(TraceSettings.of(self.params, self._methods())))
         return self.watch[1]
 
     def _follow_stream(self, stream: SweepCut) -> None:
@@ -463,6 +368,23 @@ class Estimator(MethodTeller):
             max_probes=self.params.max_probes,
         )
         self.belief.publish(self._belief(reading_n_m, posterior, verdict, outlier=outlier))
+        if verdict.word in ("decided", "undecided"):
+            self._compare(verdict.class_index)
+
+    def _compare(self, of: int) -> None:
+        """Hold the session, with the trial that is over, against training; say once if it does not fit."""
+        state, one = self.state, None
+        if self.traces:
+            one = self._watch().against_training(state.trace)
+        elif not self.params.depths:
+            one = by_readings(self._memory(), state.probes, of, self.params.ring_sd_mm * 1e-3)
+        if words := unlike_training(state.session, one, state.trace.code):
+            self.log.warning("%s; %s", words, ADVICE)
+            self._diagnose(words)
+
+    def _diagnose(self, words: str) -> None:
+        said = DiagnosticStatus(stamp_ns=self.now_ns(), level="warn", text=words, advice=ADVICE)
+        self.diagnostics.publish(said)
 
     def _drop(self, reading_n_m: float, rings_m: Float64Array) -> None:
         """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""

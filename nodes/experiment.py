@@ -8,8 +8,17 @@ from msgs.experiment import Mount, PhantomTruth, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
-from nodes.experiment_plan import believed, design_of, is_right, mistakes, plan_of
-from nodes.experiment_record import note_judged, progress_of, result_of, trial_of
+from nodes.experiment_plan import (
+    believed,
+    design_of,
+    is_right,
+    mistakes,
+    note_judged,
+    plan_of,
+    progress_of,
+    result_of,
+    trial_of,
+)
 from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of

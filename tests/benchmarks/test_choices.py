@@ -79,7 +79,7 @@ def test_a_refusal_is_needless_where_a_method_would_have_done() -> None:
 
 def test_every_task_of_the_register_is_drawn_but_that_of_the_study() -> None:
     declared = {entry.name for entry in entry_points(group="palp.methods")}
-    assert set(bench.CONTESTS) == declared - {"contact", "trace_filter"}  # the latter has no bounds to hold
+    assert set(bench.CONTESTS) == declared - {"contact"}
 
 
 def test_a_few_scenes_keep_their_tolerance_and_are_the_same_again(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from nodes.estimator import EstimatorParams
+from nodes.estimator_params import EstimatorParams
 from nodes.policy_information import InformationParams
 from palp_core.methods import find, methods, names, tasks
 from palp_core.methods.register import Method

@@ -23,7 +23,7 @@ PARAMS = {
     "stage": ("nodes.stage:StageParams",),
     "phantom": ("nodes.phantom:PhantomParams",),
     "torque": ("nodes.torque:TorqueParams",),
-    "estimator": ("nodes.estimator:EstimatorParams",),
+    "estimator": ("nodes.estimator_params:EstimatorParams",),
     "emg": ("nodes.emg:EmgParams",),
     "cocontraction": ("nodes.cocontraction:CoContractionParams",),
 }

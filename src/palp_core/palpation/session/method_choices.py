@@ -29,6 +29,14 @@ PUBLISHED: Mapping[str, float] = {
     "class_gap_sd": 5.3,
     "stiffest_m": 0.016,
     "outlier_share": 0.0,
+    "trace_height_sd_m": 0.0002,
+    "friction_sd": 0.1,
+    "modulus_sd": 0.1,
+    "place_sd_m": 0.001,
+    "tip_sd_m": 0.0001,
+    "slope_error": 0.2,
+    "texture_sd_n_m": 0.0002,
+    "bin_m": 0.002,
     "live": 1.0,
     "window_s": 0.15,
     "burst_distance_s": 0.4,
@@ -47,7 +55,8 @@ palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``sti
 position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
 reading's spread; logits of being right spread over sessions by ``session_sd``, those of two policies by
 ``paired_sd`` more. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
-sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; a person
+sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; from
+``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces is told; a person
 relaxes by ``relax_share`` of a level; the RMS of EMG is over ``window_s``, bursts ``burst_distance_s`` apart;
 sessions are compared ``session_count`` at a time, as in the README's table. ``live`` is 1 where methods work
 while it is measured, 0 on recordings. The graph is ten processes on the wall clock, blocks have 20 samples.
@@ -169,6 +178,28 @@ StopName = Annotated[str, _of("stop")]
 """A stop rule by its name in the register, or ``auto``; a lab's own as ``package.module:name``."""
 
 
+_OF_TRACES = {
+    "trace_height_sd_m": ("trace_height_sd_mm", 1e-3),
+    "friction_sd": ("friction_sd", 1.0),
+    "modulus_sd": ("modulus_sd", 1.0),
+    "place_sd_m": ("place_sd_mm", 1e-3),
+    "tip_sd_m": ("tip_sd_mm", 1e-3),
+    "slope_error": ("slope_error", 1.0),
+    "texture_sd_n_m": ("texture_sd_n_mm", 1e-3),
+    "bin_m": ("bin_mm", 1e-3),
+}
+"""Parameters of a node that reads whole traces, and their units in SI, by quantity."""
+
+
+def of_traces(params: Any) -> dict[str, float]:
+    """Return what a filter of whole traces is told, as far as parameters say it, SI."""
+    return {
+        quantity: float(getattr(params, name)) * unit
+        for quantity, (name, unit) in _OF_TRACES.items()
+        if hasattr(params, name)
+    }
+
+
 def given_by(params: Any) -> Mapping[str, float]:
     """Return what a node's parameters say of the session; what they do not say is as published.
 
@@ -178,6 +209,7 @@ def given_by(params: Any) -> Mapping[str, float]:
     noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
     return {
         **PUBLISHED,
+        **of_traces(params),
         "ring_sd_m": noise.ring_sd_m.value,
         "height_sd_m": noise.height_sd_m.value,
         "noise_n_m": noise.sample_sd_n_m.value or PUBLISHED["noise_n_m"],

@@ -14,6 +14,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
@@ -146,19 +147,30 @@ def _rehomes(folder: Path) -> bool | None:
 def _read_by(folder: Path) -> dict[str, Any]:
     try:
         result = json.loads(read_whole(folder / "result.json"))
-        said = result["protocol"][result["roles"]["estimator"]]
-        return {name: one["value"] for name, one in said.items()}
+        node = result["roles"]["estimator"]
+        said = {name: one["value"] for name, one in result["protocol"][node].items()}
+        used = {one["task"]: one["method"] for one in result.get("methods", ()) if one["node"] == node}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
+    return _as_chosen(said, used)
 
 
 def _read_by_of_bag(path: Path) -> dict[str, Any]:
     with Bag(path) as bag:
         attached = bag.attachments().get(LAUNCH_ATTACHMENT)
-    try:
-        return roles_of(msgspec.json.decode(attached or b"", type=RunSummary)).params("estimator")
-    except (msgspec.MsgspecError, PalpError):  # another tool wrote it, or it is of part of a rig
-        return {}
+        try:
+            roles = roles_of(msgspec.json.decode(attached or b"", type=RunSummary))
+        except (msgspec.MsgspecError, PalpError):  # another tool wrote it, or it is of part of a rig
+            return {}
+        topic = f"/{roles.node.get('estimator', '')}/methods"
+        told = bag.messages([topic]) if topic in bag.topics() else ()
+        used = {use.task: use.name for message in told for use in message.value.uses}
+    return _as_chosen(roles.params("estimator"), used)
+
+
+def _as_chosen(params: Mapping[str, Any], used: Mapping[str, str]) -> dict[str, Any]:
+    """Return parameters with the methods that were used where they left one to the register."""
+    return {name: used.get(name, value) if value == AUTO else value for name, value in params.items()}
 
 
 def _of_bag(path: Path) -> Iterator[RecordedSweep]:

@@ -8,11 +8,13 @@ import pytest
 
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.methods import names
+from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.trace.belief import begin_sweep, classes, observe, start
 from palp_core.palpation.perception.trace.filters import NODES, DepthGrid, TraceKnowledge, model_of
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
+from palp_core.palpation.session.method_choices import PUBLISHED, chosen_method
 from palp_core.units import Float64Array
 
 DEPTHS_M, RINGS_M, BINS = (0.002, 0.004, 0.008), (0.008, 0.016), 12
@@ -144,6 +146,19 @@ def test_the_texture_is_that_of_trainings_mountings_where_there_are_several() ->
     assert model_of("linear", trained(), known((LANDING,))).texture.sd_n_m == pytest.approx(
         1e-6 * np.sqrt(2.0)
     )
+
+
+@pytest.mark.parametrize(
+    ("share", "name"), [(0.5, "linear"), (1.0, "second_order"), (2.0, "grid"), (4.0, "")]
+)
+def test_the_register_chooses_by_how_much_a_filter_is_told_to_differ(share: float, name: str) -> None:
+    spreads = ("trace_height_sd_m", "friction_sd", "modulus_sd", "place_sd_m", "tip_sd_m")
+    given = {**PUBLISHED, **{one: share * PUBLISHED[one] for one in spreads}}
+    if name:
+        assert chosen_method("trace_filter", Scene(), given=given).name == name
+    else:
+        with pytest.raises(MethodError, match="no trace_filter method gives 'decision'"):
+            chosen_method("trace_filter", Scene(), given=given)
 
 
 def test_what_it_cannot_know_is_said() -> None:

@@ -307,3 +307,26 @@ def test_a_stream_is_followed_as_it_comes() -> None:
     bench.feed(Estimator.sweep, status("cancelled", start_ns=1_500_000_000))
     (belief,) = bench.sent(Estimator.belief)
     np.testing.assert_array_equal(belief.posterior, outlooks(bench)[-1].posterior)
+
+
+def test_its_trace_filter_is_the_registers_choice_where_nobody_names_one() -> None:
+    bench: Bench[Estimator] = Bench(Estimator, {**PARAMS, "trace_filter": "auto", "slope_error": 0.2})
+    (said,) = bench.sent(Estimator.methods)
+    (use,) = [one for one in said.uses if one.task == "trace_filter"]
+    assert (use.name, use.asked, use.bounded) == ("second_order", False, True)
+    assert bench.node._watch().settings.trace_filter == "second_order"
+    with pytest.raises(NodeError, match="no trace_filter method gives 'decision'"):
+        Bench(Estimator, {**PARAMS, "trace_filter": "auto", "friction_sd": 0.5})
+
+
+def test_sessions_of_whole_traces_are_held_against_training_and_a_successor_goes_on() -> None:
+    bench = trained(stop="fixed_number", stop_value=1.0)
+    for number in range(30):
+        begin(bench, 500 + number)
+        palpate(bench, 1.3 * felt(DEPTHS_M[number % 3], seed=number))
+        if number == 14:
+            bench = replace(bench)
+    assert bench.node.state.session.count == 30
+    assert sum(sum(one.phantoms.values()) for one in bench.node.state.session.classes.values()) == 30
+    (said,) = bench.sent(Estimator.diagnostics)
+    assert "do not fit what training taught" in said.text

@@ -12,12 +12,18 @@ import pytest
 from palp_core.methods.measured import measure_of
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.studies.catalogue import study
-from palp_core.palpation.studies.perception import beliefs, counts, signals, trials
+from palp_core.palpation.studies.perception import beliefs, counts, signals, traces, trials
 from palp_core.palpation.studies.perception.case import Seen
 from palp_core.palpation.studies.perception.study import PARTS
 
-TASKS = ("smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy")
-LIGHT = (signals.seen, beliefs.features_seen, beliefs.likelihoods_seen, trials.stops_seen)
+TASKS = ("smoother", "denoise", "feature", "likelihood", "filter", "trace_filter", "stop", "policy")
+LIGHT = (
+    signals.seen,
+    beliefs.features_seen,
+    beliefs.likelihoods_seen,
+    traces.traces_seen,
+    trials.stops_seen,
+)
 
 
 @pytest.mark.parametrize("part", LIGHT, ids=lambda part: part.__name__)

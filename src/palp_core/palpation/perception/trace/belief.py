@@ -165,21 +165,29 @@ def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
     return np.asarray(scipy.stats.chi2.sf((own**2).sum(axis=-1), max(own.shape[-1], 1)))
 
 
+def offset_weights(
+    model: TraceModel, sweeps: tuple[SweepOf, ...], component: int
+) -> tuple[Float64Array, Float64Array]:
+    """Return what takes torques to innovations, and innovations to the mean of each offset, of a component.
+
+    Offsets of a sweep or a landing are those of the last one.
+
+    Returns:
+        The triangle of the torques, shape (past, past), and weights, shape (past, l).
+    """
+    cross, last = [], len(sweeps) - 1
+    for number, one in enumerate(sweeps):
+        shared = model.shared(one, sweeps[last], same=number == last)
+        cross.append(model.slope[component, one.setting, : one.bins] * (model.offset_sd**2 * shared))
+    rows = model.triangle(sweeps)[component]
+    return rows, scipy.linalg.solve_triangular(rows, np.concatenate(cross), lower=True)
+
+
 def offsets(model: TraceModel, belief: TraceBelief, component: int) -> tuple[Float64Array, Float64Array]:
     """Return mean (n, l) and spread (l,) of the offsets that stay for the trial, given a component.
 
     Those of a sweep or a landing are of the last one.
     """
-    past = belief.innovation.shape[2]
-    cross = np.zeros((len(model.offset_sd), past))
-    at = 0
-    last = len(belief.sweeps) - 1
-    for number, one in enumerate(belief.sweeps):
-        shared = model.shared(one, belief.sweeps[last], same=number == last)
-        part = model.slope[component, one.setting, : one.bins] * (model.offset_sd**2 * shared)
-        cross[:, at : at + one.bins] = part.T
-        at += one.bins
-    rows = model.triangle(belief.sweeps)[component]
-    weights = scipy.linalg.solve_triangular(rows, cross.T, lower=True)  # (past, l)
+    _, weights = offset_weights(model, belief.sweeps, component)
     mean = belief.innovation[:, component] @ weights
     return mean, np.sqrt(np.maximum(model.offset_sd**2 - (weights**2).sum(axis=0), 0.0))

@@ -77,6 +77,7 @@ class TraceModel:
         backward: Whether a setting sweeps the other way, shape (k,).
         slope_error: What slopes are wrong by, relative: what an offset does differs from ``slope`` by so much
             of itself, alike over a few millimetres and in all sweeps of a trial.
+        names: Of the offsets, as in ``friction`` and ``friction squared``; empty where nobody asks.
 
     Raises:
         PerceptionError: Shapes that do not fit, or numbers that are not finite.
@@ -93,6 +94,7 @@ class TraceModel:
     place_m: Float64Array
     backward: NDArray[np.bool_]
     slope_error: float = 0.0
+    names: tuple[str, ...] = ()
     _factors: OrderedDict[tuple[SweepOf, ...], SweepFactor] = field(default_factory=OrderedDict, repr=False)
 
     def __post_init__(self) -> None:
@@ -236,4 +238,5 @@ def on_grid(
         np.tile(model.place_m, (count, 1, 1)),
         model.backward,
         model.slope_error,
+        model.names,
     )

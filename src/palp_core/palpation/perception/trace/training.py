@@ -32,6 +32,8 @@ class TrainedTraces:
         between: Mean traces of mountings less those of their class, shape (r, k, b); none where every class
             was mounted once.
         between_class: Class of each, shape (r,).
+        repeats: Sweeps of each of those less its mean, as many as there are in the cell with the fewest,
+            shape (r, k, repeats, b).
     """
 
     depths_m: Float64Array
@@ -42,6 +44,7 @@ class TrainedTraces:
     scatter: Float64Array
     between: Float64Array
     between_class: NDArray[np.int64]
+    repeats: Float64Array
 
     @property
     def ring_slope(self) -> Float64Array:
@@ -83,6 +86,7 @@ def learn(
     mountings = np.array([len(np.unique(mounted[depth == d])) for d in range(shape[0])], dtype=np.int64)
     scattered: list[tuple[int, int, Float64Array]] = []
     of_mounting: dict[tuple[int, int], Float64Array] = {}
+    swept: dict[tuple[int, int], list[Float64Array]] = {}
     for d, r in np.ndindex(shape[:2]):
         here = (depth == d) & (ring == r)
         if not here.any():
@@ -96,12 +100,14 @@ def learn(
             own = felt[here & (mounted == number)]
             means.append(own.mean(axis=0))
             of_mounting.setdefault((d, int(number)), np.full(shape[1:], np.nan))[r] = means[-1]
+            swept.setdefault((d, int(number)), []).append(own - means[-1])
             if len(own) > 1:
                 scattered.append((d, r, own - means[-1]))
         mean[d, r] = np.mean(means, axis=0)
-    whole = [
-        (d, found) for (d, _), found in of_mounting.items() if mountings[d] > 1 and np.isfinite(found).all()
+    several = [
+        one for one, found in of_mounting.items() if mountings[one[0]] > 1 and np.isfinite(found).all()
     ]
+    fewest = min((len(own) for one in several for own in swept[one]), default=0)
     trained = TrainedTraces(
         depths_m,
         rings_m,
@@ -109,8 +115,11 @@ def learn(
         mountings,
         landings,
         np.tile(floor_n_m**2 * np.eye(shape[2]), (shape[1], 1, 1)),
-        np.array([found - mean[d] for d, found in whole]).reshape(len(whole), *shape[1:]),
-        np.array([d for d, _ in whole], dtype=np.int64),
+        np.array([of_mounting[one] - mean[one[0]] for one in several]).reshape(len(several), *shape[1:]),
+        np.array([d for d, _ in several], dtype=np.int64),
+        np.array([[own[:fewest] for own in swept[one]] for one in several]).reshape(
+            len(several), shape[1], fewest, shape[2]
+        ),
     )
     return _with_scatter(trained, scattered, floor_n_m)
 
@@ -228,4 +237,5 @@ def trace_model(
         place_m,
         np.zeros(len(trained.rings_m), dtype=bool),
         offsets.slope_error,
+        offsets.names,
     )

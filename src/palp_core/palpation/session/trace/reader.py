@@ -17,11 +17,13 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief import bayes
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
+from palp_core.palpation.perception.belief.session_check import Projected
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.trace import belief as trace_belief
 from palp_core.palpation.perception.trace.bins import BinnedSweep, Int64Array
+from palp_core.palpation.perception.trace.check import projected
 from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.palpation.session.trace.settings import TraceSettings
@@ -183,7 +185,8 @@ def reader_of(
     """
     trained = trained_traces(training, settings)
     depths_m = classes_of(trained.depths_m.tolist(), settings.depths)
-    return TraceReader(settings.model(trained, noise, scene), depths_m, trained.rings_m)
+    model = settings.model(trained, noise, scene)
+    return TraceReader(model, depths_m, trained.rings_m, None if settings.depths else trained)
 
 
 @dataclass(frozen=True)
@@ -209,11 +212,13 @@ class TraceReader:
         model: What sweeps look like.
         depths_m: Of the classes.
         rings_m: Of the settings.
+        trained: What training taught; None where the classes are not those of training.
     """
 
     model: TraceModel
     depths_m: Float64Array
     rings_m: Float64Array
+    trained: TrainedTraces | None = None
     _last: tuple[list[FeltSweep], trace_belief.TraceBelief] | None = field(default=None, init=False)
 
     @property
@@ -265,6 +270,17 @@ class TraceReader:
     def fits(self, felt: Sequence[FeltSweep]) -> bool:
         """Tell whether the best class explains the torques; errors as of :meth:`belief`."""
         return bool(trace_belief.fit_probability(self.model, self.belief(felt))[0] >= STRANGE)
+
+    def against_training(self, felt: Sequence[FeltSweep]) -> Projected | None:
+        """Return a trial as its session is held against training by it; errors as of :meth:`belief`.
+
+        None where there is nothing to hold it against.
+        """
+        if self.trained is None or not felt:
+            return None
+        found = self.belief(felt)
+        of = int(np.argmax(trace_belief.classes(self.model, found.log_density)[0]))
+        return projected(self.model, self.trained, found, of)
 
     def look(
         self,

@@ -23,6 +23,7 @@ from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.world.latents import LATENTS, REACH
 from palp_core.palpation.world.slopes import SMALL, TraceSlopes, trace_slopes
 
+_TASK = "trace_filter"
 BIAS = "bias"
 """Name of the offset that is the sensor's zero in a sweep; the others are the latents of the mechanics."""
 
@@ -74,11 +75,17 @@ class TraceSettings:
     resolution_n_mm: float = RESOLUTION_N_M * 1e3
 
     @classmethod
-    def of(cls, params: Any) -> Self:
-        """Return those of a node's parameters, or of a mapping of them by name; others are left out."""
+    def of(cls, params: Any, used: Mapping[str, str] | None = None) -> Self:
+        """Return those of a node's parameters, or of a mapping of them by name; others are left out.
+
+        Args:
+            params: The parameters.
+            used: Methods by task, where a parameter left them to the register.
+        """
         given = (
             params if isinstance(params, Mapping) else {f.name: getattr(params, f.name) for f in fields(cls)}
         )
+        given = {**given, **{task: name for task, name in (used or {}).items() if task == _TASK}}
         return cls(**{f.name: given[f.name] for f in fields(cls) if f.name in given})
 
     @cached_property

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from palp_core.palpation.perception.belief.session_check import Projected
 from palp_core.palpation.perception.belief.stopping import StopRule
 from palp_core.palpation.perception.trace.bins import sample_times_ns
 from palp_core.palpation.session.trace.reader import (
@@ -91,3 +92,7 @@ class TraceWatch:
             return None
         memory.felt.append(FeltSweep(setting, memory.lands(setting) or landed, sweep.felt))
         return reader.posterior(memory.felt), reader.fits(memory.felt)
+
+    def against_training(self, memory: TraceMemory) -> Projected | None:
+        """Return the trial that is over as its session is held against training by it."""
+        return self.reader(memory).against_training(memory.felt)

@@ -42,7 +42,7 @@ SCHEMES = (
     Scheme("trace", "information_gain", "threshold", "swift"),
 )
 ALARM = 0.05
-"""A trial that fits no better than one in twenty, or a session as far off as one in twenty, is told."""
+"""A trial that fits no better than one in twenty is told."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _line(runs: Sequence[SchemeRun]) -> dict[str, Any]:
     kept = {key: line[key] for key in ("accuracy", "ci", "ece", "ece_ci", "probes", "seconds", "undecided")}
     fit = np.concatenate([one.fit for one in runs])
     right = np.concatenate([one.ended.correct for one in runs])
-    told = [one.shift is not None and one.shift.p < ALARM for one in runs]
+    told = [one.shift is not None for one in runs]
     quiet = np.concatenate([np.full(len(one.fit), not t) for one, t in zip(runs, told, strict=True)]) & (
         fit >= ALARM
     )

@@ -91,8 +91,8 @@ def power_chart(rows: Rows) -> charts.Chart:
     return charts.Chart(
         "mismatch_power",
         "How often the run itself warns",
-        "Blue: sessions of 300 trials that say by which offset their trials differ from training (p below "
-        "0.05, corrected for the number of offsets). Amber: trials whose torque fits no better than one in "
+        "Blue: sessions of 300 trials that say by what their trials differ from training, held against what "
+        "training's own mountings differ by. Amber: trials whose torque fits no better than one in "
         "twenty would. Dashed: 5 %, what may be warned of for nothing (the row none).",
         5.0,
         ["world", "difference", "told_sessions", "low", "high", "strange_trials"],

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palp_core.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -17,6 +18,13 @@ from palp_core.palpation.perception.belief.rig_noise import (
     independent_model,
     latent_model,
     on_depths,
+)
+from palp_core.palpation.perception.belief.session_check import (
+    LOOK_P,
+    Projected,
+    SessionTrials,
+    Shifted,
+    shifted,
 )
 from palp_core.palpation.perception.belief.stopping import (
     FixedNumber,
@@ -31,14 +39,15 @@ from palp_core.palpation.perception.strategy.policies import (
     UniformRings,
 )
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.perception.trace.check import Shifted, shifted
 from palp_core.palpation.session.filters import height_slope
+from palp_core.palpation.session.unlike_training import by_readings
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT, Protocol
 from palp_core.palpation.studies.frontier.trace_trials import (
     Asking,
     Keep,
     MostBits,
     drawn,
+    learnt_of,
     model_of,
     run_trace_trials,
     settings_of,
@@ -173,7 +182,7 @@ class SchemeRun:
     Attributes:
         ended: Its trials.
         fit: Of traces: how probable worse ones are, shape (n,); of features ones.
-        shift: Of traces: by which offset trials differ most from training, all together.
+        shift: What was told of the session, if anything was; of policies that keep their ring, or traces.
         cpu_s: Seconds of one core a trial that deciding took, all trials at once; simulating what was felt is
             not in it.
     """
@@ -240,7 +249,23 @@ def _by_feature(known: Taught, scheme: Scheme, task: DepthTask | None) -> Scheme
     ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
     spent_s = time.process_time() - session.simulating.seconds - before
     count = len(ended.depth)
-    return SchemeRun(ended, np.ones(count), None, spent_s / count)
+    keeps = scheme.policy == "fixed_best" and task is None
+    shift = told(session, _read(known, ended)) if keeps else None
+    return SchemeRun(ended, np.ones(count), shift, spent_s / count)
+
+
+def _read(known: Taught, ended: Outcomes) -> list[tuple[NDArray[np.int64], Projected]]:
+    """Return trials at the best ring, by their first reading, as their session is held against training."""
+    trials, ring = known.trials, known.best_ring
+    every = np.arange(len(ended.depth))
+    rings = np.full(len(every), ring)
+    landed_m = trials.landing_m(every, rings, 0, fixed=not trials.session.plan.conditions.rehome)
+    values = trials.reading(every, rings, landed_m, 0)
+    found = []
+    for trial, (value, of) in enumerate(zip(values.tolist(), ended.estimate.tolist(), strict=True)):
+        if one := by_readings(known.primitives, [(value, ring, True)], of, RING_SD_M):
+            found.append((np.array([trial]), one))
+    return found
 
 
 def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
@@ -252,7 +277,9 @@ def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
 
 def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask | None) -> SchemeRun:
     grid_m = () if task is None else task.grid_m
-    model = model_of(session, settings_of(session, depths=len(grid_m), trace_filter=scheme.trace_filter))
+    settings = settings_of(session, depths=len(grid_m), trace_filter=scheme.trace_filter)
+    learnt = learnt_of(session, settings)
+    model = model_of(session, settings, learnt)
     asking: Asking
     match scheme.policy:
         case "fixed_best":
@@ -266,9 +293,28 @@ def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask 
     stop = _stop(scheme, task)
     before = time.process_time() - session.simulating.seconds
     done = run_trace_trials(
-        session, model, scheme.steps, asking=asking, threshold=SURE, stop=stop, grid_m=grid_m
+        session,
+        model,
+        scheme.steps,
+        asking=asking,
+        threshold=SURE,
+        stop=stop,
+        grid_m=grid_m,
+        learnt=learnt if task is None else None,
     )
     spent_s = time.process_time() - session.simulating.seconds - before
-    count, mountings = len(done.ended.depth), session.plan.conditions.specimens
-    shift = shifted(done.scores, 1.0 / (1.0 + mountings))
+    count, shift = len(done.ended.depth), told(session, done.projected)
     return SchemeRun(done.ended, done.fit, shift, spent_s / count)
+
+
+def told(session: WorldSession, projected: Sequence[tuple[NDArray[np.int64], Projected]]) -> Shifted | None:
+    """Return what is told of a session whose trials come in an order drawn by chance; None: nothing."""
+    of = {int(trial): (one, row) for trials, one in projected for row, trial in enumerate(trials)}
+    so_far = SessionTrials()
+    for trial in np.random.default_rng(len(of)).permutation(sorted(of)).tolist():
+        one, row = of[trial]
+        so_far.add(one, str(session.phantom[trial]), row)
+        found = shifted(so_far, one) if so_far.due else None
+        if found is not None and found.p < LOOK_P:
+            return found
+    return None

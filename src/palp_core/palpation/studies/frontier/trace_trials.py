@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.palpation.perception.belief.latent import of_classes
+from palp_core.palpation.perception.belief.session_check import Projected
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, given
 from palp_core.palpation.perception.trace.belief import (
@@ -19,10 +20,10 @@ from palp_core.palpation.perception.trace.belief import (
     fit_probability,
     start,
 )
-from palp_core.palpation.perception.trace.check import scores
+from palp_core.palpation.perception.trace.check import projected
 from palp_core.palpation.perception.trace.information import expected_bits
 from palp_core.palpation.perception.trace.model import TraceModel
-from palp_core.palpation.perception.trace.training import learn
+from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.frontier.world_session import FINE_M, WorldSession
@@ -52,17 +53,24 @@ def settings_of(
     )
 
 
-def model_of(session: WorldSession, settings: TraceSettings) -> TraceModel:
-    """Return the trace filter's model after the session's training, by the nominal scene."""
+def learnt_of(session: WorldSession, settings: TraceSettings) -> TrainedTraces:
+    """Return what the session's training teaches."""
     training, gel = session.training, session.plan.gel
-    learnt = learn(
+    return learn(
         coarse(training.traces),
         np.asarray(gel.depths_m)[training.depth].tolist(),
         np.asarray(gel.rings_m)[training.ring].tolist(),
         training.mounting.tolist(),
         floor_n_m=settings.floor_n_m,
     )
-    return settings.model(learnt, scene=scene_of(gel, gel.depths_m[0]))
+
+
+def model_of(
+    session: WorldSession, settings: TraceSettings, learnt: TrainedTraces | None = None
+) -> TraceModel:
+    """Return the trace filter's model after the session's training, by the nominal scene."""
+    gel = session.plan.gel
+    return settings.model(learnt or learnt_of(session, settings), scene=scene_of(gel, gel.depths_m[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +81,13 @@ class TraceOutcomes:
         ended: As of any trials.
         fit: How probable torques are that fit no better, shape (n,).
         way_m: Way swept in the last sweep, shape (n,).
-        scores: Offsets in units of their scatter, shape (n, l).
+        projected: Trials as they are held against training, and which these are; none where it is not given.
     """
 
     ended: Outcomes
     fit: Float64Array
     way_m: Float64Array
-    scores: Float64Array
+    projected: list[tuple[NDArray[np.int64], Projected]]
 
 
 def run_trace_trials(
@@ -92,6 +100,7 @@ def run_trace_trials(
     stop: StopRule | None = None,
     most: int = MOST,
     grid_m: tuple[float, ...] = (),
+    learnt: TrainedTraces | None = None,
 ) -> TraceOutcomes:
     """Run every trial to its verdict.
 
@@ -104,13 +113,14 @@ def run_trace_trials(
         stop: Rule that says so in its place, of whole sweeps.
         most: Sweeps after which it is undecided.
         grid_m: Depths of the model's classes, where these are not the session's.
+        learnt: Training, where trials are to be held against it.
     """
     rings_m, depths_m = np.asarray(session.rings_m), np.asarray(grid_m or session.depths_m)
     count, m = len(session.depth), model.class_count
     end = np.full((count, m), 1.0 / m)
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
-    fit, way, off = np.ones(count), np.zeros(count), np.zeros((count, len(model.offset_sd)))
+    fit, way, found = np.ones(count), np.zeros(count), list[tuple[NDArray[np.int64], Projected]]()
     error_m = np.zeros(count)
     groups: list[tuple[NDArray[np.int64], TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
     for t in range(most):
@@ -142,7 +152,11 @@ def run_trace_trials(
                 probes[some], decided[some] = t + 1, halt
                 way[some] = (last + 1) * BIN_M
                 seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
-                fit[some], off[some] = _checked(model, after, last + 1)
+                fit[some] = _fits(model, after, last + 1)
+                ends = halt if t + 1 < most else np.ones(len(some), dtype=bool)
+                if learnt is not None:
+                    over = some[ends]
+                    found += _projected(model, learnt, after[ends], over, end[over], last[ends] + 1)
                 if (~halt).any():
                     following.append((some[~halt], after[~halt], int(setting)))
         groups = following
@@ -160,7 +174,7 @@ def run_trace_trials(
         (end @ depths_m)[:, None],
         (estimate == session.depth)[:, None],
     )
-    return TraceOutcomes(ended, fit, way, off)
+    return TraceOutcomes(ended, fit, way, found)
 
 
 def _whole_sweeps(
@@ -173,16 +187,30 @@ def _whole_sweeps(
     return found
 
 
-def _checked(
-    model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]
-) -> tuple[Float64Array, Float64Array]:
-    """Return the fit of what was read up to the verdict, and the offsets that it tells of."""
-    fit, off = np.empty(len(bins)), np.empty((len(bins), len(model.offset_sd)))
+def _fits(model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]) -> Float64Array:
+    """Return the fit of what was read up to the verdict."""
+    fit = np.empty(len(bins))
     for number in np.unique(bins):
         here = bins == number
-        then = cut(model, after[here], int(number))
-        fit[here], off[here] = fit_probability(model, then), scores(model, then)
-    return fit, off
+        fit[here] = fit_probability(model, cut(model, after[here], int(number)))
+    return fit
+
+
+def _projected(
+    model: TraceModel,
+    learnt: TrainedTraces,
+    after: TraceBelief,
+    trials: NDArray[np.int64],
+    end: Float64Array,
+    bins: NDArray[np.int64],
+) -> list[tuple[NDArray[np.int64], Projected]]:
+    """Return what trials that ended differ from training by, those that ended alike together."""
+    found, taken = [], end.argmax(axis=1)
+    for number, of in {*zip(bins.tolist(), taken.tolist(), strict=True)}:
+        here = (bins == number) & (taken == of)
+        then = cut(model, after[here], number)
+        found.append((trials[here], projected(model, learnt, then, of)))
+    return found
 
 
 @dataclass(frozen=True)

@@ -158,6 +158,11 @@ class WorldSession:
         return self.plan.test_gel.depths_m
 
     @property
+    def phantom(self) -> NDArray[np.int64]:
+        """Number of the phantom of each trial, shape (n,)."""
+        return self.depth * self.plan.conditions.specimens + _in_turn(self.plan, len(self.depths_m))
+
+    @property
     def rings_m(self) -> tuple[float, ...]:
         """Trained positions of the ring."""
         return self.plan.gel.rings_m
@@ -304,9 +309,9 @@ def _draw(
     plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array, swept: TrainingSweeps, path_m: float
 ) -> WorldSession:
     conditions = plan.conditions
-    m, phantoms, count = len(specimens), conditions.specimens, conditions.trials
+    m, count = len(specimens), conditions.trials
     depth = np.repeat(np.arange(m), count)
-    which = np.tile(np.arange(count) % phantoms, m)
+    which = _in_turn(plan, m)
     mounted = mounting_parts(plan.world, rng, m * count, conditions.height_sd_m)
     tracks = track(rng, m * count)
     if not conditions.remount:  # the first trial of a phantom mounts it for all of its own
@@ -335,6 +340,11 @@ def _draw(
         rng.random(shape),
         rng.random(shape),
     )
+
+
+def _in_turn(plan: WorldPlan, depths: int) -> NDArray[np.int64]:
+    """Return which of its depth's phantoms each trial feels, shape (n,)."""
+    return np.tile(np.arange(plan.conditions.trials) % plan.conditions.specimens, depths)
 
 
 def _hum(

@@ -22,8 +22,12 @@ from palp_core.palpation.perception.belief.stopping import BeliefStep, stop_rule
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.perception.strategy.policies import FixedRing, UniformRings, given
+from palp_core.palpation.perception.trace.belief import along, begin_sweep
+from palp_core.palpation.perception.trace.belief import start as trace_start
 from palp_core.palpation.studies.decision.feature_cases import CleanSweep, Way, clean_cases
 from palp_core.palpation.studies.decision.feature_cases import ways as settings
+from palp_core.palpation.studies.frontier.trace_trials import model_of
+from palp_core.palpation.studies.perception import traces
 from palp_core.palpation.studies.perception.beliefs import (
     REMOUNTED,
     RULES,
@@ -35,6 +39,7 @@ from palp_core.palpation.studies.perception.beliefs import (
     told,
 )
 from palp_core.palpation.studies.perception.signals import ways, worst
+from palp_core.palpation.studies.perception.traces import TraceCase
 from palp_core.palpation.studies.perception.trials import (
     LAST,
     Trials,
@@ -139,6 +144,21 @@ def measure_filters(scene: Scene) -> Iterator[Measured]:
             for rule in RULES
         )
         yield Measured("filter", name, "", cost_s, error, "calibration", _TRUTH)
+
+
+@begins_after(3.0)
+def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
+    """Measure every filter of whole traces in the lab's world: one sweep a trial, at the stiffest ring."""
+    case = TraceCase(gel_of(scene))
+    begun = traces.sessions(case, 2)
+    found = traces.errors(traces.by_filter(case, begun))
+    for name in names(traces.TASK):
+        model = model_of(begun[0], case.settings(begun[0], name))
+        ring = model.mean.shape[1] - 1
+        sweep = begin_sweep(trace_start(model), ring, landed=True)
+        cost_s = cpu_s(partial(along, model, sweep, model.mean[0, ring]))
+        for output, error in found[name].items():
+            yield Measured(traces.TASK, name, "", cost_s, error, output, _TRUTH)
 
 
 @begins_after(1.6)

@@ -1,0 +1,100 @@
+"""Trials and training's mountings as they are held against each other, on touches whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palp_core.palpation.perception.belief.session_check import MISFIT, Projected, SessionTrials, shifted
+from palp_core.palpation.perception.trace.belief import TraceBelief, begin_sweep, cut, observe, start
+from palp_core.palpation.perception.trace.check import projected
+from palp_core.palpation.perception.trace.filters import model_of
+from palp_core.palpation.perception.trace.model import TraceModel
+from palp_core.palpation.perception.trace.training import TrainedTraces, learn
+from palp_core.units import Float64Array
+from tests.palpation.perception.trace.test_filters import (
+    BINS,
+    DEPTHS_M,
+    NOISE_N_M,
+    RINGS_M,
+    known,
+    touch,
+)
+
+NAMES = ("height", "friction")
+
+
+def mounted(rng: np.random.Generator, spread: float, **more: float) -> Float64Array:
+    """A touch of a mounting, all cells, its height and friction drawn."""
+    drawn = {"height": rng.normal(0.0, 2e-4 * spread), "friction": rng.normal(0.0, 0.05 * spread)}
+    return touch({name: value + more.get(name, 0.0) for name, value in drawn.items()})
+
+
+def trained(rng: np.random.Generator, mountings: int, spread: float = 1.0) -> TrainedTraces:
+    felt, depth, ring, number = [], [], [], []
+    for d in range(3):
+        for m in range(mountings):
+            own = mounted(rng, spread)
+            for r in range(2):
+                for _ in range(4):
+                    felt.append(own[d, r] + rng.normal(0.0, NOISE_N_M, BINS))
+                    depth.append(DEPTHS_M[d])
+                    ring.append(RINGS_M[r])
+                    number.append(d * mountings + m)
+    return learn(np.array(felt), depth, ring, number, floor_n_m=1e-6)
+
+
+def believed(model: TraceModel, rng: np.random.Generator, count: int, of: int, **more: float) -> TraceBelief:
+    felt = np.array([mounted(rng, 1.0, **more)[of, 1] for _ in range(count)])
+    felt += rng.normal(0.0, NOISE_N_M, felt.shape)
+    return observe(model, begin_sweep(start(model, count), 1, landed=True), felt)
+
+
+@pytest.mark.parametrize("name", ["linear", "second_order", "grid"])
+def test_trials_and_mountings_are_of_one_law_whatever_the_filter_takes_for_granted(name: str) -> None:
+    rng = np.random.default_rng(1)
+    trials, mountings = [], []
+    for _ in range(30):
+        taught = trained(rng, 4)
+        model = model_of(name, taught, known(NAMES))
+        one = projected(model, taught, believed(model, rng, 20, 1), 1)
+        assert one.names == (*NAMES, MISFIT)
+        trials.append(one.felt)
+        mountings.append(one.taught)
+    felt, own = np.concatenate(trials), np.concatenate(mountings)
+    # a trial is held against the mean of four, of which each has a part itself
+    ratio = felt.var(axis=0)[:2] / (own.var(axis=0)[:2] * (5.0 / 3.0))
+    assert ratio == pytest.approx(np.ones(2), abs=0.45)
+    assert felt[:, 2].mean() == pytest.approx(own[:, 2].mean(), abs=0.35)
+
+
+def test_a_difference_of_all_trials_is_told_by_its_name() -> None:
+    rng = np.random.default_rng(2)
+    taught = trained(rng, 3, 0.3)
+    model = model_of("second_order", taught, known(NAMES))
+    for more, name in (({"friction": 0.2}, "friction"), ({"height": -1e-3}, "height")):
+        trials = SessionTrials()
+        one: Projected | None = None
+        for of in range(3):
+            one = projected(model, taught, believed(model, rng, 10, of, **more), of)
+            for row in range(10):
+                trials.add(one, f"{of} {row}", row)
+        assert one is not None
+        found = shifted(trials, one)
+        assert found is not None
+        assert (found.name, found.p < 0.03) == (name, True)
+        assert np.sign(found.scores) == np.sign(more[name])
+
+
+def test_a_sweep_in_part_and_several_sweeps_are_held_against_mountings_swept_alike() -> None:
+    rng = np.random.default_rng(3)
+    taught = trained(rng, 3)
+    model = model_of("linear", taught, known(NAMES))
+    whole = believed(model, rng, 5, 0)
+    part = projected(model, taught, cut(model, whole, 4), 0)
+    assert part.felt.shape == (5, 3)
+    assert part.taught.shape == (3, 3)
+    twice = observe(model, begin_sweep(whole, 0, landed=True), np.tile(touch({})[0, 0], (5, 1)))
+    assert projected(model, taught, twice, 0).taught.shape == (3, 3)
+    alone = trained(rng, 1)
+    assert projected(model_of("linear", alone, known(NAMES)), alone, whole, 0).taught.shape == (0, 3)
