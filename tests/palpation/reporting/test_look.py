@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import palp_core.palpation
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.reporting.charts import Chart, in_percent, legend, save
+from palp_core.palpation.reporting.charts import Chart, in_percent, legend, number, save
 from palp_core.palpation.reporting.glossary import WORDS, words_of
 from palp_core.palpation.reporting.outline import outlined
 from tests.palpation.reporting.page_flaws import flaws
@@ -94,6 +95,16 @@ def test_words_of_charts_stand_out_from_areas_light_and_dark(name: str) -> None:
     ink, area = rgb(charts.INK), rgb(getattr(charts, name))
     assert contrast(ink, area) >= TEXT
     assert contrast(in_the_dark(ink), in_the_dark(area)) >= TEXT
+
+
+def test_numbers_on_a_map_bear_a_rim_that_stands_out_from_them_light_and_dark() -> None:
+    axes = Figure().subplots()
+    number(axes, 0.0, 0.0, "-46")
+    (text,) = axes.texts
+    (rim,) = text.get_path_effects()
+    ink, edge = (np.array(to_rgb(colour)) for colour in (text.get_color(), rim._gc["foreground"]))  # type: ignore[attr-defined]
+    assert contrast(ink, edge) >= TEXT
+    assert contrast(in_the_dark(ink), in_the_dark(edge)) >= TEXT
 
 
 def test_colours_of_lines_stay_themselves_in_the_dark() -> None:

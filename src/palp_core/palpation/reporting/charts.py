@@ -132,6 +132,14 @@ def ring_colours(count: int) -> list[Any]:
     return [colormaps["cividis"](0.85 * i / max(count - 1, 1)) for i in range(count)]
 
 
+def number(axes: Axes, x: float, y: float, words: str) -> None:
+    """Write into a cell of a map; a white rim makes it stand out from any colour, light and dark."""
+    from matplotlib.patheffects import withStroke
+
+    rim = withStroke(linewidth=2.2, foreground="white")
+    axes.text(x, y, words, ha="center", va="center", fontsize=7.5, color=INK, path_effects=[rim])
+
+
 def legend(to: Axes | Figure, title: str = "", **look: Any) -> None:
     """Draw the legend where no data are: right of a panel, or below all panels of a figure.
 

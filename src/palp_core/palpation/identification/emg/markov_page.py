@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from palp_core.palpation.identification.emg.markov_fit import FittedChain, StrategyFit, chain_file, fit_record
 from palp_core.palpation.perception.strategy.chain_file import write_chains
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
-from palp_core.palpation.reporting.charts import Chart
+from palp_core.palpation.reporting.charts import Chart, number
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.whole_file import write_json
 
@@ -44,8 +44,7 @@ def _matrices_chart(found: StrategyFit) -> Chart:
             for row in range(len(LEVELS)):
                 for column in range(len(LEVELS)):
                     value = one.summary.matrix[row, column]
-                    ink = "black" if value > 0.55 * top else "white"
-                    axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=ink, fontsize=7)
+                    number(axes, column, row, f"{value:.2f}")
             axes.set_xticks(range(len(LEVELS)), [f"{level:g}" for level in LEVELS])
             axes.set_yticks(range(len(LEVELS)), [f"{level:g}" for level in LEVELS])
             axes.grid(visible=False)

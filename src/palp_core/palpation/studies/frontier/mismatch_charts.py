@@ -29,13 +29,12 @@ def map_chart(rows: Rows, world: str) -> charts.Chart:
         for i, d in enumerate(differences):
             for j, s in enumerate(schemes):
                 cell = cells[s, d]
-                ink = "white" if values[i, j] < 75.0 else charts.INK
                 mark = f"{values[i, j]:.0f}"
                 if cell["accuracy"] < 0.95 or cell["ece"] > 0.05:
                     mark += " \u00d7"
                 if cell["told_sessions"] >= 0.5 or cell["strange_trials"] >= 0.5:
                     mark += " !"
-                axes.text(j, i, mark, ha="center", va="center", fontsize=7.5, color=ink)
+                charts.number(axes, j, i, mark)
         axes.set_xticks(range(len(schemes)), [s.replace(", ", "\n").replace("_", "\n") for s in schemes])
         axes.set_yticks(range(len(differences)), differences)
         axes.tick_params(labelsize=7.0, length=0)

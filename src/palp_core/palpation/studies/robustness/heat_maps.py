@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import INK, Chart
+from palp_core.palpation.reporting.charts import Chart, number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +34,7 @@ def to_best_chart(found: Sequence[Mapping[str, Any]], design: str, title: str) -
         for y, cell in enumerate(cells):
             for x, name in enumerate(policies):
                 words = f"{points[y, x]:+.0f}" + (" ×" if behind(own[cell, name]) else "")
-                deep = abs(points[y, x]) > 0.7 * _MOST
-                axes.text(x, y, words, ha="center", va="center", fontsize=7.5, color="white" if deep else INK)
+                number(axes, x, y, words)
         axes.set_xticks(range(len(policies)), [name.replace("_", "\n") for name in policies])
         axes.set_yticks(range(len(cells)), cells)
         axes.tick_params(labelsize=8, length=0)
