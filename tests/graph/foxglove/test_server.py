@@ -83,6 +83,7 @@ class Sensor(Node):
 
 
 class Reader(Node):
+    moves = True
     params: Params
     block = Sub(Block)
 
@@ -104,7 +105,7 @@ nodes:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Palp]:
-    """A graph on the machine's clock: a sensor that can be tared and made to fail, and its reader."""
+    """A graph on the wall clock: a sensor that can be tared and made to fail; its reader moves something."""
     folder = tmp_path_factory.mktemp("bench")
     for name, text in (("nodes/__init__.py", ""), ("nodes/bench.py", NODES), ("launch/bench.yaml", LAUNCH)):
         (folder / name).parent.mkdir(exist_ok=True)
@@ -236,7 +237,7 @@ def test_a_fault_and_a_swap_stand_in_the_log_and_the_topic_goes_on(bench: Palp, 
         assert viewer.call("/sensor/tare", {}) == {"offset_n_m": 0.0}
 
 
-def test_on_the_machines_clock_viewers_only_read(bench: Palp) -> None:
+def test_where_something_real_moves_viewers_only_read(bench: Palp) -> None:
     with serving(bench) as (line, _), viewing(address_in(line)) as viewer:
         assert line.endswith("(viewers read only)\n")
         assert viewer.parameters("/sensor.size") == {"/sensor.size": 5}

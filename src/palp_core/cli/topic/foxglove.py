@@ -9,12 +9,6 @@ from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.errors import GraphError
 
-READ_ONLY = "palp foxglove was started with --read-only"
-REAL_TIME = (
-    "the graph runs on the machine's clock and may move something; "
-    "start palp foxglove with --operate to let viewers do this"
-)
-
 
 def foxglove(
     *,
@@ -27,9 +21,7 @@ def foxglove(
     read_only: Annotated[bool, typer.Option("--read-only", help="Viewers change nothing.")] = False,
     operate: Annotated[
         bool,
-        typer.Option(
-            "--operate", help="Viewers may change a graph that runs on the machine's clock, as a rig does."
-        ),
+        typer.Option("--operate", help="Viewers may change a graph that moves something real."),
     ] = False,
     rate: Annotated[
         float, typer.Option("--rate", "-r", min=0.0, help="Most messages per second of a topic; 0: all.")
@@ -38,8 +30,8 @@ def foxglove(
 ) -> None:
     """Show a running graph in Foxglove: topics, log, parameters, services.
 
-    It prints the address that Foxglove asks for under "Open connection"; only who has it gets in. In
-    simulated time viewers may set parameters and call services; on the machine's clock only with --operate.
+    It prints the address that Foxglove asks for under "Open connection"; only who has it gets in. Viewers may
+    set parameters and call services; where a node moves something on the wall clock, only with --operate.
     """
     if read_only and operate:
         raise GraphError("give either --read-only or --operate")
@@ -55,11 +47,10 @@ def foxglove(
         if not number.is_loopback:
             note(f"other hosts can reach {host}, and nothing is encrypted: ssh -L to 127.0.0.1 is safer")
         running = find_graph(graph, changes=operate)
-        refusal = READ_ONLY if read_only else ""
-        if running.record.clock == "wall" and not (operate or read_only):
-            refusal = REAL_TIME
-        with FoxgloveServer(running, host=host, port=port, fastest_hz=rate, refusal=refusal) as server:
-            may = "viewers read only" if refusal else "viewers may set parameters and call services"
+        with FoxgloveServer(
+            running, host=host, port=port, fastest_hz=rate, read_only=read_only, operate=operate
+        ) as server:
+            may = "viewers read only" if server.refusal else "viewers may set parameters and call services"
             print_text(f"graph '{running.record.graph}' in Foxglove at {server.address} ({may})")
             while not server.ended:
                 server.turn()

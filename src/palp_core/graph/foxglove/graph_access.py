@@ -9,10 +9,13 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.recording.live_feed import reread
 from palp_core.graph.recording.live_topics import is_order, live_topics
 
 ASK_S = 5.0
+READ_ONLY = "palp foxglove was started with --read-only"
+NOT_OPERATED = "this graph moves something real; start palp foxglove with --operate"
 
 
 class ServiceType(NamedTuple):
@@ -70,15 +73,22 @@ class GraphAccess:
 
     Args:
         graph: The graph.
-        refusal: Why nothing may be changed; "": it may.
+        read_only: Nothing may be changed.
+        operate: Everything may be, where something real moves, too.
 
     Attributes:
         graph: The graph as it is now.
     """
 
-    def __init__(self, graph: RunningGraph, refusal: str = "") -> None:
+    def __init__(self, graph: RunningGraph, *, read_only: bool, operate: bool) -> None:
         self.graph = graph
-        self._refusal = refusal
+        self._read_only, self._operate = read_only, operate
+
+    def refusal(self) -> str:
+        """Return why nothing may be changed just now, in words; "" if it may."""
+        if self._read_only:
+            return READ_ONLY
+        return NOT_OPERATED if not self._operate and moves_something_real(self.graph) else ""
 
     def parameters(self, names: Iterable[str] = ()) -> dict[str, Any]:
         """Return values of parameters, ``/node.parameter``; by default of all. Who is silent is left out."""
@@ -122,8 +132,19 @@ class GraphAccess:
         return to_json(service.reply)(msgspec.msgpack.encode(answer["reply"]))
 
     def _must_be_allowed(self, what: str) -> None:
-        if self._refusal:
-            raise GraphError(f"refused to {what}: {self._refusal}")
+        if why := self.refusal():
+            raise GraphError(f"refused to {what}: {why}")
+
+
+def moves_something_real(graph: RunningGraph) -> bool:
+    """Tell whether a node moves something, and that not in simulated time; if nobody can say, one does."""
+    if graph.record.clock == "sim":
+        return False
+    try:
+        nodes = graph.ask(LAUNCHER, "launch", timeout_s=ASK_S)["nodes"]
+    except GraphError:
+        return True
+    return any(spec.get("moves") for spec in nodes)
 
 
 def full_names(by_node: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

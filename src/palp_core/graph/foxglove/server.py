@@ -55,7 +55,8 @@ class FoxgloveServer:
         host: Where to listen.
         port: 0: any free one.
         fastest_hz: Most messages of a topic per second; 0: all.
-        refusal: Why viewers may change nothing; "": they may set parameters and call services.
+        read_only: Viewers may change nothing.
+        operate: They may set parameters and call services where something real moves, too.
 
     Attributes:
         address: Where viewers connect.
@@ -66,10 +67,17 @@ class FoxgloveServer:
     """
 
     def __init__(
-        self, graph: RunningGraph, *, host: str, port: int, fastest_hz: float = 60.0, refusal: str = ""
+        self,
+        graph: RunningGraph,
+        *,
+        host: str,
+        port: int,
+        fastest_hz: float = 60.0,
+        read_only: bool = False,
+        operate: bool = False,
     ) -> None:
         self.ended = False
-        self._access = GraphAccess(graph, refusal)
+        self._access = GraphAccess(graph, read_only=read_only, operate=operate)
         self._viewers = Viewers(self._access)
         self._watched = WatchedTopics(fastest_hz)
         self._topics: dict[str, Topic] = {}
@@ -112,9 +120,9 @@ class FoxgloveServer:
         self._watched.close()
 
     @property
-    def topic_count(self) -> int:
-        """How many topics viewers are offered."""
-        return len(self._shown)
+    def refusal(self) -> str:
+        """Why viewers may change nothing just now, in words; "" if they may."""
+        return self._access.refusal()
 
     def turn(self) -> None:
         """Show what has arrived, after waiting for it a little; see whether the graph has changed."""
