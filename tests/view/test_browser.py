@@ -34,7 +34,7 @@ class Loud(Scale):
 
     state: LoudState
 
-    def on_activate(self):
+    def on_configure(self):
         print({MARKUP!r}, flush=True)
 
 
