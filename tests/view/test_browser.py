@@ -11,10 +11,12 @@ from typing import Any
 
 import pytest
 
+from palp_core.graph.bag.info import bag_info
+from tests.support.bags import bag
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
 
-__all__ = ["talk"]
+__all__ = ["bag", "talk"]
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or ""
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium here: apt-get install chromium")
@@ -105,7 +107,10 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def viewing(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
     (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
-    return Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(talk.folder)  # bags are made where it was started
+        process = shared_palp.start("view", "--no-browser", "--graph", "talk")
+    return Viewing(browser, process)
 
 
 def test_the_first_page_draws_the_graph_and_its_values_change(viewing: Viewing) -> None:
@@ -192,11 +197,17 @@ def choose(page: Any, run: str) -> None:
     page.get_by_role("button", name="swap", exact=True).click()
 
 
-def test_a_recording_is_started_and_ended(viewing: Viewing) -> None:
+def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:
     page = viewing.go("/record")
     page.get_by_label("name; empty: graph and time").fill("../elsewhere")
     page.get_by_role("button", name="record", exact=True).click()
     viewing.says("is no name of a bag")
+    page.get_by_label("name; empty: graph and time").fill("taken")
+    page.get_by_role("button", name="record", exact=True).click()
+    viewing.says("recording")
+    page.get_by_role("button", name="stop", exact=True).click()
+    viewing.says("whole: nothing is missing")
+    assert bag_info(talk.folder / "taken").complete
 
 
 def test_nothing_is_fetched_from_elsewhere_and_no_script_fails(viewing: Viewing) -> None:
@@ -215,3 +226,14 @@ def test_of_a_read_only_page_nothing_changes_the_graph(browser: Any, talk: Talk,
     viewing.process.wait(PATIENCE_S)
     assert talk.told("lifecycle", "get", "/source", "--graph", "talk") == {"/source": "active"}
     assert talk.process.poll() is None
+
+
+def test_a_bag_is_shown_with_a_time_bar(browser: Any, shared_palp: Palp, bag: Path) -> None:
+    viewing = Viewing(browser, shared_palp.start("view", bag, "--no-browser"))
+    page = viewing.go("/topic/torque/block")
+    viewing.says("number 1, at 0.000 s")
+    page.get_by_role("slider").focus()
+    page.keyboard.press("PageUp")
+    viewing.says("number 11, at 0.010 s")
+    page.get_by_role("button", name="play", exact=True).click()
+    viewing.says("number 200, at 0.199 s")
