@@ -9,12 +9,14 @@ from functools import cache
 import numpy as np
 
 from benchmarks.choice_bench.contest import Case, Reading, log_between, mean_reading
+from palp_core.methods import weigh
 from palp_core.palpation.perception.emg.bursts import BurstRule
 from palp_core.palpation.perception.emg.peaks import EmgPeak, PeakFinder, distance_first
 from palp_core.palpation.studies.perception.beliefs import overtrust
 from palp_core.palpation.studies.perception.counts import LEVEL, Design, Recording, astray, p_value, recording
 
 _TRIALS, _BATCHES, _REPEATS, _MINUTES = 2_500, 8, 500, 2
+_DEAR = ("anova", "permutation", "mixed_logit")  # tests of which a thousand take half a minute
 
 
 def likelihood(rng: np.random.Generator, _index: int) -> Case:
@@ -94,21 +96,23 @@ def test(rng: np.random.Generator, _index: int) -> Case:
         paired_sd=0.0 if rng.random() < 0.5 else float(rng.uniform(0.0, 1.5)),
     )
     seed = int(rng.integers(1 << 31))
+    tolerance = log_between(rng, 0.01, 0.1)
+    quantities = {
+        "session_count": float(design.session_count), "session_sd": design.session_sd,
+        "paired_sd": design.paired_sd,
+    }  # fmt: skip
+    marks = {one.name: one.mark for one in weigh("test", "level", tolerance, quantities)}
 
     def measure(name: str, number: int) -> Reading:
-        if name in ("anova", "permutation", "mixed_logit"):
-            return Reading(np.inf)  # a thousand of them take minutes; dearer than what is chosen
+        if name in _DEAR and marks[name] != "chosen":
+            return Reading(np.inf)  # dearer than what is chosen
         chance, repeats = np.random.default_rng((seed, number)), _REPEATS * 2**number
         alarms = np.mean([p_value(name, design.draw(chance), chance) <= LEVEL for _ in range(repeats)])
         sd = math.sqrt(max(float(alarms), LEVEL) * (1.0 - float(alarms)) / repeats)
         return Reading(max(float(alarms) - LEVEL, 0.0), sd)
 
-    quantities = {
-        "session_count": float(design.session_count), "session_sd": design.session_sd,
-        "paired_sd": design.paired_sd,
-    }  # fmt: skip
     words = f"{design.session_count} sessions, logit sd {design.session_sd:.2g}, {design.paired_sd:.2g}"
-    return Case("test", "level", log_between(rng, 0.01, 0.1), quantities, measure, words)
+    return Case("test", "level", tolerance, quantities, measure, words)
 
 
 CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {
