@@ -142,8 +142,8 @@ _LITTLE, _MUCH, _WIDE = _within(USUAL, 0.0, 0.5), _within(USUAL, 0.0, 2.0), _wit
     bounds=[
         Bound("decision", 0.005, _LITTLE),
         Bound("calibration", 0.005, _LITTLE),
-        Bound("decision", 0.053, _ABOUT),
-        Bound("calibration", 0.077, _TRAINED),
+        Bound("decision", 0.056, _ABOUT),
+        Bound("calibration", 0.11, _TRAINED),
     ],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="offsets to which the torque does not answer in a straight line: it states more than it knows",
@@ -160,7 +160,7 @@ def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     cost_s=2.6e-4,
     bounds=[
         Bound("decision", 0.0186, _ABOUT),
-        Bound("calibration", 0.064, _TRAINED),
+        Bound("calibration", 0.07, _TRAINED),
         Bound("decision", 0.037, _MUCH),
         Bound("calibration", 0.15, _MUCH),
     ],
