@@ -132,7 +132,8 @@ _ABOUT = _within(
     training_count=(2.0, ENDLESS),
 )
 _TRAINED = {**_ABOUT, "training_count": (6.0, ENDLESS)}  # of fewer palpations a cell beliefs are too sure
-_LITTLE, _MUCH, _WIDE = _within(USUAL, 0.0, 0.5), _within(USUAL, 0.0, 2.0), _within(USUAL, 0.1, 2.0)
+_USUAL, _LITTLE = _within(USUAL, 0.0, 1.0), _within(USUAL, 0.0, 0.5)
+_MUCH, _WIDE = _within(USUAL, 0.0, 2.0), _within(USUAL, 0.1, 2.0)
 
 
 @method(
@@ -159,6 +160,8 @@ def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     name="second_order",
     cost_s=2.6e-4,
     bounds=[
+        Bound("decision", 0.0062, _USUAL),
+        Bound("calibration", 0.053, _USUAL),
         Bound("decision", 0.0186, _ABOUT),
         Bound("calibration", 0.07, _TRAINED),
         Bound("decision", 0.037, _MUCH),
