@@ -94,12 +94,16 @@ class TraceSlopes:
             the nominal trace and those a step to either side; 0 for the square beside the path.
         place_m: Mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it
             stays, and past a bead it goes faster than the stage.
+        normal_n: Largest normal force in each bin of the nominal sweep, shape (m, k, K).
+        normal_slope: Its change per unit of each latent, shape (m, k, K, l).
     """
 
     mean_n_m: Float64Array
     slope: Float64Array
     bend: Float64Array
     place_m: Float64Array
+    normal_n: Float64Array
+    normal_slope: Float64Array
 
 
 def trace_slopes(
@@ -110,7 +114,7 @@ def trace_slopes(
     *,
     forward: bool = True,
     run_in: bool = True,
-    rung: str = "",
+    rung: str | Sequence[str] = "",
     steps: Float64Array | None = None,
 ) -> TraceSlopes:
     """Return what the binned trace of each depth and ring is, and how it answers to the latents.
@@ -125,7 +129,7 @@ def trace_slopes(
         edges_m: Rising edges of bins, shape (K + 1,); None: 2 mm from end to end of the path.
         forward: Whether the stage goes towards +Y.
         run_in: Whether a sweep begins upright, with a tip that sticks.
-        rung: Contact rung; empty: the register's choice for each depth.
+        rung: Contact rung, one or one for each depth; empty: the register's choice for each depth.
         steps: Of each latent, shape (l,), as large as it is likely to be, for slope and bend there;
             None: a twentieth of its reach.
 
@@ -144,11 +148,12 @@ def trace_slopes(
     many = len(rows)
     mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))
     slope, bend = np.empty((*mean.shape, count)), np.empty((*mean.shape, count))
-    place_m = np.empty(mean.shape)
+    place_m, normal_n, normal_slope = np.empty(mean.shape), np.empty(mean.shape), np.empty(slope.shape)
+    asked = [rung] * len(depths_m) if isinstance(rung, str) else list(rung)
     for i, depth_m in enumerate(depths_m):
         own = scene.with_bead(depth_m)
         found = drag(
-            touch(own.phantom, own.probe, choose_rung(own, rung or None).rung),
+            touch(own.phantom, own.probe, choose_rung(own, asked[i] or None).rung),
             np.tile(rows, (len(rings_m), 1)),
             np.repeat(np.asarray(rings_m), many),
             own.path.indentation_m,
@@ -162,4 +167,15 @@ def trace_slopes(
         curve = np.where(low < 0.0, 0.5 / np.maximum(step, 1e-12) ** 2, 0.0)[:, None]
         bend[i] = np.moveaxis((up + down - 2.0 * traces[:, :1]) * curve, 1, -1)
         place_m[i] = found.tip_m[::many] @ bins.spline.T @ bins.mean.T
-    return TraceSlopes(mean, slope, bend, place_m)
+        pressed = _largest(bins, found.normal_n).reshape(len(rings_m), many, -1)
+        normal_n[i] = pressed[:, 0]
+        rise = pressed[:, 1 + count :] - pressed[:, 1 : 1 + count]
+        normal_slope[i] = np.moveaxis(rise / width[:, None], 1, -1)
+    return TraceSlopes(mean, slope, bend, place_m, normal_n, normal_slope)
+
+
+def _largest(bins: Bins, at_nodes: Float64Array) -> Float64Array:
+    """Return the largest value at a node within or beside each bin, shape (n, K), of values (n, p)."""
+    low, high = bins.edges_m[:-1, None] - NODE_M, bins.edges_m[1:, None] + NODE_M
+    near = (bins.node_m >= low) & (bins.node_m <= high)
+    return np.stack([at_nodes[:, one].max(axis=1) for one in near], axis=1)

@@ -95,7 +95,7 @@ def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["frontier", "mismatch"])
+@pytest.mark.parametrize("name", ["frontier", "mismatch", "actions"])
 def test_a_study_writes_its_page_and_tables(name: str, tmp_path: Path) -> None:
     page = study(name).run(tmp_path / "out", quick=True)
     assert "no result" in page.read_text()

@@ -228,11 +228,21 @@ def model_of(
         MethodError: There is no such method.
         PerceptionError: It needs to know of an offset and is told of none.
     """
+    model: TraceModel = find("trace_filter", name).target(*settled(trained, known, grid))
+    return model
+
+
+def settled(
+    trained: TrainedTraces, known: TraceKnowledge, grid: DepthGrid | None = None
+) -> tuple[TrainedTraces, TraceKnowledge]:
+    """Return what a method of task ``trace_filter`` is given: at the depths to decide among, with a texture.
+
+    Arguments as of :func:`model_of`.
+    """
     texture = _texture(trained, known)
     if grid is not None:
         trained, known = _between(trained, known, grid), grid.known
-    model: TraceModel = find("trace_filter", name).target(trained, replace(known, texture=texture))
-    return model
+    return trained, replace(known, texture=texture)
 
 
 def _texture(trained: TrainedTraces, known: TraceKnowledge) -> Texture:

@@ -196,15 +196,15 @@ class TraceModel:
             ]
         )
         offsets_part = (first * spread) @ np.swapaxes(second, 1, 2)
-        found = (
-            offsets_part * (1.0 + self.slope_error**2 * self._near(one.setting, other.setting)) + field_part
-        )
+        alike = near(self.place_m[:, one.setting], self.place_m[:, other.setting])
+        found = offsets_part * (1.0 + self.slope_error**2 * alike) + field_part
         return np.asarray(found + self.scatter[one.setting] if same else found)
 
-    def _near(self, one: int, other: int) -> Float64Array:
-        """Return how alike errors of slopes are at the places of two settings, shape (c, b, b)."""
-        apart = self.place_m[:, one, :, None] - self.place_m[:, other, None, :]
-        return np.exp(-0.5 * (apart / _ALIKE_M) ** 2)
+
+def near(at_m: Float64Array, other_m: Float64Array) -> Float64Array:
+    """Return how alike errors of slopes are at places, shape (..., n, o), of (..., n) and (..., o)."""
+    apart = at_m[..., :, None] - other_m[..., None, :]
+    return np.exp(-0.5 * (apart / _ALIKE_M) ** 2)
 
 
 def on_grid(

@@ -13,7 +13,8 @@ from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.units import Float64Array
 
-_UNREAD_N_M = 1.0  # as uncertain, a bin says nothing
+UNREAD_N_M = 1.0
+"""Spread of a bin that says nothing."""
 _HELD = 1.25
 
 
@@ -219,7 +220,7 @@ def trace_model(
         scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
         slope[..., number] *= scale[..., None]
     classes = len(trained.depths_m)
-    unread = np.array([np.diag(np.where(held, _UNREAD_N_M**2, 0.0)) for held in sticking(place_m)])
+    unread = np.array([np.diag(np.where(held, UNREAD_N_M**2, 0.0)) for held in sticking(place_m)])
     return TraceModel(
         np.arange(classes),
         np.zeros(classes),

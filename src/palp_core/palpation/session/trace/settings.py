@@ -116,15 +116,21 @@ class TraceSettings:
             PerceptionError: The filter needs an offset and there is none, or the noise file is none.
             MethodError: There is no such filter, or no contact rung is good enough for the scene.
         """
-        scene = scene or (read_scene(self.scene) if self.scene else Scene())
-        noise = noise or noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3)
+        scene, noise = self.of_rig(noise, scene)
         taught_m, rings_m = trained.depths_m.tolist(), trained.rings_m.tolist()
-        known = self._known(scene, noise, taught_m, rings_m)
+        known = self.knowledge(scene, noise, taught_m, rings_m)
         classes_m = classes_of(taught_m, self.depths)
         if not self.depths:
             return model_of(self.trace_filter, trained, known)
-        grid = DepthGrid(classes_m, self._known(scene, noise, classes_m.tolist(), rings_m))
+        grid = DepthGrid(classes_m, self.knowledge(scene, noise, classes_m.tolist(), rings_m))
         return model_of(self.trace_filter, trained, known, grid)
+
+    def of_rig(self, noise: RigNoise | None = None, scene: Scene | None = None) -> tuple[Scene, RigNoise]:
+        """Return the settings' scene and spreads of landing and height, but for what is given."""
+        return (
+            scene or (read_scene(self.scene) if self.scene else Scene()),
+            noise or noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3),
+        )
 
     def spreads(self, noise: RigNoise) -> dict[str, float]:
         """Return the spread of each latent of the mechanics, SI, in their order.
@@ -142,17 +148,50 @@ class TraceSettings:
         }
         return {name: found[name] for name in LATENTS}
 
-    def _known(
-        self, scene: Scene, noise: RigNoise, depths_m: Sequence[float], rings_m: Sequence[float]
-    ) -> TraceKnowledge:
-        """Return how sweeps answer to what differs, by the mechanics of the scene."""
-        forward, bins = self.to_m >= self.from_m, self.bins
+    def slopes(
+        self,
+        scene: Scene,
+        noise: RigNoise,
+        depths_m: Sequence[float],
+        rings_m: Sequence[float],
+        rungs: Sequence[str] = (),
+    ) -> TraceSlopes:
+        """Return traces by the mechanics of the scene and how they answer to the latents, bins rising.
+
+        Args:
+            scene: Gel, probe and indentation.
+            noise: Spreads of landing and height.
+            depths_m: Of the classes.
+            rings_m: Of the settings.
+            rungs: Contact rung of each class; none: the register's choice.
+        """
+        bins = self.bins
         edges_m = bins.from_m + bins.width_m * np.arange(bins.count + 1)
         spread = np.array(list(self.spreads(noise).values()))
         steps = np.where(spread > 0.0, spread, SMALL * REACH)
-        found = _slopes(
-            scene, tuple(depths_m), tuple(rings_m), tuple(sorted(edges_m)), forward, self.run_in, tuple(steps)
+        return _slopes(
+            scene,
+            tuple(depths_m),
+            tuple(rings_m),
+            tuple(sorted(edges_m)),
+            self.to_m >= self.from_m,
+            self.run_in,
+            tuple(steps),
+            tuple(rungs),
         )
+
+    def knowledge(
+        self,
+        scene: Scene,
+        noise: RigNoise,
+        depths_m: Sequence[float],
+        rings_m: Sequence[float],
+        rungs: Sequence[str] = (),
+    ) -> TraceKnowledge:
+        """Return how sweeps answer to what differs; arguments as of :meth:`slopes`."""
+        found = self.slopes(scene, noise, depths_m, rings_m, rungs)
+        spread = np.array(list(self.spreads(noise).values()))
+        forward = self.to_m >= self.from_m
         order = slice(None) if forward else slice(None, None, -1)  # theirs rise, ours follow the stage
         (which,) = np.nonzero(spread)
         slope, bend = (one[:, :, order][..., which] for one in (found.slope, found.bend))
@@ -180,8 +219,15 @@ def _slopes(
     forward: bool,
     run_in: bool,
     steps: tuple[float, ...],
+    rungs: tuple[str, ...],
 ) -> TraceSlopes:
-    edges = np.array(edges_m)
     return trace_slopes(
-        scene, depths_m, rings_m, edges, forward=forward, run_in=run_in, steps=np.array(steps)
+        scene,
+        depths_m,
+        rings_m,
+        np.array(edges_m),
+        forward=forward,
+        run_in=run_in,
+        rung=rungs or "",
+        steps=np.array(steps),
     )

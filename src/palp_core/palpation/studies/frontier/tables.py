@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, sign_flip
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.studies.frontier.depth_error import SWEEPS, DepthError
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun
-from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
+from palp_core.palpation.studies.simulation.policy_summary import paired, summarise
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
 Runs = Sequence[Mapping[str, SchemeRun]]
@@ -51,20 +51,7 @@ def scheme_rows(world: str, sessions: Runs) -> list[dict[str, Any]]:
 def compared(sessions: Runs, first: Scheme, second: Scheme) -> dict[str, Any]:
     """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
     pair = [[one[scheme.name].ended for one in sessions] for scheme in (first, second)]
-    rng = np.random.default_rng(24)
-    difference = accuracies(pair[0]) - accuracies(pair[1])
-    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
-    seconds = [np.array([one.seconds.mean() for one in runs]) for runs in pair]
-    ratio = cluster_bootstrap(seconds[1] / seconds[0], rng, within=(0.0, np.inf))
-    return {
-        "first": first.name,
-        "second": second.name,
-        "difference": interval.value,
-        "difference_ci": [interval.low, interval.high],
-        "p": sign_flip(difference, rng),
-        "times_fewer_seconds": ratio.value,
-        "times_ci": [ratio.low, ratio.high],
-    }
+    return {"first": first.name, "second": second.name, **paired(*pair)}
 
 
 def depth_rows(world: str, sessions: Sequence[Mapping[tuple[str, int], DepthError]]) -> list[dict[str, Any]]:

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.trace.actions import SweepAction
 from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import FROM_M, TO_M, Gel
+from palp_core.palpation.studies.simulation.reading_table import FROM_M, SPEED_M_PER_S, TO_M, Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.draws import (
     mounting_parts,
@@ -176,23 +177,55 @@ class WorldSession:
         self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
     ) -> Float64Array:
         """Return the measured torque of a sweep in fine bins, N m, shape (n, fine)."""
+        return self._felt(self.table, trials, ring, error_m, probe)
+
+    def swept(
+        self, action: SweepAction, trials: NDArray[np.int64], error_m: Float64Array, probe: int
+    ) -> Float64Array:
+        """Return the torque against the sweep of an action, in its order, N m, shape (n, fine).
+
+        Of bins from its beginning on, as many as the plan's path has.
+        """
+        plan, gel = self.plan, self.plan.test_gel
+        if action.indentation_m != gel.indentation_m:  # one contact, however deep
+            (rung,) = set(self.table.rungs)
+            gel = replace(gel, indentation_m=action.indentation_m, rung=rung)
+        end_m = action.from_m + action.sign * _length_m(plan)
+        low_m, high_m = (round(m, 9) for m in sorted((action.from_m, end_m)))
         with self.simulating:
-            return self._felt(trials, ring, error_m, probe)
+            table = tabulate_traces(
+                gel,
+                forward=not action.backward,
+                run_in=plan.run_in,
+                width_m=FINE_M,
+                path_m=(low_m, high_m),
+            )
+        ring = np.full(len(trials), np.argmin(np.abs(np.asarray(self.rings_m) - action.ring_m)))
+        felt = self._felt(table, trials, ring, error_m, probe, action.speed_m_per_s)
+        return -felt[:, ::-1] if action.backward else felt
 
     def _felt(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
+        self,
+        table: TraceTable,
+        trials: NDArray[np.int64],
+        ring: NDArray[np.int64],
+        error_m: Float64Array,
+        probe: int,
+        speed_m_per_s: float = SPEED_M_PER_S,
     ) -> Float64Array:
-        plan, table, depth = self.plan, self.table, self.depth[trials]
-        rows = together(self.parts[trials], ring_part(error_m))
-        felt = table.traces(depth, ring, rows)
-        felt += table.texture(plan.world, depth, ring, self.tracks[trials])
-        felt += _hum(plan, table, depth, ring, self.phases[trials, probe])
-        felt += table.sensor(
-            plan.world,
-            self.noise[trials, probe],
-            since_tare_s=SWEEP_S * probe,
-            noise_sd_n_m=plan.gel.noise_factor * RESOLUTION_N_M,
-        )
+        with self.simulating:
+            plan, depth = self.plan, self.depth[trials]
+            rows = together(self.parts[trials], ring_part(error_m))
+            felt = table.traces(depth, ring, rows)
+            felt += table.texture(plan.world, depth, ring, self.tracks[trials])
+            felt += _hum(plan, table, depth, ring, self.phases[trials, probe], speed_m_per_s)
+            felt += table.sensor(
+                plan.world,
+                self.noise[trials, probe],
+                since_tare_s=SWEEP_S * probe,
+                noise_sd_n_m=plan.gel.noise_factor * RESOLUTION_N_M,
+                speed_m_per_s=speed_m_per_s,
+            )
         return felt
 
     def feature(self, name: str) -> FeatureTrials:
@@ -353,8 +386,9 @@ def _hum(
     depth: NDArray[np.int64],
     ring: NDArray[np.int64],
     phase: Float64Array,
+    speed_m_per_s: float = SPEED_M_PER_S,
 ) -> Float64Array | float:
     """Return what stick-slip adds to each fine bin, where the world's tips stick."""
     if plan.world.static_friction_excess == 0.0:
         return 0.0
-    return table.stick_slip(plan.world, depth, ring, phase)
+    return table.stick_slip(plan.world, depth, ring, phase, speed_m_per_s)

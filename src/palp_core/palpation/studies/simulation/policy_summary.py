@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.statistics.resampling import calibration_interval, share_interval
+from palp_core.palpation.perception.statistics.resampling import (
+    calibration_interval,
+    cluster_bootstrap,
+    share_interval,
+    sign_flip,
+)
 from palp_core.palpation.perception.statistics.statistics import calibration
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
@@ -24,6 +29,27 @@ def depth_key(depth_m: float) -> str:
 def accuracies(sessions: Sequence[Outcomes]) -> Float64Array:
     """Return the share of right estimates of each session, shape (s,)."""
     return np.array([one.correct.mean() for one in sessions])
+
+
+def paired(first: Sequence[Outcomes], second: Sequence[Outcomes]) -> dict[str, Any]:
+    """Return the difference of two ways' accuracies, session by session, and the ratio of their seconds.
+
+    Returns:
+        ``difference`` of the first from the second with ``difference_ci`` and ``p``, ``times_fewer_seconds``
+        that the first takes with ``times_ci``.
+    """
+    rng = np.random.default_rng(24)
+    difference = accuracies(first) - accuracies(second)
+    interval = cluster_bootstrap(difference, rng, within=(-1.0, 1.0))
+    seconds = [np.array([one.seconds.mean() for one in runs]) for runs in (first, second)]
+    ratio = cluster_bootstrap(seconds[1] / seconds[0], rng, within=(0.0, np.inf))
+    return {
+        "difference": interval.value,
+        "difference_ci": [interval.low, interval.high],
+        "p": sign_flip(difference, rng),
+        "times_fewer_seconds": ratio.value,
+        "times_ci": [ratio.low, ratio.high],
+    }
 
 
 def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:

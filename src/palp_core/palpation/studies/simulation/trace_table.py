@@ -121,6 +121,7 @@ class TraceTable:
         depth: NDArray[np.int64],
         ring: NDArray[np.int64],
         phase: Float64Array,
+        speed_m_per_s: float = SPEED_M_PER_S,
     ) -> Float64Array:
         """Return what stick-slip adds to each bin of the nominal sweep, N m, shape (n, K); 0 where none is.
 
@@ -129,9 +130,10 @@ class TraceTable:
             depth: Class, shape (n,).
             ring: Index of the ring position, shape (n,).
             phase: Share of a cycle at the start, from 0 to 1, shape (n,).
+            speed_m_per_s: Of the stage.
         """
-        edges_m = tuple(self.bins.edges_m.tolist())
-        known = _cycles(self.gel, self.forward, self.run_in, edges_m, world.static_friction_excess)
+        edges_m, excess = tuple(self.bins.edges_m.tolist()), world.static_friction_excess
+        known = _cycles(self.gel, self.forward, self.run_in, edges_m, excess, speed_m_per_s)
         return np.asarray(known[depth, ring, np.rint(phase * PHASES).astype(np.int64) % PHASES])
 
     def sensor(
@@ -141,6 +143,7 @@ class TraceTable:
         *,
         since_tare_s: float | Float64Array = 0.0,
         noise_sd_n_m: float = RESOLUTION_N_M,
+        speed_m_per_s: float = SPEED_M_PER_S,
     ) -> Float64Array:
         """Return what the sensor adds to each bin: its zero, noise and rounding, N m, shape (n, K).
 
@@ -149,8 +152,9 @@ class TraceTable:
             luck: Standard normals, shape (n, 2 K + 2).
             since_tare_s: Seconds from the last tare to the start of each sweep.
             noise_sd_n_m: Of a sample.
+            speed_m_per_s: Of the stage: a faster one leaves fewer samples a bin.
         """
-        bins, bin_s = len(self.bins.mean), self.bin_m / SPEED_M_PER_S
+        bins, bin_s = len(self.bins.mean), self.bin_m / speed_m_per_s
         zero = bias(world, luck[:, : bins + 2], bin_s, since_tare_s)
         white = white_sd_n_m(noise_sd_n_m, RESOLUTION_N_M, round(bin_s * RATE_HZ)) * luck[:, bins + 2 :]
         return (zero if self.forward else zero[:, ::-1]) + white
@@ -257,7 +261,7 @@ def tabulate_traces(
     return _tabulated(gel, forward, run_in, width_m, path_m)
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=32)
 def _tabulated(
     gel: Gel, forward: bool, run_in: bool, width_m: float, path_m: tuple[float, float]
 ) -> TraceTable:
@@ -296,19 +300,27 @@ def _design() -> Float64Array:
     return np.asarray(np.where(LOWEST < 0.0, share, np.abs(share)) * REACH)
 
 
-@functools.lru_cache(maxsize=16)
-def _cycles(gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], excess: float) -> Float64Array:
+@functools.lru_cache(maxsize=64)
+def _cycles(
+    gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], excess: float, speed_m_per_s: float
+) -> Float64Array:
     """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
     bins = bins_of(np.array(edges_m), forward=forward)
     width_m = edges_m[1] - edges_m[0]
     parts = round(width_m / _CYCLE_M)
     fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
-    whole = _stick_slip(gel, bins.node_m, fine_m, excess, run_in=run_in)
+    whole = _stick_slip(gel, bins.node_m, fine_m, excess, run_in=run_in, speed_m_per_s=speed_m_per_s)
     return np.asarray(whole.reshape(*whole.shape[:3], -1, parts).mean(axis=-1))
 
 
 def _stick_slip(
-    gel: Gel, node_m: Float64Array, stage_m: Float64Array, excess: float, *, run_in: bool
+    gel: Gel,
+    node_m: Float64Array,
+    stage_m: Float64Array,
+    excess: float,
+    *,
+    run_in: bool,
+    speed_m_per_s: float = SPEED_M_PER_S,
 ) -> Float64Array:
     """Return what stick-slip adds to nominal sweeps, N m, shape (m, k, PHASES, f).
 
@@ -318,6 +330,7 @@ def _stick_slip(
         stage_m: Positions wanted, shape (f,).
         excess: Static friction over sliding friction, minus 1.
         run_in: Whether a sweep begins upright.
+        speed_m_per_s: Of the stage.
     """
     k, direction = len(gel.rings_m), 1.0 if node_m[-1] > node_m[0] else -1.0
     made = np.zeros((len(gel.depths_m), k, PHASES, len(stage_m)))
@@ -327,9 +340,9 @@ def _stick_slip(
         rows, rings_m = latents(k), np.asarray(gel.rings_m)
         found = drag(felt, rows, rings_m, gel.indentation_m, node_m, run_in=run_in)
         joints = joints_of(felt, rows, rings_m, gel.indentation_m, direction)
-        cycles = stick_slip(joints, found, excess, SPEED_M_PER_S)
+        cycles = stick_slip(joints, found, excess, speed_m_per_s)
         for n in range(PHASES):
-            made[i, :, n] = cycles.added(node_m, stage_m, SPEED_M_PER_S, np.full(k, n / PHASES))
+            made[i, :, n] = cycles.added(node_m, stage_m, speed_m_per_s, np.full(k, n / PHASES))
     return made
 
 
