@@ -21,7 +21,7 @@ pytest.importorskip("nicegui")
 user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
 
 from palp_core.view.pages.graph import pairs_of, wire_line, wire_words  # noqa: E402
-from palp_core.view.pages.layout import layout  # noqa: E402
+from palp_core.view.pages.layout import HEIGHT, WIDTH, layout  # noqa: E402
 from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -163,8 +163,21 @@ def test_nodes_stand_right_of_those_they_read_and_apart() -> None:
     places = found.places
     assert len({(place.x, place.y) for place in places.values()}) == len(names)
     forward = [(a, b) for a, b in wires if places[a].x < places[b].x]
-    assert [wire for wire in wires if wire not in forward] == [*wires[6:8], ("ring", "ring")]
-    assert all(place.x + 150 <= found.width and place.y + 58 <= found.height for place in places.values())
+    back = [wire for wire in wires if wire not in forward]
+    assert back == [*wires[6:8], ("ring", "ring")]
+    assert set(found.routes) == set(wires)
+    low = max(place.y + HEIGHT for place in places.values())
+    assert low < min(found.routes[wire].y for wire in back) < max(found.routes[wire].y for wire in back)
+    assert all(place.x >= 0 and place.x + WIDTH <= found.width for place in places.values())
+    assert all(place.y >= 0 and place.y + HEIGHT <= found.height for place in places.values())
+
+
+def test_a_wire_over_several_columns_goes_around_the_nodes_between() -> None:
+    names = ["a", "b", "c", "d"]
+    found = layout(names, [("a", "b"), ("b", "c"), ("c", "d"), ("a", "d")])
+    words = found.routes["a", "d"]
+    between = [found.places[name] for name in ("b", "c")]
+    assert all(not place.y <= words.y + 4 <= place.y + HEIGHT for place in between)
 
 
 def test_the_picture_of_a_large_graph_with_every_wire_is_found() -> None:

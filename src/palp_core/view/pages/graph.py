@@ -11,13 +11,13 @@ from nicegui import ui
 from nicegui.element import Element
 
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout, path
+from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.parts import figure, node_link, said, table, topic_link
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import NodeState, Overview, WireState
 
 REFRESH_S = 1.0
-MOST_LINES = 3
+MOST_LINES = 2
 """Topics that a wire between two nodes names; its hover names all of them."""
 
 
@@ -53,14 +53,12 @@ def pairs_of(wires: list[WireState]) -> dict[tuple[str, str], list[WireState]]:
 def drawn(overview: Overview, where: Layout, pairs: dict[tuple[str, str], list[WireState]]) -> dict[str, Any]:
     """Return what the picture is made of, as plain data."""
     nodes = [_node(node, where) for node in overview.nodes]
-    known = [
-        (ends, wires) for ends, wires in pairs.items() if ends[0] in where.places and ends[1] in where.places
-    ]
+    known = [(ends, wires) for ends, wires in pairs.items() if ends in where.routes]
     return {
         "nodes": nodes,
         "wires": [_wire(*ends, wires, where) for ends, wires in known],
         "width": where.width,
-        "height": where.height + 30,
+        "height": where.height,
     }
 
 
@@ -81,16 +79,18 @@ def _node(node: NodeState, where: Layout) -> dict[str, Any]:
 
 
 def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> dict[str, Any]:
-    shape, x, y = path(where.places[source], where.places[reader])
+    route = where.routes[source, reader]
     lines = [wire_line(wire) for wire in wires[:MOST_LINES]]
     if len(wires) > MOST_LINES:
         lines.append(f"and {len(wires) - MOST_LINES} more")
+    if where.places[source].x >= where.places[reader].x:  # back, below the nodes: one line below the other
+        lines = [", ".join(lines)]
     bad = any(wire.lost for wire in wires)
     return {
         "key": f"{source} {reader}",
-        "path": shape,
-        "x": x,
-        "y": y - 13 * (len(lines) - 1) / 2,
+        "path": route.path,
+        "x": route.x,
+        "y": route.y - 13 * (len(lines) - 1),
         "lines": lines,
         "health": "warn" if bad else "ok",
         "why": "\n".join(wire_words(wire) for wire in wires),
