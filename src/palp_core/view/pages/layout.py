@@ -29,7 +29,7 @@ class Corner(msgspec.Struct, frozen=True):
     y: float
 
 
-class Route(msgspec.Struct, frozen=True):
+class WirePath(msgspec.Struct, frozen=True):
     """A wire's path, as SVG has it, and where its words stand."""
 
     path: str
@@ -41,7 +41,7 @@ class Layout(msgspec.Struct, frozen=True):
     """Where everything stands."""
 
     places: dict[str, Corner]
-    routes: dict[Ends, Route]
+    routes: dict[Ends, WirePath]
     width: float
     height: float
 
@@ -167,7 +167,9 @@ def _stacked(column: list[Spot]) -> dict[Spot, float]:
     return found
 
 
-def _ahead(ends: Ends, places: dict[str, Corner], column: dict[str, int], lanes: dict[Spot, float]) -> Route:
+def _ahead(
+    ends: Ends, places: dict[str, Corner], column: dict[str, int], lanes: dict[Spot, float]
+) -> WirePath:
     """Return a wire to the right, through its places in the columns between."""
     source, target = places[ends[0]], places[ends[1]]
     points = [(source.x + WIDTH, source.y + HEIGHT / 2)]
@@ -180,11 +182,11 @@ def _ahead(ends: Ends, places: dict[str, Corner], column: dict[str, int], lanes:
         bend = (x1 - x0) / 2
         path += f" C{x0 + bend:g} {y0:g} {x1 - bend:g} {y1:g} {x1:g} {y1:g}"
     if len(points) > 2:  # its words stand where nothing else does: in its own lane
-        return Route(path, points[1][0] + WIDTH / 2, points[1][1] - 4)
-    return Route(path, (points[0][0] + points[1][0]) / 2, (points[0][1] + points[1][1]) / 2 - 4)
+        return WirePath(path, points[1][0] + WIDTH / 2, points[1][1] - 4)
+    return WirePath(path, (points[0][0] + points[1][0]) / 2, (points[0][1] + points[1][1]) / 2 - 4)
 
 
-def _back(source: Corner, target: Corner, low: float) -> Route:
+def _back(source: Corner, target: Corner, low: float) -> WirePath:
     """Return a wire to the left, or to the node itself, below all nodes."""
     x0, x1 = source.x + WIDTH / 2 + 12, target.x + WIDTH / 2 - 12
     y0, y1 = source.y + HEIGHT, target.y + HEIGHT
@@ -193,4 +195,4 @@ def _back(source: Corner, target: Corner, low: float) -> Route:
         f"M{x0:g} {y0:g} L{x0:g} {low - 18:g} Q{x0:g} {low:g} {x0 - turn:g} {low:g} "
         f"L{x1 + turn:g} {low:g} Q{x1:g} {low:g} {x1:g} {low - 18:g} L{x1:g} {y1:g}"
     )
-    return Route(path, (x0 + x1) / 2, low - 3)
+    return WirePath(path, (x0 + x1) / 2, low - 3)

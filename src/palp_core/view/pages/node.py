@@ -34,7 +34,7 @@ def node_page(viewer: Viewer, name: str) -> None:
             return
         outcome = Outcome()
         _lifecycle(viewer, name, outcome)
-        with ui.element("div").classes("columns"):
+        with ui.element("div").classes("columns wide-left"):
             with ui.element("section"):
                 said("h2", "Parameters")
                 _parameters(viewer, name)
