@@ -31,10 +31,10 @@ from palp_core.graph.messages.topic import Topic
 
 WAIT_MS = 20
 LOOK_NS = 500_000_000
-TIME_NS = 20_000_000
+TIME_NS = 10_000_000
 RETRY_NS = 3_000_000_000
 HISTORY_S = 3.0
-BACKLOG = 256
+BACKLOG = 512
 """Messages that wait for a viewer; what is beyond replaces the oldest."""
 LOG_KEPT = 500
 _NODE_EVENT = schema_of(NodeEvent).hash_text
@@ -132,15 +132,21 @@ class FoxgloveServer:
             self._server.publish_status(words, foxglove.StatusLevel.Error)
         for frame in self._watched.receive(WAIT_MS):
             self._clock_ns = max(self._clock_ns, frame.stamp_ns)
+            self._tell_time()
             self._show(frame)
+        self._tell_time()
         now_ns = monotonic_ns()
-        if self._clock_ns > self._told_ns and now_ns >= self._next_time_ns:
-            self._next_time_ns, self._told_ns = now_ns + TIME_NS, self._clock_ns
-            self._server.broadcast_time(self._told_ns)
         if now_ns >= self._next_look_ns:
             self._next_look_ns = now_ns + LOOK_NS
             self.ended = not self._access.graph.alive
             self._follow_changes()
+
+    def _tell_time(self) -> None:
+        """Tell the graph's time before what is shown of it: viewers take it for when that was."""
+        now_ns = monotonic_ns()
+        if self._clock_ns > self._told_ns and now_ns >= self._next_time_ns:
+            self._next_time_ns, self._told_ns = now_ns + TIME_NS, self._clock_ns
+            self._server.broadcast_time(self._told_ns)
 
     def _heed(self, look: Look) -> None:
         """Read a topic from the first viewer that looks at it to the last; each gets what was said before."""
