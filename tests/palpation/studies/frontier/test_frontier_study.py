@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.schemes import SURE, Scheme, run_schemes
+from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_schemes
+from palp_core.palpation.studies.frontier.tables import compared, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
     MostBits,
@@ -80,6 +83,72 @@ def test_schemes_of_one_session_meet_the_same_trials() -> None:
     first, second = (run.ended for run in runs.values())
     assert np.array_equal(first.depth, second.depth)
     assert all(run.cpu_s > 0.0 for run in runs.values())
+
+
+def test_the_papers_stop_rule_takes_two_sweeps_of_a_trace_and_a_threshold_one() -> None:
+    """It compares the gains of two readings, however sure the first has made the belief."""
+    runs = run_schemes(
+        lambda protocol: begin(replace(PLAN, path_m=protocol.path_m), (3, 4)),
+        tuple(Scheme("trace", "fixed_best", rule) for rule in ("paper", "threshold")),
+    )
+    paper, threshold = (run.ended for run in runs.values())
+    assert paper.probes.min() == 2
+    assert threshold.probes.min() == 1
+    assert paper.correct.mean() > 0.9
+    assert (threshold.confidence[threshold.decided] >= 0.99).all()
+
+
+def test_a_depth_in_millimetres_is_told_better_by_the_contrast_than_by_the_peak() -> None:
+    grid_m = (0.002, 0.003, 0.004, 0.006, 0.008)
+    few = replace(PLAN, conditions=replace(PLAN.conditions, trials=12), test_depths_m=grid_m)
+    schemes = tuple(Scheme(reading, "fixed_best", "threshold") for reading in ("peak", "contrast"))
+    runs = run_schemes(lambda _: begin(few, (3, 5)), schemes, DepthTask(grid_m, 2))
+    off_mm = {}
+    for name, run in runs.items():
+        assert (run.ended.probes == 2).all()
+        off_mm[name] = 1e3 * np.abs(run.ended.expected_m[:, -1] - np.asarray(grid_m)[run.ended.depth]).mean()
+    assert off_mm[schemes[1].name] < 0.6 * off_mm[schemes[0].name]
+
+
+def test_what_simulating_costs_is_no_part_of_deciding() -> None:
+    session = begin(PLAN, (3, 6))
+    scheme = Scheme("contrast", "fixed_best", "threshold")
+    run = run_schemes(lambda _: session, (scheme,))[scheme.name]
+    simulated_s = session.simulating.seconds
+    session.simulating.seconds = 0.0
+    assert simulated_s > 0.0
+    assert run.cpu_s * len(session.depth) < simulated_s  # a look-up in a table is less than a sweep
+
+
+def test_the_chart_has_every_scheme_limits_a_cross_and_a_front() -> None:
+    session = begin(PLAN, (3, 7))
+    fixed, uniform = (Scheme("contrast", policy, "threshold") for policy in ("fixed_best", "uniform"))
+    runs = [run_schemes(lambda _: session, (fixed, uniform))] * 2
+    rows = scheme_rows("lab", runs)
+    assert [row["scheme"] for row in rows] == [fixed.name, uniform.name]
+    assert any(row["front"] for row in rows)
+    same = compared(runs, fixed, fixed)
+    assert (same["difference"], same["times_fewer_seconds"]) == (0.0, 1.0)
+    rows[0]["ece"], rows[1]["ece"] = 0.2, 0.01
+    depths = [
+        {**rows[0], "sweeps": sweeps, "seconds": 8.0 * sweeps, "rmse_m": 1e-3, "ci": [0.9e-3, 1.1e-3]}
+        for sweeps in (1, 4)
+    ]
+    chart = frontier_chart(rows, depths, {"lab": [[3.0, 0.5, 0.6], [4.0, 0.9, 1.0]]})
+    drawn = Figure()
+    chart.draw(drawn)
+    speed, error, cost = drawn.axes
+    assert [axes.get_xlabel() for axes in drawn.axes] == [
+        "seconds of the rig a decision",
+        "seconds of the rig",
+        "CPU a decision, ms",
+    ]
+    assert "mm" in error.get_ylabel()
+    for axes in (speed, cost):
+        crosses = [line.get_xdata() for line in axes.lines if line.get_marker() == "x"]
+        assert len(crosses) == 1
+    assert len([line for line in speed.lines if line.get_linestyle() in (":", "--")]) == 2
+    assert [row[1] for row in chart.rows] == [fixed.name, uniform.name]
 
 
 @pytest.mark.slow

@@ -77,6 +77,14 @@ def test_conditions_that_whole_sweeps_do_not_know_are_refused() -> None:
         WorldPlan(conditions=replace(FEW, landing="level"))
 
 
+def test_nodules_may_be_decided_among_more_depths_than_there_are() -> None:
+    session = begin(WorldPlan(conditions=FEW, gel=SMALL, test_depths_m=(0.003, 0.006)), (1, 5))
+    trials = session.feature("contrast", (0.002, 0.003, 0.004, 0.006, 0.008))
+    assert trials.depths_m == (0.002, 0.003, 0.004, 0.006, 0.008)
+    assert trials.depth.tolist() == [1, 1, 1, 3, 3, 3]
+    assert session.feature("contrast").depth.tolist() == [0, 0, 0, 1, 1, 1]
+
+
 def test_an_unknown_feature_is_named() -> None:
     session = begin(WorldPlan(conditions=FEW, gel=SMALL), (1, 6))
     with pytest.raises(PalpError, match="no feature 'sum'; there are peak, contrast"):

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palp_core.palpation.studies.frontier.mismatch import sessions_of
+from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, DepthTask, Scheme, run_schemes
 from palp_core.palpation.studies.frontier.world_session import WorldPlan
 
 GRID_M = tuple(np.round(np.linspace(0.002, 0.008, 31), 9).tolist())
 """Depths to decide among."""
+TRUE_M = GRID_M[::3]
+"""Depths of the nodules: eleven, all along."""
 SWEEPS = (1, 4)
 """How often each nodule is felt."""
-_TRIALS = 4  # a depth: depths are many
+_TRIALS = 12  # a depth
 DEPTH_SCHEMES = tuple(
     one
     for one in SCHEMES
@@ -25,7 +28,7 @@ DEPTH_SCHEMES = tuple(
 
 @dataclass(frozen=True)
 class DepthJob:
-    """A session whose trials have phantoms of every depth of the grid.
+    """A session whose nodules lie between the trained depths, too.
 
     Attributes:
         plan: The world.
@@ -54,11 +57,11 @@ class DepthError:
 def depth_errors(job: DepthJob) -> dict[tuple[str, int], DepthError]:
     """Return the error of the mean depth by scheme and number of sweeps."""
     conditions = replace(job.plan.conditions, trials=_TRIALS)
-    swept = sessions_of(replace(job.plan, conditions=conditions, test_depths_m=GRID_M), job.seed)
+    swept = sessions_of(replace(job.plan, conditions=conditions, test_depths_m=TRUE_M), job.seed)
+    true_m = np.asarray(TRUE_M)[swept(PAPER_PROTOCOL).depth]
     found = {}
     for sweeps in SWEEPS:
         for name, run in run_schemes(swept, job.schemes, DepthTask(GRID_M, sweeps)).items():
-            true_m = np.asarray(GRID_M)[run.ended.depth]
             off_m = run.ended.expected_m[:, -1] - true_m
             found[name, sweeps] = DepthError(float(np.mean(off_m**2)), float(run.ended.seconds.mean()))
     return found

@@ -54,8 +54,8 @@ def frontier_chart(rows: Rows, depths: Rows, limits: Limits) -> charts.Chart:
         "so many seconds or so much CPU. Dotted: what Fano's inequality permits to the information of the "
         "trace so far; dashed: Wald's bound for the two depths that are hardest to tell apart; both for "
         "the trace filter's model in a swift first sweep. Middle: the mean of the belief on 31 depths of "
-        "which training knew three, after one sweep and after four (joined). Right: all trials of a "
-        "session decided at once; simulating what is felt is not in it.",
+        "which training knew three, for nodules at eleven of them, after one sweep and after four "
+        "(joined). Right: all trials of a session decided at once; simulating what is felt is not in it.",
         3.4 * len(worlds) + 1.0,
         ["world", "scheme", "seconds", "accuracy", "low", "high", "ece", "probes", "cpu_ms", "front"],
         [

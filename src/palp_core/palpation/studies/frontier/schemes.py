@@ -149,7 +149,7 @@ def taught(session: WorldSession, feature: str, grid_m: tuple[float, ...] = ()) 
         feature: What is read off its sweeps.
         grid_m: Depths of the filters, where these are not the trained ones.
     """
-    training, gel, trials = session.training, session.plan.gel, session.feature(feature)
+    training, gel, trials = session.training, session.plan.gel, session.feature(feature, grid_m)
     readings = trials.training()
     primitives = fit(
         readings,

@@ -228,9 +228,9 @@ class WorldSession:
             )
         return felt
 
-    def feature(self, name: str) -> FeatureTrials:
-        """Return the trials as readings of a feature."""
-        return FeatureTrials(self, name)
+    def feature(self, name: str, grid_m: tuple[float, ...] = ()) -> FeatureTrials:
+        """Return the trials as readings of a feature, to be decided among depths of a grid or their own."""
+        return FeatureTrials(self, name, grid_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,10 +240,12 @@ class FeatureTrials:
     Attributes:
         session: The session.
         name: Of the feature.
+        grid_m: Depths to decide among, where these are not the session's.
     """
 
     session: WorldSession
     name: str
+    grid_m: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.name not in FEATURES:
@@ -251,7 +253,7 @@ class FeatureTrials:
 
     @property
     def depths_m(self) -> tuple[float, ...]:
-        return self.session.depths_m
+        return self.grid_m or self.session.depths_m
 
     @property
     def rings_m(self) -> tuple[float, ...]:
@@ -259,7 +261,8 @@ class FeatureTrials:
 
     @property
     def depth(self) -> NDArray[np.int64]:
-        return self.session.depth
+        apart_m = np.abs(np.subtract.outer(self.session.depths_m, self.depths_m))
+        return np.asarray(apart_m.argmin(axis=1)[self.session.depth], dtype=np.int64)
 
     @property
     def uniforms(self) -> Float64Array:
