@@ -101,7 +101,7 @@ def _accuracy_of(axes: Axes, rows: Rows, cost: Callable[[Mapping[str, Any]], flo
             steps.append((cost(row), 100.0 * best))
     axes.step(*zip(*steps, strict=True), where="post", color=charts.GREY, linewidth=1.0, zorder=0)
     axes.set_xscale("log")
-    axes.set_ylim(55.0, 101.0)
+    axes.set_ylim(55.0, 102.0)  # room for signs at 100 %
 
 
 def _error_of_seconds(axes: Axes, rows: Rows) -> None:
