@@ -113,6 +113,7 @@ def _error_of_seconds(axes: Axes, rows: Rows) -> None:
             _mark(axes, row, row["seconds"], row["rmse_m"], row["ci"], 1e3)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    axes.set_xlim(4.0, 60.0)
     axes.set_xticks([5, 10, 20, 50], ["5", "10", "20", "50"])
     axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
     axes.minorticks_off()
