@@ -10,6 +10,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.frontier import depth_error, tables
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
@@ -108,6 +109,25 @@ def test_a_depth_in_millimetres_is_told_better_by_the_contrast_than_by_the_peak(
         assert (run.ended.probes == 2).all()
         off_mm[name] = 1e3 * np.abs(run.ended.expected_m[:, -1] - np.asarray(grid_m)[run.ended.depth]).mean()
     assert off_mm[schemes[1].name] < 0.6 * off_mm[schemes[0].name]
+
+
+def test_every_scheme_tells_a_depth_after_one_sweep_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a coarser grid than the study's, with nodules at two of its depths."""
+    grid_m = tuple(np.linspace(0.002, 0.008, 5).tolist())
+    for name, value in (("GRID_M", grid_m), ("TRUE_M", grid_m[1::2]), ("SWEEPS", (1, 2)), ("_TRIALS", 6)):
+        monkeypatch.setattr(depth_error, name, value)
+    monkeypatch.setattr(tables, "SWEEPS", (1, 2))
+    schemes = (Scheme("contrast", "uniform", "paper"), Scheme("trace", "fixed_best", "threshold"))
+    plan = replace(PLAN, gel=Gel(rings_m=(0.012, 0.016)))
+    found = depth_error.depth_errors(depth_error.DepthJob(plan, (3, 8), schemes))
+    assert set(found) == {(one.name, sweeps) for one in schemes for sweeps in (1, 2)}
+    for one in schemes:
+        first, second = found[one.name, 1], found[one.name, 2]
+        assert second.seconds > first.seconds
+        assert 0.0 < first.squared_m2 < (1.5e-3) ** 2
+    rows = tables.depth_rows("lab", [found, found])
+    assert [(row["scheme"], row["sweeps"]) for row in rows] == [(s.name, n) for s in schemes for n in (1, 2)]
+    assert rows[0]["ci"][0] <= rows[0]["rmse_m"] <= rows[0]["ci"][1]
 
 
 def test_what_simulating_costs_is_no_part_of_deciding() -> None:
