@@ -13,7 +13,18 @@ import numpy as np
 
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 from palp_core.palpation.perception.signal.wavelet_stream import tail_weight
-from palp_core.palpation.reporting.charts import AMBER, BLUE, GREEN, GREY, INK, PINK, Chart, legend, tidy
+from palp_core.palpation.reporting.charts import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PINK,
+    Chart,
+    in_percent,
+    legend,
+    tidy,
+)
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.decision.feature_cases import (
     FEATURES,
@@ -101,11 +112,12 @@ def _chart(rows: Sequence[FeatureError]) -> Chart:
     def draw(to: Figure) -> None:
         grid = to.subplots(1, len(FEATURES), squeeze=False, sharey=True)[0]
         for column, feature in enumerate(FEATURES):
-            words = "error over gap between depths" if not column else ""
+            words = "error, % of the gap between depths" if not column else ""
             tidy(grid[column], feature, "lag, s (0 drawn at 1 ms)", words)
             for factor in NOISE_FACTORS:
                 here = [r for r in rows if r.feature == feature and r.noise_factor == factor]
                 _panel(grid[column], here, filled=factor == NOISE_FACTORS[0])
+        in_percent(grid[0].yaxis)
         handles, labels = grid[0].get_legend_handles_labels()
         legend(to, handles=handles, labels=labels, ncols=4, fontsize=7)
 
