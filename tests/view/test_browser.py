@@ -208,6 +208,17 @@ def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:
     page.get_by_role("button", name="stop", exact=True).click()
     viewing.says("whole: nothing is missing")
     assert bag_info(talk.folder / "taken").complete
+    page.get_by_label("name; empty: graph and time").fill("last")
+    page.get_by_label("keep only the last, s").fill("60")
+    page.get_by_role("button", name="record", exact=True).click()
+    viewing.until(
+        "() => document.querySelector('[data-what=recordings] pre').innerText.includes('recording')"
+    )
+    page.get_by_role("button", name="write snapshot").click()
+    viewing.says(f"{talk.folder / 'last'}: ")
+    assert bag_info(talk.folder / "last").message_count > 0
+    page.get_by_role("button", name="stop", exact=True).click()
+    viewing.says("heard ")
 
 
 def test_nothing_is_fetched_from_elsewhere_and_no_script_fails(viewing: Viewing) -> None:

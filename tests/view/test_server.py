@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.cli.view.view import _opened
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, finished, wait_for_line
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 
 pytest.importorskip("nicegui")
 IDLE_SOCKETS = 100
@@ -145,14 +145,16 @@ def test_what_is_no_bag_and_no_folder_is_refused(palp: Palp, tmp_path: Path) -> 
     assert (done.returncode, "no such folder" in done.stderr) == (2, True)
 
 
-def test_a_launch_with_view_shows_the_graph_and_its_viewer_ends_with_it(palp: Palp) -> None:
+@pytest.mark.parametrize(("ended_by", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_launch_with_view_shows_the_graph_and_its_viewer_ends_with_it(
+    ended_by: signal.Signals, status: int, palp: Palp
+) -> None:
     palp.environment["BROWSER"] = "true"
     process = palp.start("launch", CHAIN, "--view", "count:=100000")
     wait_for_line(process, "http://127.0.0.1:")
     assert palp.running("view")
-    process.send_signal(signal.SIGINT)
-    status, _ = finished(process)
-    assert status == 130
+    process.send_signal(ended_by)
+    assert process.wait(PATIENCE_S) == status
     assert palp.all_gone()
 
 

@@ -7,7 +7,9 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 
+from palp_core.graph.process.parent_death import die_with_parent
 from palp_core.view.server.serve import check_installed
 
 END_S = 5.0
@@ -34,6 +36,7 @@ def shown_beside(run: str) -> Iterator[None]:
         stdin=subprocess.DEVNULL,
         env={**os.environ, "PYTHONHASHSEED": "random"},
         start_new_session=True,  # Ctrl-C is the launcher's
+        preexec_fn=partial(die_with_parent, os.getpid()),  # and if that is killed, it goes, too
     )
     try:
         yield

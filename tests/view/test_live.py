@@ -1,0 +1,112 @@
+"""A running graph as a source: what it shows of a graph that a test speaks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
+from palp_core.view.source.live import LiveSource
+from palp_core.view.source.overview import Overview, WireState
+from tests.support.fake_graph import FakeGraph
+
+BEAT_NS = 20_000_000
+
+
+def health(received: int, lost: int = 0, lifecycle: str = "active") -> NodeHealth:
+    latencies: dict[str, Any] = {f"latency_{name}_s": 1e-3 for name in ("p50", "p90", "p99", "max")}
+    counts = {"repeated_count": 0, "late_count": 0, "dropped_count": 0}
+    edge = EdgeHealth(topic="/source/sample", received_count=received, lost_count=lost, **counts, **latencies)
+    zero = dict.fromkeys(
+        ("overrun_count", "missed_deadline_count", "rejected_count", "unread_count", "gc_pause_count"), 0
+    )
+    return NodeHealth(
+        node="sink", pid=1, lifecycle=lifecycle, memory_bytes=1, cpu_s=0.0, tick_count=0, gc_pause_max_s=0.0,
+        edges=[edge], **zero,
+    )  # fmt: skip
+
+
+class Shown:
+    """The graph, its launcher saying how a node does, and the source that looks on."""
+
+    def __init__(self, graph: FakeGraph) -> None:
+        self.graph = graph
+        assert graph.bus.record is not None
+        self.source = LiveSource(RunningGraph(graph.bus.record), period_s=0.01)
+        self.now = health(0)
+        self._next_ns = 0
+
+    def until(self, so: Callable[[Overview], bool]) -> Overview:
+        """Let the launcher speak until the overview is so."""
+        self.graph.until(lambda: self._is(so))
+        return self.source.overview()
+
+    def _is(self, so: Callable[[Overview], bool]) -> bool:
+        if monotonic_ns() > self._next_ns:
+            self._next_ns = monotonic_ns() + BEAT_NS
+            self.graph.bus.publish_health([self.now])
+        return so(self.source.overview())
+
+
+@pytest.fixture
+def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Shown]:
+    monkeypatch.setattr(RunningGraph, "alive", True)
+    graph = FakeGraph(tmp_path)
+    graph.announce(graph.node("source", depth=10))
+    found = Shown(graph)
+    yield found
+    monkeypatch.setattr(RunningGraph, "alive", False)
+    found.source._closed.set()
+    found.source._wake.set()
+    graph.until(lambda: not found.source._thread.is_alive())
+    graph.close()
+
+
+def wire(overview: Overview) -> WireState:
+    (found,) = overview.wires
+    return found
+
+
+def test_before_anybody_has_answered_the_nodes_are_there(shown: Shown) -> None:
+    overview = shown.source.overview()
+    assert (overview.title, [node.name for node in overview.nodes]) == ("fake", ["source"])
+    assert not shown.source.known
+
+
+def test_wires_rates_and_losses_are_those_of_the_readers_own_account(shown: Shown) -> None:
+    overview = shown.until(lambda it: bool(it.wires and it.now_s))
+    assert (wire(overview).source, wire(overview).reader) == ("source", "sink")
+    assert overview.troubles == []
+    assert shown.source.known
+    shown.now = health(1000)
+    assert (wire(shown.until(lambda it: bool(it.wires[0].received == 1000))).rate_hz or 0) > 0
+    shown.now = health(1000, lost=3)
+    overview = shown.until(lambda it: bool(it.wires[0].lost == 3))
+    assert [trouble.text for trouble in overview.troubles] == ["3 messages lost, 1000 received"]
+    assert overview.nodes[0].health == "warn"
+
+
+def test_a_node_that_is_not_at_work_and_one_that_restarts_are_told(shown: Shown) -> None:
+    shown.now = health(0, lifecycle="inactive")
+    overview = shown.until(lambda it: bool(it.nodes[0].lifecycle == "inactive"))
+    assert "it is inactive" in overview.troubles[0].text
+    shown.graph.bus.report("restarting", "sink", "it died")
+    overview = shown.until(lambda it: bool(len(it.troubles) == 2))
+    assert overview.troubles[1].text == "restarting: it died"
+    assert [event.kind for event in shown.source.events()] == ["restarting"]
+
+
+def test_a_graph_that_has_ended_is_shown_as_it_was_last(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown.now = health(7)
+    shown.until(lambda it: bool(it.wires and it.wires[0].received == 7))
+    monkeypatch.setattr(RunningGraph, "alive", False)
+    overview = shown.until(lambda it: bool(not it.alive))
+    assert wire(overview).received == 7
+    assert overview.troubles[0].text.startswith("it has ended")
