@@ -83,7 +83,7 @@ def told(sessions: list[SessionTrials], known: Projected) -> bool:
 
 @pytest.mark.parametrize("spread", [0.1, 1.0, 10.0])
 @pytest.mark.parametrize(
-    ("mountings", "phantoms", "each"), [(3, 3, 0.3), (3, 1, 2.0), (2, 1, 0.3), (8, 1, 1.0)]
+    ("mountings", "phantoms", "each"), [(3, 3, 0.3), (3, 1, 2.0), (2, 1, 0.3), (8, 3, 4.0)]
 )
 def test_few_sessions_that_differ_in_nothing_are_told_whatever_mountings_spread(
     mountings: int, phantoms: int, each: float, spread: float
