@@ -214,13 +214,14 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "actions.json", report)
-    write_records(out / "actions.csv", [_flat(row) for row in rows])
+    pictures = [picture(chart, out) for chart in (action_chart(rows), look_chart(looks))]
+    write_records(out / "actions.csv", [_flat(row) for row in rows])  # with more than is drawn
     write_records(out / "second_look.csv", looks)
     return write_page(
         out / "index.html",
         "studies/actions.html",
         **report,
-        pictures=[picture(chart, out) for chart in (action_chart(rows), look_chart(looks))],
+        pictures=pictures,
     )
 
 
