@@ -168,8 +168,9 @@ def anew(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
 
 def crosstalk(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Return how crosstalk is read that is kept or removed."""
-    of = next(one for one in CROSSTALK if name.startswith(one.name))
-    settings = EmgSettings(crosstalk="remove" if name.endswith("removed") else "keep")
+    condition, _, what = name.rpartition(", ")
+    of = next(one for one in CROSSTALK if one.name == condition)
+    settings = EmgSettings(crosstalk="remove" if what == "removed" else "keep")
     return row_of("crosstalk", model, name, judge(model, of, settings=settings, **_size(options)))
 
 
@@ -285,7 +286,7 @@ def draw(known_rows: list[dict[str, Any]], target: Path) -> None:
         axes.spines[["top", "right"]].set_visible(False)
     panels[0].set_yticks(range(len(names)), names)
     panels[0].invert_yaxis()
-    panels[2].legend(fontsize=8)
+    panels[2].legend(fontsize=8, loc="lower right")
     figure.savefig(target, dpi=130)
 
 

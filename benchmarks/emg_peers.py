@@ -91,17 +91,24 @@ def biosppy_gaussian(plan: Plan, seed: int) -> Float64Array:
         alpha = 0.25 if len(plan.levels) == 1 else 2.5
         following = plan.begin_s[number + 1] if number + 1 < len(plan.levels) else plan.duration_s
         end = round(following * RATE_HZ)
-        samples, _, _ = synth_gaussian(
-            duration=(end - at) / RATE_HZ,
-            sampling_rate=RATE_HZ,
-            SNR=float(20.0 * np.log10(100.0 * level)),
-            sigma=held_s / (2.0 * alpha),
-            alpha=alpha,
-            burst_location=[begin_s - at / RATE_HZ],
-            random_state=seed * 1000 + number,
-        )
-        parts.append(np.asarray(samples)[: end - at])
-        at = end
+        for longer_s in np.arange(20) / RATE_HZ:  # of some lengths its window is a sample too long for it
+            try:
+                samples, _, _ = synth_gaussian(
+                    duration=int(np.ceil((end - at) / RATE_HZ)) + 1,
+                    sampling_rate=RATE_HZ,
+                    SNR=float(20.0 * np.log10(100.0 * level)),
+                    sigma=float(held_s + longer_s) / (2.0 * alpha),
+                    alpha=alpha,
+                    burst_location=[round(float(begin_s) - at / RATE_HZ, 3)],
+                    random_state=seed * 1000 + number,
+                )
+            except ValueError:
+                continue
+            parts.append(np.asarray(samples)[: end - at])
+            at = end
+            break
+        else:
+            raise ValueError(f"synth_gaussian makes no burst of {held_s:g} s or a little more")
     return np.concatenate(parts)
 
 

@@ -33,8 +33,8 @@ from palp_core.palpation.studies.perception.emg_models import (
 
 RATE_HZ = 1500.0
 NAMED = {of.name: of for of in CONDITIONS}
-LIMITS = {"swelling", "crosstalk of 10 %", "short, 0.4 to 0.8 s"}
-"""Where levels or bursts are not all right; what is seen there is in ``docs/perception.md``."""
+LIMITS = {"crosstalk of 10 %"}
+"""Where bursts are joined unless crosstalk is removed."""
 
 
 def good(one: Score) -> bool:
@@ -63,7 +63,7 @@ def test_the_targets_are_kept_under_every_condition_that_is_no_limit(model: str,
     seen = judge(model, of, subjects=10, count=40, seed=9000, settings=EmgSettings(rate_hz=of.rate_hz))
     assert seen.found >= 0.99 * seen.made
     assert seen.false <= 0.01 * seen.made
-    assert seen.right >= 0.95 * seen.made
+    assert seen.right >= (0.94 if name == "swelling" else 0.95) * seen.made  # seen: 96 and 98 % at least
 
 
 @pytest.mark.nightly
