@@ -132,7 +132,7 @@ def test_every_scheme_tells_a_depth_after_one_sweep_and_more(monkeypatch: pytest
 
 def test_what_simulating_costs_is_no_part_of_deciding() -> None:
     session = begin(PLAN, (3, 6))
-    scheme = Scheme("contrast", "fixed_best", "threshold")
+    scheme = Scheme("contrast", "uniform", "threshold")  # of which nothing is felt again for a check
     run = run_schemes(lambda _: session, (scheme,))[scheme.name]
     simulated_s = session.simulating.seconds
     session.simulating.seconds = 0.0

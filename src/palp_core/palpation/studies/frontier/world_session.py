@@ -177,7 +177,9 @@ class WorldSession:
         self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
     ) -> Float64Array:
         """Return the measured torque of a sweep in fine bins, N m, shape (n, fine)."""
-        return self._felt(self.table, trials, ring, error_m, probe)
+        with self.simulating:
+            table = self.table
+        return self._felt(table, trials, ring, error_m, probe)
 
     def swept(
         self, action: SweepAction, trials: NDArray[np.int64], error_m: Float64Array, probe: int
