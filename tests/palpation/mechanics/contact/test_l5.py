@@ -29,7 +29,7 @@ def test_it_meets_small_strain_at_small_indentation(phantom: Phantom) -> None:
     small = HarmonicContact(phantom, TIP_M)
     gaps = []
     for indentation_m in (4e-4, 1e-4):
-        finite = pressed_solid(phantom, TIP_M, 0.00012 if indentation_m == 1e-4 else 0.0003)
+        finite = pressed_solid(phantom, TIP_M, 0.00006 if indentation_m == 1e-4 else 0.00015)
         normal = finite.press(indentation_m)
         assert normal is not None
         gaps.append(normal * phantom.modulus_pa / float(small.force(ORIGIN, np.array(indentation_m))[0]) - 1)

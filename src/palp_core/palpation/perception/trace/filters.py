@@ -180,7 +180,7 @@ def second_order(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     task="trace_filter",
     name="grid",
     cost_s=2.8e-4,
-    bounds=[Bound("decision", 0.0084, _WIDE), Bound("calibration", 0.15, _WIDE)],
+    bounds=[Bound("decision", 0.028, _WIDE), Bound("calibration", 0.15, _WIDE)],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="two offsets at once to which the torque answers in a curve",
 )
