@@ -36,8 +36,9 @@ def methods(
 
     Costs are seconds of one core on the machine where they were measured, errors relative unless the output
     is a time. A method is chosen, valid (good enough, but dearer), refused, or a reference (to compare with,
-    never chosen). The choice is the one that runs obey. Of one task it also says what each method is.
-    A survivor is what to name where a method fails; no run changes over to it by itself.
+    never chosen). Runs obey the choice where their launch file does not name a method. Of one task it also
+    says what each method is. A survivor is what to name where a method fails; no run changes over to it by
+    itself.
     """
     from palp_core.methods import left_out, tasks
     from palp_core.methods import task as task_of
