@@ -92,6 +92,7 @@ STUDIES = {
             "actions",
             "What is it worth to choose indentation, speed, path and direction too, and to look twice?",
             "palp_core.palpation.studies.frontier.actions:run",
+            picture="actions",
             parallel=True,
         ),
         Study(

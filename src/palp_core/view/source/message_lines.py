@@ -16,7 +16,7 @@ def tree_text(message: dict[str, Any], schema: dict[str, Any]) -> str:
     r"""Return a message as text, a line a field.
 
     >>> tree_text({"load_n": 0.5, "note": "a"}, {"properties": {"load_n": {"type": "number", "x-unit": "N"}}})
-    'load_n: 0.5 N\\nnote: a'
+    'load_n: 0.5 N\nnote: a'
     """
     lines: list[str] = []
     for line in _lines(message, schema, 0):

@@ -47,8 +47,8 @@ def action_chart(rows: Rows) -> charts.Chart:
                     label=row["scheme"],
                 )
             charts.tidy(axes, f"world: {world}", "seconds of the rig a decision", "right, %")
-        shown = panels[0].get_legend_handles_labels()
-        figure.legend(*shown, loc="outside lower center", ncols=4, fontsize=7.5)
+        handles, _ = panels[0].get_legend_handles_labels()
+        charts.legend(figure, handles=handles, ncols=4, fontsize=7.5)
 
     return charts.Chart(
         "actions",
@@ -108,8 +108,8 @@ def look_chart(rows: Rows) -> charts.Chart:
                 )
             axes.set_ylim(bottom=0.0)
             charts.tidy(axes, f"world: {world}", "more seconds of the rig", "bits still missing")
-        shown = panels[0].get_legend_handles_labels()
-        figure.legend(*shown, loc="outside lower center", ncols=len(looks), fontsize=7.5)
+        handles, _ = panels[0].get_legend_handles_labels()
+        charts.legend(figure, handles=handles, ncols=len(looks), fontsize=7.5)
 
     return charts.Chart(
         "second_look",
