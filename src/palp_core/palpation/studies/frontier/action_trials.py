@@ -18,7 +18,9 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     BIN_M,
     MOST,
     coarse,
+    first_sure,
     learnt_of,
+    outcomes,
     settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import WorldSession
@@ -124,12 +126,10 @@ def run_action_trials(
                 belief = begin_sweep(group.belief[here], known.setting[number], landed=landed)
                 felt = coarse(session.swept(action, some, error_m, probe))[:, : known.bins[number]]
                 after, posterior = along(known.model, belief, felt)
-                sure = posterior.max(axis=2) >= threshold
-                halt = sure.any(axis=1)
-                last = np.where(halt, np.argmax(sure, axis=1), felt.shape[1] - 1)
+                halt, last = first_sure(posterior.max(axis=2) >= threshold)
                 end[some] = posterior[np.arange(len(some)), last]
                 probes[some], decided[some] = probe + 1, halt
-                way_m = (last + 1) * BIN_M
+                way_m = np.asarray((last + 1) * BIN_M, dtype=np.float64)
                 seconds[some] += rig.to_s(action, group.at) + rig.sweep_s(action, way_m)
                 over = halt | (probe + 1 == most)
                 seconds[some[over]] += rig.home_s(action, way_m[over], group.at)
@@ -140,16 +140,5 @@ def run_action_trials(
         groups = following
         if not groups:
             break
-    estimate, depths_m = np.argmax(end, axis=1), np.asarray(session.depths_m)
-    ended = Outcomes(
-        session.depth,
-        estimate,
-        end.max(axis=1),
-        probes,
-        moves,
-        seconds,
-        decided,
-        (end @ depths_m)[:, None],
-        (estimate == session.depth)[:, None],
-    )
-    return ActionOutcomes(ended, asked)
+    depths_m = np.asarray(session.depths_m)
+    return ActionOutcomes(outcomes(session, depths_m, end, probes, moves, seconds, decided), asked)

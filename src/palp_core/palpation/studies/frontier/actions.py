@@ -28,8 +28,9 @@ from palp_core.palpation.studies.frontier.action_trials import (
 )
 from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
 from palp_core.palpation.studies.frontier.protocols import SWIFT
+from palp_core.palpation.studies.frontier.schemes import SURE
 from palp_core.palpation.studies.frontier.second_look import LOOKS, LookOutcome, second_looks
-from palp_core.palpation.studies.frontier.world_session import WorldPlan
+from palp_core.palpation.studies.frontier.world_session import WorldJob, WorldPlan
 from palp_core.palpation.studies.simulation.policy_summary import paired, summarise
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.whole_file import write_json
@@ -49,20 +50,6 @@ LOOKED: dict[str, WorldPlan] = {
     ROUGH: replace(WORLDS["lab"], world=replace(WORLDS["lab"].world, name=ROUGH, texture_sd_n_m=0.5e-3)),
 }
 """Worlds of second looks: a surface of 0.5 N mm is the roughest that is assumed of cast silicone."""
-SURE = 0.99
-
-
-@dataclass(frozen=True)
-class ActionJob:
-    """A session of a world.
-
-    Attributes:
-        world: Its name.
-        seed: Of the session.
-    """
-
-    world: str
-    seed: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +69,7 @@ class ActionSession:
     choosing_s: float
 
 
-def action_session(job: ActionJob) -> ActionSession:
+def action_session(job: WorldJob) -> ActionSession:
     """Return what every scheme did in a session, and what second looks told."""
     session = sessions_of(LOOKED[job.world], job.seed)(SWIFT)
     rig, rings_m = time_of(SWIFT), session.rings_m
@@ -196,7 +183,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         seed: Of the sessions.
     """
     count = 2 if quick else 40
-    jobs = [ActionJob(world, one) for world in LOOKED for one in seeds(28, seed, count)]
+    jobs = [WorldJob(world, one) for world in LOOKED for one in seeds(28, seed, count)]
     found = run_jobs(action_session, jobs, label="sessions", workers=workers, dask=dask)
     by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(LOOKED)}
     rows = [row for world in WORLDS for row in scheme_rows(world, by_world[world])]

@@ -26,6 +26,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
+from palp_core.palpation.studies.frontier.world_session import WorldJob
 from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
@@ -39,19 +40,6 @@ THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 SEEDS = 24
 """First number of the seeds of its sessions."""
 _FIXED = "fixed_best"
-
-
-@dataclass(frozen=True)
-class FrontierJob:
-    """A session of a world, decided by every scheme.
-
-    Attributes:
-        world: Its name.
-        seed: Of the session.
-    """
-
-    world: str
-    seed: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +59,7 @@ class FrontierSession:
     wall_s: float
 
 
-def frontier_session(job: FrontierJob) -> FrontierSession:
+def frontier_session(job: WorldJob) -> FrontierSession:
     """Return what every scheme did in a session."""
     plan = WORLDS[job.world]
     swept = sessions_of(plan, job.seed)
@@ -117,7 +105,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         seed: Of the sessions.
     """
     count = 2 if quick else 40
-    jobs = [FrontierJob(world, one) for world in WORLDS for one in seeds(SEEDS, seed, count)]
+    jobs = [WorldJob(world, one) for world in WORLDS for one in seeds(SEEDS, seed, count)]
     found = run_jobs(frontier_session, jobs, label="sessions", workers=workers, dask=dask)
     by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(WORLDS)}
     rows = [

@@ -146,8 +146,7 @@ def run_trace_trials(
                     sure = _whole_sweeps(stop, posterior, end[some], t + 1)
                 if not protocol.in_sweep:
                     sure[:, :-1] = False
-                halt = sure.any(axis=1)
-                last = np.where(halt, np.argmax(sure, axis=1), felt.shape[1] - 1)
+                halt, last = first_sure(sure)
                 end[some] = posterior[np.arange(len(some)), last]
                 probes[some], decided[some] = t + 1, halt
                 way[some] = (last + 1) * BIN_M
@@ -162,8 +161,38 @@ def run_trace_trials(
         groups = following
         if not groups:
             break
+    ended = outcomes(session, depths_m, end, probes, moves, seconds, decided)
+    return TraceOutcomes(ended, fit, way, found)
+
+
+def first_sure(sure: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return whether trials end within a sweep and after which bin, else its last; from shape (n, bins)."""
+    halt = np.asarray(sure.any(axis=1))
+    return halt, np.asarray(np.where(halt, np.argmax(sure, axis=1), sure.shape[1] - 1))
+
+
+def outcomes(
+    session: WorldSession,
+    depths_m: Float64Array,
+    end: Float64Array,
+    probes: NDArray[np.int64],
+    moves: NDArray[np.int64],
+    seconds: Float64Array,
+    decided: NDArray[np.bool_],
+) -> Outcomes:
+    """Return how trials ended, by their last belief; the estimate is the session's depth nearest to it.
+
+    Args:
+        session: The trials.
+        depths_m: Of the belief's classes, shape (m,).
+        end: Last belief, shape (n, m).
+        probes: As of :class:`Outcomes`, like what follows.
+        moves: Likewise.
+        seconds: Likewise.
+        decided: Likewise.
+    """
     estimate = nearest(depths_m, np.asarray(session.depths_m))[np.argmax(end, axis=1)]
-    ended = Outcomes(
+    return Outcomes(
         session.depth,
         estimate,
         end.max(axis=1),
@@ -174,7 +203,6 @@ def run_trace_trials(
         (end @ depths_m)[:, None],
         (estimate == session.depth)[:, None],
     )
-    return TraceOutcomes(ended, fit, way, found)
 
 
 def _whole_sweeps(

@@ -88,6 +88,19 @@ class WorldPlan:
         return tabulate_traces(gel, run_in=self.run_in, width_m=FINE_M, path_m=self.path_m)
 
 
+@dataclass(frozen=True)
+class WorldJob:
+    """A session of a world.
+
+    Attributes:
+        world: Its name.
+        seed: Of the session.
+    """
+
+    world: str
+    seed: tuple[int, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class TrainingSweeps:
     """The sweeps of training, all cells.
