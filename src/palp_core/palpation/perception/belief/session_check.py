@@ -144,7 +144,7 @@ def shifted(trials: SessionTrials, last: Projected) -> Shifted | None:
     landing = (share * np.array([one.landing for one in sums])).sum(axis=0) / share.sum()
     variance = squares / freedom / share.sum() + chance + landing**2
     scores = mean / np.sqrt(np.maximum(variance, 1e-30))
-    alone = np.where((off != 0.0).any(axis=0), 2.0 * scipy.stats.t.sf(np.abs(scores), freedom), 1.0)
+    alone = np.where((off != 0.0).any(axis=0), 2.0 * scipy.special.stdtr(freedom, -np.abs(scores)), 1.0)
     worst = int(np.argmin(alone))
     several = int((off != 0.0).any(axis=0).sum())
     return Shifted(last.names[worst], float(scores[worst]), float(1.0 - (1.0 - alone[worst]) ** several))

@@ -162,7 +162,7 @@ def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
     """
     best = np.argmax(belief.log_density + model.log_weight, axis=1)
     own = belief.innovation[np.arange(len(best)), best]
-    return np.asarray(scipy.stats.chi2.sf((own**2).sum(axis=-1), max(own.shape[-1], 1)))
+    return np.asarray(scipy.special.chdtrc(max(own.shape[-1], 1), (own**2).sum(axis=-1)))
 
 
 def offset_weights(
