@@ -6,14 +6,19 @@ from typing import Any
 import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
-from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Timer, on
+from msgs.human import MuscleCue
+from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.emg import SimEmg
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.units import CountPositive, HertzPositive, Seconds
+
+SUBJECT = "palp_core.palpation.devices.sim.subject:SimSubject"
+"""The simulated person who does what is cued."""
 
 
 class EmgParams(Params):
@@ -23,6 +28,9 @@ class EmgParams(Params):
     paper: at most 60 s), following the average of the reconstructed human matrices. A real subject is told to
     rest for ``rest_s``, contract for ``mvc_s`` and rest again from the start on, and then palpates to the
     end.
+
+    With ``cued`` none of this holds: the input ``cue`` says what is done from when on, and a sample has the
+    phase of its own time. ``phantoms``: by whose depths a simulated person palpates.
     """
 
     device: ReadOnly[str] = "sim"
@@ -32,6 +40,8 @@ class EmgParams(Params):
     rate_hz: HertzPositive = 1500.0
     block_samples: CountPositive = 75
     palpation_s: Seconds = 60.0
+    cued: ReadOnly[bool] = False
+    phantoms: str = ""
 
     @property
     def block_hz(self) -> float:
@@ -40,8 +50,17 @@ class EmgParams(Params):
 
     def driver_options(self) -> dict[str, Any]:
         """Return the options of the source; a simulated one has the average of the human matrices."""
-        simulated = {"matrix": figure5.matrices().mean(axis=0)}
+        simulated: dict[str, Any] = {"matrix": figure5.matrices().mean(axis=0)}
+        if self.device == SUBJECT:
+            return {"rate_hz": self.rate_hz, **simulated, "chains": self._chains(), **self.options}
         return {"rate_hz": self.rate_hz, **(simulated if self.device == "sim" else self.options)}
+
+    def _chains(self) -> dict[str, Any]:
+        """Return the human chain of the published depth that is nearest to each phantom's, by code."""
+        depths = {code: one.bead.depth_m for code, one in load_phantoms(self.phantoms).items() if one.bead}
+        published = np.array(figure5.DEPTHS_M)
+        chains = figure5.matrices()
+        return {code: chains[int(np.argmin(np.abs(published - d)))] for code, d in depths.items()}
 
 
 class EmgNodeState(State):
@@ -49,6 +68,8 @@ class EmgNodeState(State):
 
     device: Any = None
     begin_ns: int = 0
+    cue_ns: list[int] = []
+    cued: list[str] = []
 
 
 class Emg(Node):
@@ -59,6 +80,7 @@ class Emg(Node):
     state: EmgNodeState
     block = Pub(EmgBlock)
     report = Pub(EmgReport)
+    cue = Sub(MuscleCue, optional=True)
     tick = Timer(hz="block_hz", running=True)
     end = Alarm()
 
@@ -82,7 +104,7 @@ class Emg(Node):
     def on_activate(self) -> None:
         self.state.begin_ns = self.now_ns()
         self.device.open(self.now_ns(), self.memory, self.rng)
-        if isinstance(self.device, SimEmg):
+        if isinstance(self.device, SimEmg) and not self.params.cued:
             begin_ns = self.device.palpation_ns(self.memory)
             self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
 
@@ -99,10 +121,21 @@ class Emg(Node):
         block = self.device.drain(self.now_ns(), self.memory, self.rng)
         if not isinstance(self.device, SimEmg):
             self._publish_report(block)
-        breaks = np.flatnonzero(block.gap[1:]) + 1  # a block has equal steps of time: a gap ends one
-        for first, end in pairwise([0, *breaks.tolist(), len(block.times_ns)]):
+        # a block has equal steps of time, and one phase: a gap ends one, and so does a cue
+        breaks = {*(np.flatnonzero(block.gap[1:]) + 1).tolist()}
+        breaks |= {*np.searchsorted(block.times_ns, self.state.cue_ns, side="right").tolist()}
+        for first, end in pairwise(sorted({0, *breaks, len(block.times_ns)})):
             if first < end:
                 self._publish(block, slice(first, end))
+
+    @on(cue)
+    def follow(self, cue: MuscleCue) -> None:
+        """Remember what is done from when on; the last two cues suffice for what is still on its way."""
+        state = self.state
+        state.cue_ns, state.cued = [*state.cue_ns[-2:], cue.stamp_ns], [*state.cued[-2:], cue.phase]
+        self.drain()
+        if hasattr(self.device, "cue"):  # who is not a person at an amplifier does as the cue says
+            self.device.cue(cue.phase, cue.phantom, self.memory)
 
     def _publish(self, block: Samples, part: slice) -> None:
         start_ns = max(0, int(block.times_ns[part.start]))
@@ -133,6 +166,11 @@ class Emg(Node):
         )
 
     def _phase(self, start_ns: int) -> str:
+        if self.params.cued:
+            place = (
+                int(np.searchsorted(self.state.cue_ns, start_ns)) - 1
+            )  # what is cued at an instant is done after it
+            return self.state.cued[place] if place >= 0 else "pause"
         if not isinstance(self.device, SimEmg):
             since_s = (start_ns - self.state.begin_ns) * 1e-9
             rest_s, mvc_s = self.params.rest_s, self.params.mvc_s

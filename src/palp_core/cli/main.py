@@ -71,6 +71,10 @@ app = lazy_app(
             f"{_CLI}.rig.why:why",
             "Tell which methods a run used and why, what was refused, what they met and what they cost.",
         ),
+        "session": Verb(
+            f"{_CLI}.session.session:app",
+            "Sessions: with people, by operators, and what was decided about their trials.",
+        ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
         "foxglove": Verb(

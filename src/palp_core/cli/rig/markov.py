@@ -41,7 +41,8 @@ def fit(
         list[str],
         typer.Argument(
             metavar="FILE...",
-            help="Recordings or bags of EMG, or folders subject/phase/trial; MM=FILE states the depth.",
+            help="Recordings or bags of EMG, folders subject/phase/trial, or those of sessions with people; "
+            "MM=FILE states the depth.",
             show_default=False,
         ),
     ],

@@ -232,8 +232,12 @@ class SimEmg:
         count = len(draws)
         target = np.zeros(count)
         target[max(0, self._count(self.rest_s) - first) : max(0, self._mvc_end - first)] = 1.0
-        relax_count = self._count(self.relax_s)
-        at = max(0, self._palpation_begin - first)
+        self._follow_chain(target, max(0, self._palpation_begin - first), draws, state)
+        return target
+
+    def _follow_chain(self, target: Float64Array, at: int, draws: Float64Array, state: SimEmgState) -> None:
+        """Write the chain's levels into ``target`` from a sample on."""
+        count, relax_count = len(target), self._count(self.relax_s)
         while at < count:
             if state.left_count == 0:
                 self._step_chain(draws[at], state)
@@ -243,13 +247,15 @@ class SimEmg:
             target[relax_at:until] = self.levels[state.level] * (1.0 - self.relax_share)
             state.left_count -= until - at
             at = until
-        return target
+
+    def _chain(self, state: SimEmgState) -> Float64Array:
+        """Return the transition probabilities that hold now."""
+        return np.asarray(self.matrix, dtype=np.float64)
 
     def _step_chain(self, draws: Float64Array, state: SimEmgState) -> None:
         """Draw the next level and its duration from two normal numbers; the first level is uniform."""
         k = len(self.levels)
-        matrix = np.asarray(self.matrix, dtype=np.float64)
-        law = np.full(k, 1.0 / k) if state.level < 0 else matrix[:, state.level]
+        law = np.full(k, 1.0 / k) if state.level < 0 else self._chain(state)[:, state.level]
         share, survival = ndtr(draws[0]), ndtr(draws[1])
         possible = np.flatnonzero(law)
         place = int(np.searchsorted(np.cumsum(law[possible]), share, side="right"))

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,12 @@ _SPECIAL = ("mvc", "rest")
 
 
 def run_folder(
-    folder: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, tell: Callable[[str], None]
+    folder: Path,
+    mvc: Path | None,
+    choices: Choices,
+    settings: EmgSettings,
+    tell: Callable[[str], None],
+    skip: Collection[Path] = (),
 ) -> list[dict[str, Any]]:
     """Analyse every trial of ``folder/subject/phase/trial``.
 
@@ -47,6 +52,7 @@ def run_folder(
         choices: What the user states.
         settings: How.
         tell: Told each trial that failed.
+        skip: Files that do not count.
 
     Returns:
         A record per trial, as of :func:`trial_record` with ``subject``, ``phase``, ``trial``, ``error``.
@@ -60,7 +66,7 @@ def run_folder(
         for phase in _folders(subject):
             if phase.name.lower() in _SPECIAL:
                 continue
-            for path in sorted(one for one in phase.iterdir() if is_recording(one)):
+            for path in sorted(one for one in phase.iterdir() if is_recording(one) and one not in skip):
                 place = {"subject": subject.name, "phase": phase.name, "trial": path.stem}
                 try:
                     trial = run_trial(path, mvc or efforts["mvc"], choices, settings, efforts["rest"])

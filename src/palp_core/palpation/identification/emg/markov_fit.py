@@ -22,13 +22,14 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     summarise,
 )
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
+from palp_core.palpation.session.human.record import EMG, HUMAN_TABLE, emg_that_does_not_count
 
 _LEAST_SD = 0.01
 
 
 @dataclass(frozen=True)
 class EmgRecordingPath:
-    """A recording, or a folder subject/phase/trial of them, and the depth that was palpated if it is known.
+    """A recording, or a folder of them (subject/phase/trial, or a session's), and the depth if it is known.
 
     Attributes:
         path: The file or folder.
@@ -121,7 +122,11 @@ def fit(
     for source in sources:
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
-        if source.path.is_dir() and not is_recording(source.path):
+        if (source.path / HUMAN_TABLE).exists():
+            found = run_folder(
+                source.path / EMG, mvc, choices, settings, tell, skip=emg_that_does_not_count(source.path)
+            )
+        elif source.path.is_dir() and not is_recording(source.path):
             found = run_folder(source.path, mvc, choices, settings, tell)
         else:
             found = [{"error": None, **trial_record(run_trial(source.path, mvc, choices, settings))}]

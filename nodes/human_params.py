@@ -1,0 +1,129 @@
+"""What a session with a person is set to do, what its node remembers, and its design."""
+
+from typing import Literal
+
+from msgs.emg import EmgBlock
+from palp_core import Params, ReadOnly, State
+from palp_core.errors import MechanicsError, PalpError, PerceptionError
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.session.human.identity import consent_id, subject_code
+from palp_core.palpation.session.human.plan import HumanDesign
+from palp_core.palpation.session.human.questions import AnswerForm
+from palp_core.palpation.session.human.record import Source, source_of
+from palp_core.palpation.session.plan import PlannedPhantom
+from palp_core.units import Count, CountPositive, HertzPositive, Kilograms, Seconds, SecondsPositive
+
+
+class HumanParams(Params):
+    """Set in the launch file; see :class:`.HumanDesign` for the numbers.
+
+    ``subject`` and ``consent`` are codes, asked of the operator where empty. ``amplifier``, ``host``: where
+    the EMG comes from, by which it is known whether it is a person's. ``answer``: one of the phantoms'
+    depths, or any depth in mm.
+    """
+
+    out: ReadOnly[str] = "results"
+    subject: ReadOnly[str] = ""
+    consent: ReadOnly[str] = ""
+    phantoms: ReadOnly[str] = ""
+    order: ReadOnly[Literal["paper", "counterbalanced"]] = "paper"
+    subject_number: ReadOnly[CountPositive] = 1
+    seed: ReadOnly[Count] = 1
+    repeats: ReadOnly[CountPositive] = 5
+    limit_s: ReadOnly[SecondsPositive] = 60.0
+    rest_s: ReadOnly[Seconds] = 20.0
+    quiet_s: ReadOnly[SecondsPositive] = 2.0
+    mvc_s: ReadOnly[SecondsPositive] = 5.0
+    mvc_kg: ReadOnly[Kilograms] = 5.0
+    mvc_tries: ReadOnly[CountPositive] = 4
+    answer: ReadOnly[AnswerForm] = "choice"
+    amplifier: ReadOnly[str] = ""
+    host: ReadOnly[str] = ""
+    settle_s: SecondsPositive = 2.0
+    countdown_hz: HertzPositive = 1.0
+
+    @property
+    def source(self) -> Source:
+        """Whose muscles these are; what nobody names is not believed to be a person's."""
+        return source_of(self.amplifier, self.host)
+
+
+class HumanState(State):
+    """What a replacement inherits: the plan's replies, what stands asked, and the step under way.
+
+    ``stage`` of a step: "" before it, ``ready`` until the operator begins it, ``begin``, ``running``,
+    ``over``, ``settling`` until the last samples are there, ``settled``; or ``asked`` and ``answered``.
+    ``doing``: the phase of the muscles, or what is asked for.
+    """
+
+    words: list[str] = []
+    subject: str = ""
+    consent: str = ""
+    asked: Count = 0
+    kind: str = "none"
+    choices: list[str] = []
+    stage: str = ""
+    doing: str = ""
+    begin_ns: int = 0
+    end_ns: int = 0
+    limit_ns: int = 0
+    ended_by: str = ""
+    palpated_ns: int = 0
+    answer_mm: float = 0.0
+    answered_by: str = ""
+    blocks: list[EmgBlock] = []
+    rest: list[EmgBlock] = []
+    rest_ns: list[int] = []
+    largest_v: tuple[float, float] = (0.0, 0.0)
+    emg: str = ""
+    lost_count: int = 0
+    clipped_count: int = 0
+    phantom: str = ""
+    row: int = 0
+    finished: bool = False
+
+
+def phantoms_of(path: str) -> tuple[PlannedPhantom, ...]:
+    """Return code and depth of each phantom with a bead."""
+    found = load_phantoms(path)
+    return tuple(PlannedPhantom(code, one.bead.depth_m) for code, one in found.items() if one.bead)
+
+
+def design_of(params: HumanParams) -> HumanDesign:
+    """Return the numbers of the session.
+
+    Raises:
+        MechanicsError: The phantoms' file cannot be used.
+        PerceptionError: The numbers do not fit together.
+    """
+    return HumanDesign(
+        phantoms=phantoms_of(params.phantoms),
+        order=params.order,
+        subject_number=params.subject_number,
+        seed=params.seed,
+        repeats=params.repeats,
+        limit_s=params.limit_s,
+        rest_s=params.rest_s,
+        quiet_s=params.quiet_s,
+        mvc_s=params.mvc_s,
+        mass_kg=params.mvc_kg,
+        mvc_tries=params.mvc_tries,
+    )
+
+
+def mistakes(params: HumanParams) -> dict[str, str]:
+    """Return what is wrong with the session asked for, by parameter; no message repeats a code."""
+    found = {}
+    for name, check in (("subject", subject_code), ("consent", consent_id)):
+        try:
+            if text := getattr(params, name):
+                check(text)
+        except PalpError as error:
+            found[name] = str(error)
+    try:
+        design_of(params)
+    except MechanicsError as error:
+        found["phantoms"] = str(error)
+    except PerceptionError as error:
+        found[""] = str(error)
+    return found

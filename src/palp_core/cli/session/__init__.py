@@ -1,0 +1,1 @@
+"""``palp session``: sessions with people and operators, and what was decided about their trials."""

@@ -1,0 +1,65 @@
+"""``palp session plan``: a session with a person, run dry."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Annotated, Literal
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import print_json, print_table, print_text
+
+
+def plan(
+    *,
+    order: Annotated[
+        Literal["paper", "counterbalanced"], typer.Option(help="Tables 3 and 4, or balanced over subjects.")
+    ] = "paper",
+    subject_number: Annotated[int, typer.Option(min=1, help="Of the subject in the study.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the study.")] = 1,
+    repeats: Annotated[int, typer.Option(min=1, help="Trials per phantom and phase.")] = 5,
+    limit_s: Annotated[float, typer.Option(help="Longest time of a trial.")] = 60.0,
+    rest_s: Annotated[float, typer.Option(min=0.0, help="Rest between trials.")] = 20.0,
+    phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a session with a person will ask, in which order, and how long it takes; no rig is needed."""
+    from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline
+    from palp_core.palpation.session.plan import PlannedPhantom
+
+    found = outline(
+        HumanDesign(
+            phantoms=tuple(
+                PlannedPhantom(code, one.bead.depth_m)
+                for code, one in load_phantoms(phantoms).items()
+                if one.bead
+            ),
+            order=order,
+            subject_number=subject_number,
+            seed=seed,
+            repeats=repeats,
+            limit_s=limit_s,
+            rest_s=rest_s,
+        )
+    )
+    if as_json:
+        print_json(found)
+        return
+    for phase in PHASES:
+        trials = [trial for trial in found.trials if trial.phase == phase]
+        counts = Counter(trial.phantom for trial in trials)
+        given = ", ".join(f"{code} {count} times" for code, count in sorted(counts.items()))
+        print_text(f"{phase}: {len(trials)} trials, {given}")
+        print_table(
+            [
+                ["trial", *(str(trial.number) for trial in trials)],
+                ["phantom", *(trial.phantom for trial in trials)],
+                ["depth, mm", *(f"{trial.depth_m * 1e3:g}" for trial in trials)],
+            ]
+        )
+    print_text(
+        f"{found.questions} questions, {found.mounts} changes of the phantom; "
+        f"{found.shortest_s / 60:.0f} min without any palpation, {found.longest_s / 60:.0f} min at most"
+    )

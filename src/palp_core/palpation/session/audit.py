@@ -1,0 +1,86 @@
+"""What was decided about single trials after they were made: appended beside the record, never taken back.
+
+::
+
+    OUT/audit.csv    one line per decision: trial, what, why, when, who
+
+A trial is ``exclude``d, or is to be done again (``redo``): either way its numbers do not count any more. The
+record itself stays as it was measured; whoever analyses it asks :func:`left_out`.
+"""
+
+import csv
+import datetime
+import getpass
+import io
+import os
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from palp_core.errors import PalpError
+from palp_core.whole_file import read_whole
+
+AUDIT = "audit.csv"
+
+Deed = Literal["redo", "exclude", "unseal"]
+
+
+class Decision(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of the audit; ``trial`` is -1 where it is about the session as a whole."""
+
+    trial: int
+    deed: Deed
+    reason: str
+    time: str
+    user: str
+
+
+def decide(folder: Path, trial: int, deed: Deed, reason: str) -> Decision:
+    """Append a decision.
+
+    Raises:
+        PalpError: There is no reason, or it cannot be written.
+    """
+    if not reason.strip():
+        raise PalpError("a decision about a trial needs its reason: --reason '...'")
+    now = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
+    made = Decision(trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser())
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    path = folder / AUDIT
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        with os.fdopen(descriptor, "a", encoding="utf-8") as file:
+            if path.stat().st_size == 0:
+                writer.writerow(Decision.__struct_fields__)
+            writer.writerow(msgspec.structs.astuple(made))
+            file.write(text.getvalue())
+    except OSError as error:
+        raise PalpError(f"{path} cannot be written: {error.strerror or error}") from error
+    return made
+
+
+def decisions(folder: Path) -> list[Decision]:
+    """Return every decision about a session, in the order in which they were made.
+
+    Raises:
+        PalpError: The file is damaged: then nothing of the session can be told to count.
+    """
+    path = folder / AUDIT
+    try:
+        text = read_whole(path).decode()
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        raise PalpError(f"{path} cannot be read: {error}") from error
+    lines = csv.DictReader(io.StringIO(text, newline=""))
+    try:
+        return [msgspec.convert(dict(cells), Decision, strict=False) for cells in lines]
+    except (msgspec.ValidationError, csv.Error) as error:
+        raise PalpError(f"{path}:{lines.line_num}: the line is damaged: {error}") from error
+
+
+def left_out(folder: Path) -> dict[int, str]:
+    """Return why each trial that does not count does not, by trial."""
+    return {one.trial: f"{one.deed}: {one.reason}" for one in decisions(folder) if one.trial >= 0}

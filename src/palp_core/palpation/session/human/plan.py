@@ -1,0 +1,258 @@
+"""The experiment with a person as a generator: identity, MVC, training, estimation.
+
+As :mod:`palp_core.palpation.session.plan`: it holds no device, no clock and no person, so it can be run dry,
+and goes on from recorded replies::
+
+    for line in outline(HumanDesign()):
+        print(line)
+"""
+
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+from palp_core.errors import PerceptionError
+from palp_core.palpation.session.human.orders import (
+    TABLE_3_MM,
+    TABLE_4_MM,
+    Order,
+    counterbalanced,
+    paper_order,
+)
+from palp_core.palpation.session.plan import ExperimentDesign, PlannedPhantom
+
+Phase = Literal["training", "estimation"]
+PHASES: tuple[Phase, ...] = ("training", "estimation")
+PAPER_REPEATS = 5
+PAPER_LIMIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Ask for consent and subject code."""
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """Record the muscles at rest."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class HoldMvc:
+    """Record the maximum voluntary contraction; answered ``repeat`` where it cannot be used."""
+
+    attempt: int
+    mass_kg: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Let the subject rest."""
+
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class HumanTrial:
+    """Let the subject palpate, until said to be done or the time is over.
+
+    Attributes:
+        index: Number of the trial, from 0, over both phases.
+        phase: Training or estimation.
+        number: Of the trial in its phase, from 1.
+        attempt: From 1; a trial that was spoilt is done again.
+        phantom: Code.
+        depth_m: Of its nodule.
+        told: Whether the subject is told the depth.
+        limit_s: Longest time.
+    """
+
+    index: int
+    phase: Phase
+    number: int
+    attempt: int
+    phantom: str
+    depth_m: float
+    told: bool
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Ask the subject for the depth."""
+
+    trial: HumanTrial
+
+
+HumanStep = Identify | Quiet | HoldMvc | Rest | HumanTrial | Ask
+
+
+@dataclass(frozen=True)
+class HumanReply:
+    """What came of a step; ``repeat`` is an answer to an MVC or a trial."""
+
+    word: Literal["done", "repeat"] = "done"
+
+
+HumanPlan = Generator[HumanStep, HumanReply, None]
+
+
+@dataclass(frozen=True)
+class HumanDesign:
+    """The numbers of a session with a person.
+
+    Attributes:
+        phantoms: One per depth as published.
+        order: ``paper``: Tables 3 and 4, the same for all; ``counterbalanced``.
+        subject_number: Of the subject in the study, from 1; of the counterbalanced order.
+        seed: Of the study; of the counterbalanced order.
+        repeats: Trials per phantom and phase; 5 as published.
+        limit_s: Longest time of a trial; 60 s as published.
+        rest_s: Between trials (published: they rested; how long is assumed).
+        quiet_s: Of muscles at rest before the MVC (assumed).
+        mvc_s: Of the MVC (assumed).
+        mass_kg: That is held and moved in it; 5 kg as published.
+        mvc_tries: After which the session ends without a usable one (assumed).
+    """
+
+    phantoms: tuple[PlannedPhantom, ...] = ExperimentDesign().phantoms
+    order: Order = "paper"
+    subject_number: int = 1
+    seed: int = 1
+    repeats: int = PAPER_REPEATS
+    limit_s: float = PAPER_LIMIT_S
+    rest_s: float = 20.0
+    quiet_s: float = 2.0
+    mvc_s: float = 5.0
+    mass_kg: float = 5.0
+    mvc_tries: int = 4
+
+    def __post_init__(self) -> None:
+        if self.order not in ("paper", "counterbalanced"):
+            raise PerceptionError(f"no order '{self.order}'; use 'paper' or 'counterbalanced'")
+        if len(self.phantoms) < 2 or len({p.depth_m for p in self.phantoms}) < len(self.phantoms):
+            raise PerceptionError("the question is which of several depths: phantoms need two different ones")
+        if self.repeats < 1 or self.subject_number < 1 or self.mvc_tries < 1:
+            raise PerceptionError("repeats, subject_number and mvc_tries are counted from 1")
+        if self.order == "paper" and self.repeats != PAPER_REPEATS:
+            raise PerceptionError(
+                f"repeats is {self.repeats}, and the paper's order has {PAPER_REPEATS} trials per phantom; "
+                "use order:=counterbalanced"
+            )
+        for name in ("limit_s", "mvc_s", "mass_kg"):
+            if not getattr(self, name) > 0.0:
+                raise PerceptionError(f"{name} is {getattr(self, name)}; it must be positive")
+        self.places("training")
+
+    def places(self, phase: Phase) -> list[int]:
+        """Return which phantom each trial of a phase has."""
+        if self.order == "paper":
+            table = TABLE_3_MM if phase == "training" else TABLE_4_MM
+            return paper_order([p.depth_m for p in self.phantoms], table)
+        seed = 2 * self.seed + (phase == "estimation")
+        return counterbalanced(len(self.phantoms), self.repeats, self.subject_number, seed)
+
+
+def human(design: HumanDesign) -> HumanPlan:
+    """Yield the steps of a session.
+
+    Raises:
+        PerceptionError: A reply does not fit its step, or no MVC could be used.
+    """
+    yield from _done(Identify())
+    yield from _done(Quiet(design.quiet_s))
+    for attempt in range(1, design.mvc_tries + 1):
+        if (yield HoldMvc(attempt, design.mass_kg, design.mvc_s)).word == "done":
+            break
+        yield from _done(Rest(design.rest_s))
+    else:
+        raise PerceptionError(
+            f"none of {design.mvc_tries} contractions could be used as MVC: lower the amplifier's gain if "
+            "they were clipped, check the electrodes if they were weak, and begin again"
+        )
+    for trial in trials(design):
+        yield from _done(Rest(design.rest_s))
+        while (yield trial).word == "repeat":
+            trial = replace(trial, attempt=trial.attempt + 1)
+            yield from _done(Rest(design.rest_s))
+        if trial.phase == "estimation":
+            yield from _done(Ask(trial))
+
+
+def trials(design: HumanDesign) -> Iterator[HumanTrial]:
+    """Yield the trials of both phases, each as its first attempt."""
+    index = 0
+    for phase in PHASES:
+        for number, place in enumerate(design.places(phase), start=1):
+            phantom, told = design.phantoms[place], phase == "training"
+            yield HumanTrial(index, phase, number, 1, phantom.code, phantom.depth_m, told, design.limit_s)
+            index += 1
+
+
+def _done(step: HumanStep) -> HumanPlan:
+    reply = yield step
+    if reply.word != "done":
+        raise PerceptionError(f"{step} was answered '{reply.word}', not 'done'")
+
+
+def resume(plan: HumanPlan, words: Iterable[str]) -> HumanStep | None:
+    """Send recorded words to a fresh plan; return the first step that has none, or None at its end."""
+    step = next(plan, None)
+    for word in words:
+        if step is None:
+            raise PerceptionError("the plan ended before its recorded replies; they are of another design")
+        try:
+            step = plan.send(HumanReply(word))  # type: ignore[arg-type]
+        except StopIteration:
+            step = None
+    return step
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What a plan asks for, found by running it dry with every step done at once.
+
+    Attributes:
+        trials: Every trial, in order.
+        questions: How often the subject is asked.
+        shortest_s: Without any palpation.
+        longest_s: If every trial takes its limit.
+        mounts: Times that the phantom changes.
+    """
+
+    trials: tuple[HumanTrial, ...]
+    questions: int
+    shortest_s: float
+    longest_s: float
+    mounts: int
+
+
+def outline(design: HumanDesign) -> Outline:
+    """Run a plan dry, without a person or a rig."""
+    plan = human(design)
+    step: HumanStep | None = next(plan)
+    found: list[HumanTrial] = []
+    questions, waits_s = 0, 0.0
+    while step is not None:
+        if isinstance(step, HumanTrial):
+            found.append(step)
+        elif isinstance(step, Ask):
+            questions += 1
+        elif not isinstance(step, Identify):
+            waits_s += step.duration_s
+        try:
+            step = plan.send(HumanReply())
+        except StopIteration:
+            step = None
+    codes = ["", *(trial.phantom for trial in found)]
+    return Outline(
+        tuple(found),
+        questions,
+        waits_s,
+        waits_s + sum(trial.limit_s for trial in found),
+        sum(a != b for a, b in pairwise(codes)),
+    )

@@ -1,0 +1,100 @@
+"""What a person or the operator is asked, in words, and what an answer means."""
+
+import re
+from collections.abc import Sequence
+from typing import Literal
+
+from palp_core.errors import PalpError
+from palp_core.palpation.session.human.plan import HoldMvc, HumanTrial
+from palp_core.palpation.session.plan import PlannedPhantom
+
+AnswerForm = Literal["choice", "mm"]
+
+QUESTION = "Please estimate the depth of a hard nodule based on your haptic perception"
+"""As the paper puts it."""
+
+LARGEST_MM = 30.0
+"""The phantom's height: nothing in it lies deeper."""
+
+AGAIN = "again"
+"""What the operator says of a trial that was spoilt."""
+
+
+IDENTITY = {
+    "consent": "Id of the signed consent form:",
+    "subject": "Subject code (S01), never a name:",
+}
+QUIET = "The subject sits relaxed, forearm at rest, hand still. Enter records the muscles at rest."
+PALPATING = f"Palpating. Enter when the subject is done; '{AGAIN}' if the trial was spoilt."
+
+
+def mvc_words(step: HoldMvc) -> str:
+    """Return what the operator is told before a maximum voluntary contraction."""
+    again = "" if step.attempt == 1 else f" (attempt {step.attempt})"
+    return (
+        f"Hold and move {step.mass_kg:g} kg, as hard as you can, for {step.duration_s:g} s{again}. "
+        "Enter begins it."
+    )
+
+
+def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
+    """Return what the operator is told before a trial.
+
+    Args:
+        trial: The trial.
+        of: How many its phase has.
+        same: Whether its phantom is the one of the trial before.
+    """
+    give = f"{'Leave' if same else 'Give'} phantom {trial.phantom}"
+    tell = f"; tell the subject: {trial.depth_m * 1e3:g} mm" if trial.told else "; subject blindfolded"
+    attempt = "" if trial.attempt == 1 else f", attempt {trial.attempt}"
+    return f"{trial.phase.capitalize()} trial {trial.number} of {of}{attempt}. {give}{tell}. Enter begins it."
+
+
+def ending(text: str) -> str:
+    """Return how a trial was ended by what the operator typed.
+
+    Raises:
+        PalpError: Nothing of the kind was typed.
+    """
+    if text not in ("", AGAIN):
+        raise PalpError(f"Enter alone ends the trial; '{AGAIN}' says that it was spoilt")
+    return "repeat" if text else "subject"
+
+
+def depth_question(phantoms: Sequence[PlannedPhantom], form: AnswerForm) -> str:
+    """Return the question with how to answer it."""
+    if form == "mm":
+        return f"{QUESTION}. (mm)"
+    return f"{QUESTION}: {_listed(phantoms)}."
+
+
+def depth_answer(text: str, phantoms: Sequence[PlannedPhantom], form: AnswerForm) -> float:
+    """Return the depth that an answer names, mm.
+
+    >>> from palp_core.palpation.session.human.plan import HumanDesign
+    >>> depth_answer(" 4 mm", HumanDesign().phantoms, "choice")
+    4.0
+
+    Raises:
+        PalpError: It names none, or none that there is to choose.
+    """
+    said = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,3})?)\s*(?:mm)?\s*", text)
+    if said is None:
+        raise PalpError("the answer is not a depth in mm: type a number, as 4")
+    depth_mm = float(said[1].replace(",", "."))
+    if form == "choice" and all(abs(p.depth_m * 1e3 - depth_mm) > 1e-9 for p in phantoms):
+        raise PalpError(f"the subject chooses one of {_listed(phantoms)}")
+    if not 0.0 <= depth_mm <= LARGEST_MM:
+        raise PalpError(f"a depth lies between 0 and {LARGEST_MM:g} mm, the phantom's height")
+    return depth_mm
+
+
+def nearest_depth(depth_mm: float, phantoms: Sequence[PlannedPhantom]) -> float:
+    """Return the nearest of the phantoms' depths, m; of two as near the shallower."""
+    return min(sorted(p.depth_m for p in phantoms), key=lambda d: abs(d * 1e3 - depth_mm))
+
+
+def _listed(phantoms: Sequence[PlannedPhantom]) -> str:
+    *most, last = (f"{depth_m * 1e3:g}" for depth_m in sorted(p.depth_m for p in phantoms))
+    return f"{', '.join(most)} or {last} mm"

@@ -1,0 +1,248 @@
+"""The record of a session with a person, written trial by trial.
+
+::
+
+    OUT/human_trials.csv                     one row per trial, a spoilt one too
+    OUT/emg/S01/rest.npz, mvc.npz            both muscles at rest and in the MVC that counts
+    OUT/emg/S01/training/01_2mm.npz          the EMG of a trial, raw
+    OUT/emg/S01/estimation/01_2mm.npz        likewise; a second attempt has 01b
+    OUT/emg_discarded/S01/...                contractions and trials that were done again
+    OUT/identity.json                        who it was, in codes; for nobody else to read
+
+``palp markov fit OUT`` learns the subject's chains from what counts.
+"""
+
+import csv
+import io
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from palp_core.errors import PalpError, in_words
+from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.session_folder import cannot_write, link_latest
+from palp_core.units import Float64Array
+from palp_core.whole_file import read_whole, whole_file, write_json
+
+HUMAN_TABLE = "human_trials.csv"
+IDENTITY = "identity.json"
+EMG = "emg"
+DISCARDED = "emg_discarded"
+
+Source = Literal["person", "emulator", "file", "simulated"]
+"""Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
+
+
+class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One trial. What nobody was asked, or what is sealed, is None.
+
+    ``attempt``: of the trial; ``ended_by``: ``subject``, ``limit``, or ``repeat`` where it was spoilt and is
+    done again. ``palpation_s`` is from begin to end of the palpation, ``answer_s`` from the question to the
+    answer. ``answer_mm`` is what was said, ``estimate_m`` the nearest of the phantoms' depths. ``emg``: the
+    file of its EMG. ``source`` and ``answered_by``: whose it was; :func:`is_of_a_person` asks them.
+    """
+
+    row: int
+    subject: str
+    phase: str
+    trial: int
+    number: int
+    attempt: int
+    phantom: str
+    depth_m: float | None
+    told: bool
+    palpation_s: float
+    ended_by: str
+    answer_s: float | None
+    answer_mm: float | None
+    estimate_m: float | None
+    emg: str
+    lost_count: int
+    clipped_count: int
+    source: str
+    answered_by: str
+    order: str
+    subject_number: int
+    seed: int
+    end_ns: int
+
+
+_AMPLIFIERS = ("noraxon", "lsl", "spikershield")
+
+
+def source_of(amplifier: str, host: str = "") -> Source:
+    """Return whose muscles those of an amplifier are.
+
+    >>> source_of("noraxon", "192.168.1.20"), source_of("noraxon", "127.0.0.1"), source_of("")
+    ('person', 'emulator', 'simulated')
+
+    Args:
+        amplifier: As the argument ``emg`` of ``launch/human.yaml`` names it.
+        host: Of an amplifier on the network; one on this host is an emulator.
+    """
+    if amplifier in ("emulator", "file"):
+        return "emulator" if amplifier == "emulator" else "file"
+    if amplifier not in _AMPLIFIERS:
+        return "simulated"
+    here = host == "localhost" or host.startswith("127.") or host == "::1"
+    return "emulator" if amplifier == "noraxon" and here else "person"
+
+
+def is_of_a_person(row: HumanRow) -> bool:
+    """Tell whether a row is of a person: muscles and answers both."""
+    return row.source == "person" and row.answered_by not in ("", "script")
+
+
+def emg_name(phase: str, number: int, attempt: int, phantom: str, depth_m: float | None) -> str:
+    """Return the name of a trial's EMG below the subject's folder; a sealed depth is the phantom's code.
+
+    >>> emg_name("training", 3, 1, "B", 0.004), emg_name("training", 3, 2, "K7", None)
+    ('training/03_4mm.npz', 'training/03b_K7.npz')
+    """
+    again = "" if attempt == 1 else chr(ord("a") + min(attempt - 1, 25))
+    what = phantom if depth_m is None else f"{round(depth_m * 1e3, 6):g}mm"
+    return f"{phase}/{number:02d}{again}_{what}.npz"
+
+
+class HumanWriter:
+    """Writes a session's record.
+
+    Args:
+        out: The folder; made if missing.
+    """
+
+    def __init__(self, out: str) -> None:
+        self.folder = Path(out)
+
+    def start(self) -> None:
+        """Begin a new table.
+
+        Raises:
+            PalpError: There is a session in the folder, or it cannot be written. Nothing of a person is
+                ever replaced.
+        """
+        refuse_human(self.folder)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._append(HumanRow.__struct_fields__, os.O_CREAT | os.O_EXCL)
+            link_latest(self.folder)
+        except OSError as error:
+            raise cannot_write(self.folder, error) from error
+
+    def identity(self, subject: str, consent: str, **more: Any) -> None:
+        """Write who it was, in codes.
+
+        Raises:
+            PalpError: It cannot be written.
+        """
+        try:
+            write_json(self.folder / IDENTITY, {"subject": subject, "consent": consent, **more}, mode=0o600)
+        except OSError as error:
+            raise cannot_write(self.folder, error) from error
+
+    def append(self, row: HumanRow) -> None:
+        """Add a trial; its EMG was written before.
+
+        Raises:
+            PalpError: It cannot be written. What was there is whole.
+        """
+        try:
+            self._append([_cell(value) for value in msgspec.structs.astuple(row)])
+        except OSError as error:
+            raise self._ended(error, f"trial {row.trial + 1}") from error
+
+    def emg(
+        self, subject: str, name: str, samples_v: Float64Array, rate_hz: float, *, discarded: bool = False
+    ) -> str:
+        """Write raw EMG, shape (2, n), flexor first; return its path in the folder.
+
+        Raises:
+            PalpError: It cannot be written.
+        """
+        path = self.folder / (DISCARDED if discarded else EMG) / subject / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with whole_file(path) as file:
+                np.savez_compressed(file, fds_v=samples_v[0], edc_v=samples_v[1], rate_hz=np.array(rate_hz))
+        except OSError as error:
+            raise self._ended(error, str(path.name)) from error
+        return str(path.relative_to(self.folder))
+
+    def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        path, data = self.folder / HUMAN_TABLE, text.getvalue().encode()
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | flags, 0o644)
+        try:
+            before = os.fstat(descriptor).st_size
+            if os.write(descriptor, data) != len(data):
+                os.ftruncate(descriptor, before)  # a full disk takes a part: the row is whole or not there
+                raise OSError("no space left for a whole row")
+        finally:
+            os.close(descriptor)
+
+    def _ended(self, error: OSError, what: str) -> PalpError:
+        return PalpError(
+            f"{what} cannot be written to '{self.folder.absolute()}': {error.strerror or error}; "
+            "every trial before is kept there"
+        )
+
+
+def refuse_human(folder: Path) -> None:
+    """Refuse a folder that holds a session with a person, or another.
+
+    Raises:
+        PalpError: It does.
+    """
+    for name in (HUMAN_TABLE, "trials.csv"):
+        if (folder / name).exists():
+            raise PalpError(
+                f"'{folder}' holds a session already ({name}), and what a person did is never overwritten: "
+                "give this one another folder, out:=NAME"
+            )
+
+
+def read_human(out: str | Path) -> list[HumanRow]:
+    """Return every row of a record.
+
+    Raises:
+        PalpError: There is none, or a row is damaged.
+    """
+    path = Path(out) / HUMAN_TABLE
+    try:
+        text = read_whole(path).decode()
+    except FileNotFoundError:
+        raise PalpError(f"no session with a person in '{out}': {path} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+    whole = text[: text.rfind("\n") + 1]  # a last row that was cut short is none
+    lines = csv.DictReader(io.StringIO(whole, newline=""), strict=True)
+    rows = []
+    for cells in lines:
+        plain = {name: None if cell == "" and name in _OPTIONAL else cell for name, cell in cells.items()}
+        try:
+            rows.append(msgspec.convert(plain, HumanRow, strict=False))
+        except msgspec.ValidationError as error:
+            raise PalpError(f"{path}:{lines.line_num}: the row is damaged: {error}") from error
+    return rows
+
+
+def emg_that_does_not_count(out: Path) -> set[Path]:
+    """Return the files of EMG whose trials were excluded, or are to be done again.
+
+    Raises:
+        PalpError: Record or audit cannot be read.
+    """
+    decided = left_out(out)
+    return {out / row.emg for row in read_human(out) if row.emg and row.trial in decided}
+
+
+_OPTIONAL = {"depth_m", "answer_s", "answer_mm", "estimate_m"}
+
+
+def _cell(value: Any) -> Any:
+    return str(value).lower() if isinstance(value, bool) else "" if value is None else value

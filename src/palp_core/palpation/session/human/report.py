@@ -1,0 +1,98 @@
+"""The report of a session with a person: ``human.json`` and ``human.html``, however its run ended.
+
+A launch file names it: ``report: palp_core.palpation.session.human.report:session``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palp_core.errors import PalpError
+from palp_core.palpation.session import run_note
+from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human, refuse_human
+from palp_core.palpation.session.session_folder import RUN, cannot_write
+from palp_core.whole_file import write_json
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+
+RESULT = "human.json"
+PAGE = "human.html"
+
+
+class HumanReport:
+    """What ``launch/human.yaml`` does before, at the beginning and after the end of a run."""
+
+    def prepare(self, summary: RunSummary) -> None:
+        """Refuse a run whose session would go where one is already.
+
+        Raises:
+            PalpError: It would, or the run names no folder.
+        """
+        refuse_human(run_note.out_of(summary))
+
+    def begin(self, summary: RunSummary) -> None:
+        """Note which run the session is of.
+
+        Raises:
+            PalpError: The folder cannot be written.
+        """
+        folder = run_note.out_of(summary)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_json(folder / RUN, summary)
+        except OSError as error:
+            raise cannot_write(folder, error) from error
+
+    def __call__(self, summary: RunSummary) -> str:
+        """Write what the session tells beside its record; return it in words.
+
+        Raises:
+            PalpError: The folder is gone, or cannot be written.
+        """
+        folder = run_note.out_of(summary)
+        try:
+            write_json(folder / RUN, summary)
+            if not (folder / HUMAN_TABLE).exists() or not read_human(folder):
+                return f"Nothing is kept: no trial was made in '{folder}'."
+            return write_human([folder], folder)
+        except OSError as error:
+            raise PalpError(
+                f"the report of '{folder}' cannot be written: {error.strerror or error}"
+            ) from error
+
+
+session = HumanReport()
+
+
+def write_human(folders: list[Path], out: Path) -> str:
+    """Write what one session or several tell into a folder; return it in words.
+
+    Raises:
+        PalpError: A session cannot be read.
+    """
+    from palp_core.palpation.reporting.html_page import picture, write_page
+    from palp_core.palpation.session.human.analysis import analyse, gather
+    from palp_core.palpation.session.human.charts import human_charts
+
+    trials = gather(folders)
+    found = analyse(trials)
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / RESULT, found)
+    pictures = [picture(one, out / "charts") for one in human_charts(trials, found)]
+    write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures)
+    return f"{headline(found)}\nKept: {len(trials.rows)} trials ({HUMAN_TABLE}, emg/). Report: {out / PAGE}"
+
+
+def headline(found: dict[str, object]) -> str:
+    """Return what an analysis tells, in a sentence."""
+    trials: dict[str, int] = found["trials"]  # type: ignore[assignment]
+    done = f"{trials['training']} trials of training, {trials['estimation']} of estimation"
+    accuracy: dict[str, float] | None = found["accuracy"]  # type: ignore[assignment]
+    if accuracy is None:
+        return f"{done}; {found['note']}."
+    return (
+        f"{done}: right in {accuracy['right']} of {accuracy['of']}, {accuracy['share']:.0%} "
+        f"({accuracy['low']:.0%} to {accuracy['high']:.0%})."
+    )

@@ -1,0 +1,163 @@
+"""What sessions with people tell: counted by hand, refused where nobody was a person, honest about power."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scipy import stats
+
+from palp_core.errors import PalpError
+from palp_core.palpation.session import audit
+from palp_core.palpation.session.human.analysis import analyse, gather
+from palp_core.palpation.session.human.power import power_of
+from palp_core.palpation.session.human.record import HumanRow, HumanWriter, is_of_a_person, read_human
+from palp_core.palpation.session.human.report import headline, write_human
+
+DEPTHS_M = (0.002, 0.004, 0.008)
+PUBLISHED = {0.002: 24, 0.004: 17, 0.008: 17}
+"""Right answers of 30 at each depth."""
+
+
+def row(number: int, **more: Any) -> HumanRow:
+    plain: dict[str, Any] = {
+        "row": number, "subject": "S01", "phase": "estimation", "trial": number, "number": number + 1,
+        "attempt": 1, "phantom": "A", "depth_m": 0.002, "told": False, "palpation_s": 5.0,
+        "ended_by": "subject", "answer_s": 1.0, "answer_mm": 2.0, "estimate_m": 0.002, "emg": "",
+        "lost_count": 0, "clipped_count": 0, "source": "person", "answered_by": "terminal",
+        "order": "paper", "subject_number": 1, "seed": 1, "end_ns": 0,
+    }  # fmt: skip
+    return HumanRow(**(plain | more))
+
+
+def written(folder: Path, rows: list[HumanRow]) -> Path:
+    writer = HumanWriter(str(folder))
+    writer.start()
+    for one in rows:
+        writer.append(one)
+    return folder
+
+
+def six_subjects(folder: Path, **more: Any) -> list[Path]:
+    """Write the paper's counts: right answers dealt out over six subjects."""
+    folders = []
+    for subject in range(6):
+        rows = []
+        for repeat in range(5):
+            for i, depth_m in enumerate(DEPTHS_M):
+                right = 7 * (5 * subject + repeat) % 30 < PUBLISHED[depth_m]  # 7 k mod 30: each once
+                said = depth_m if right else DEPTHS_M[(i + 1) % 3]
+                number = 3 * repeat + i
+                facts = {"depth_m": depth_m, "estimate_m": said, "answer_mm": said * 1e3, "phantom": "ABC"[i]}
+                rows.append(row(number, subject=f"S0{subject + 1}", **facts, **more))
+        folders.append(written(folder / f"S0{subject + 1}", rows))
+    return folders
+
+
+def test_a_row_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    rows = [row(0), row(1, depth_m=None, estimate_m=None, answer_s=None, answer_mm=None, told=True)]
+    assert read_human(written(tmp_path / "S01", rows)) == rows
+
+
+def test_the_papers_counts_give_the_papers_shares(tmp_path: Path) -> None:
+    found = analyse(gather(six_subjects(tmp_path)))
+    assert {mm: (one["right"], one["of"]) for mm, one in found["by_depth"].items()} == {
+        "2": (24, 30),
+        "4": (17, 30),
+        "8": (17, 30),
+    }
+    assert found["accuracy"]["right"] == 58
+    table = found["confusion"]["counts"]
+    assert [table[i][i] for i in range(3)] == [24, 17, 17]
+    assert table[0] == [24, 6, 0]
+    effects = {one["name"]: one["p"] for one in found["anova"]["effects"]}
+    assert effects.keys() == {"depth", "trial", "depth:trial"}
+    one_way = stats.f_oneway(*([1.0] * n + [0.0] * (30 - n) for n in PUBLISHED.values())).pvalue
+    assert 0.05 < one_way < 0.15  # what the published counts can show of depth alone
+    assert found["subjects"] == 6
+
+
+@pytest.mark.parametrize(
+    ("whose", "said"),
+    [
+        ({"source": "simulated"}, "the muscles are simulated"),
+        ({"source": "emulator"}, "the amplifier is emulated"),
+        ({"source": "file"}, "the muscles are a recording's"),
+        ({"answered_by": "script"}, "a script answered"),
+        ({"answered_by": ""}, "nobody knows who answered"),
+    ],
+)
+def test_who_is_no_person_has_no_accuracy_anywhere(tmp_path: Path, whose: dict[str, str], said: str) -> None:
+    folders = six_subjects(tmp_path)
+    written(tmp_path / "one", [row(0, **whose)])  # a single such trial among 90 of people
+    for chosen in ([tmp_path / "one"], [*folders, tmp_path / "one"]):
+        found = analyse(gather(chosen))
+        assert found["accuracy"] is None
+        assert said in found["note"]
+        assert not {"by_depth", "by_trial", "confusion", "anova", "permutation_p", "power"} & found.keys()
+        assert "%" not in headline(found)
+    write_human([tmp_path / "one"], tmp_path / "page")
+    page = (tmp_path / "page/human.html").read_text()
+    assert "no accuracy" in page
+    assert json.loads((tmp_path / "page/human.json").read_text())["accuracy"] is None
+    assert not (tmp_path / "page/charts/human_accuracy.png").exists()
+
+
+def test_what_was_excluded_or_is_to_be_done_again_does_not_count(tmp_path: Path) -> None:
+    folder = written(
+        tmp_path / "S01", [row(0), row(1, estimate_m=0.004), row(2, ended_by="repeat", attempt=1), row(3)]
+    )
+    assert analyse(gather([folder]))["accuracy"]["of"] == 3
+    audit.decide(folder, 1, "exclude", "the subject saw the phantom")
+    audit.decide(folder, 3, "redo", "the phantom slipped")
+    found = analyse(gather([folder]))
+    assert (found["accuracy"]["right"], found["accuracy"]["of"]) == (1, 1)
+    assert found["left_out"] == {"spoilt and done again": 1, "exclude": 1, "redo": 1}
+    assert len(read_human(folder)) == 4
+
+
+def test_a_damaged_audit_stops_the_analysis(tmp_path: Path) -> None:
+    folder = written(tmp_path / "S01", [row(0)])
+    audit.decide(folder, 0, "exclude", "why not")
+    path = folder / audit.AUDIT
+    path.write_text(path.read_text().replace("exclude", "forget"))
+    with pytest.raises(PalpError, match=r"audit\.csv:2"):
+        gather([folder])
+    with pytest.raises(PalpError, match="needs its reason"):
+        audit.decide(folder, 0, "exclude", "  ")
+
+
+def test_a_session_is_never_replaced_nor_counted_twice(tmp_path: Path) -> None:
+    folder = written(tmp_path / "S01", [row(0)])
+    with pytest.raises(PalpError, match="never overwritten"):
+        HumanWriter(str(folder)).start()
+    with pytest.raises(PalpError, match="named twice"):
+        gather([folder, tmp_path / "." / "S01"])
+
+
+def test_the_power_keeps_its_level_grows_with_the_gap_and_with_people() -> None:
+    six, many = power_of(6, 3, 5, 0.65), power_of(60, 3, 5, 0.65)
+    assert 0.03 < six.false_alarms < 0.07
+    assert list(six.powers) == sorted(six.powers)
+    assert six.detectable is not None
+    assert many.detectable is not None
+    assert many.detectable < six.detectable
+
+
+def test_the_power_is_that_of_the_test_done_by_hand() -> None:
+    """Draw sessions one by one and test each with scipy's own analysis of variance."""
+    import numpy as np
+    from scipy.special import expit, logit
+
+    found = power_of(6, 3, 5, 0.65)
+    gap, power = next((g, p) for g, p in zip(found.gaps, found.powers, strict=True) if 0.3 < p < 0.8)
+    means = logit(np.array([0.65 + gap * 2 / 3, 0.65 - gap / 3, 0.65 - gap / 3]))
+    rng, hits, draws = np.random.default_rng(3), 0, 400
+    for _ in range(draws):
+        chance = expit(means + found.subject_sd * rng.standard_normal((6, 1)))
+        right = rng.random((6, 5, 3)) < chance[:, None, :]
+        hits += stats.f_oneway(*right.reshape(30, 3).T.astype(float)).pvalue < 0.05
+    assert hits / draws == pytest.approx(power, abs=0.08)  # three standard deviations of 400 draws
+    assert is_of_a_person(row(0))

@@ -1,0 +1,116 @@
+"""The experiment with six simulated people, from the consent to a policy that follows what they did."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.rig import markov
+from palp_core.cli.session.session import app
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, chain_file, fit
+from palp_core.palpation.identification.emg.trial import Choices
+from palp_core.palpation.perception.emg.analysis import EmgSettings
+from palp_core.palpation.perception.strategy.chain_file import markov_policy, write_chains
+from palp_core.palpation.session import audit
+from palp_core.palpation.session.human.orders import TABLE_4_MM
+from palp_core.palpation.session.human.record import read_human
+from tests.support.palp import ROOT
+from tests.support.rig_session import ComposedGraph, check_here
+
+HUMAN = ROOT / "launch/human.yaml"
+FULL_S = 60.0
+"""How long six simulated subjects may take composed, trials of 5 s, on an idle machine of two cores."""
+
+
+def session(out: Path, number: int, **given: object) -> Path:
+    """Run a session with a simulated person."""
+    known = {"subject": f"S{number:02d}", "consent": f"C-{number}", "subject_number": number, "seed": number}
+    with ComposedGraph(HUMAN, out=out, rest_s=0.0, **{**known, **given}) as graph:
+        assert graph.run().exit_code == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Six subjects, a trial of 2 s a phantom and phase; only to be read."""
+    folder = tmp_path_factory.mktemp("study")
+    small = {"order": "counterbalanced", "repeats": 1, "palpation_s": 2.0}
+    return [session(folder / f"S{number:02d}", number, **small) for number in range(1, 7)]
+
+
+def test_every_trial_of_every_subject_is_there_with_its_emg(study: list[Path]) -> None:
+    for number, folder in enumerate(study, start=1):
+        rows = read_human(folder)
+        assert [row.phase for row in rows] == ["training"] * 3 + ["estimation"] * 3
+        assert {row.subject for row in rows} == {f"S{number:02d}"}
+        assert sorted(row.phantom for row in rows[:3]) == ["A", "B", "C"]
+        assert all(row.palpation_s == pytest.approx(2.0) and row.lost_count == 0 for row in rows)
+        assert all((folder / row.emg).stat().st_size > 10_000 for row in rows)
+        with Bag(folder / "bag") as bag:
+            assert {"/emg/block", "/session/prompt", "/session/result", "/session/bars"} <= set(bag.topics())
+
+
+def test_the_kept_emg_is_what_was_measured(study: list[Path]) -> None:
+    row = read_human(study[0])[0]
+    with np.load(study[0] / row.emg) as kept:
+        fds_v = kept["fds_v"]
+    with Bag(study[0] / "bag") as bag:
+        blocks = [one.value for one in bag.messages(["/emg/block"]) if one.value.phase == "palpation"]
+    assert fds_v.size >= 2.0 * 1500 - 1
+    measured = np.concatenate([block.fds_v for block in blocks])[: fds_v.size]
+    np.testing.assert_array_equal(fds_v, measured)
+
+
+def test_a_simulated_person_has_no_accuracy_in_any_file(study: list[Path]) -> None:
+    for folder in study:
+        assert json.loads((folder / "human.json").read_text())["accuracy"] is None
+        page = (folder / "human.html").read_text()
+        assert "no accuracy: the muscles are simulated" in page
+        assert "Right:" not in page
+    done = CliRunner().invoke(app, ["people", *map(str, study), "--json"])
+    found = json.loads(done.stdout)
+    assert found["trials"] == {"training": 18, "estimation": 18}
+    assert found["accuracy"] is None
+    assert "confusion" not in found
+
+
+def test_what_they_did_becomes_chains_that_the_policy_follows(study: list[Path], tmp_path: Path) -> None:
+    sources = [EmgRecordingPath(folder) for folder in study]
+    found = fit(sources, None, Choices(), EmgSettings(), np.random.default_rng(1), tell=pytest.fail)
+    assert [(one.depth_m, one.trial_count) for one in found.chains] == [
+        (None, 36),
+        (0.002, 12),
+        (0.004, 12),
+        (0.008, 12),
+    ]
+    write_chains(chain_file(found), tmp_path / "chain.json")
+    markov_policy(str(tmp_path / "chain.json"))
+    check_here(ROOT / "launch/sim.yaml", [f"chain:={tmp_path / 'chain.json'}", "policy:=markov"])
+
+
+def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path: Path) -> None:
+    import shutil
+
+    folder = Path(shutil.copytree(study[0], tmp_path / "S01"))
+    audit.decide(folder, 4, "exclude", "the subject looked")
+    done = CliRunner().invoke(markov.app, ["fit", str(folder), "--json"])
+    assert len(json.loads(done.stdout)["trials"]) == 5
+
+
+@pytest.mark.nightly
+def test_six_subjects_of_the_papers_experiment_take_a_minute_at_most(tmp_path: Path) -> None:
+    begin_ns = monotonic_ns()
+    folders = [session(tmp_path / f"S{number:02d}", number) for number in range(1, 7)]
+    wall_s = (monotonic_ns() - begin_ns) * 1e-9
+    for folder in folders:
+        rows = read_human(folder)
+        assert [round((row.depth_m or 0.0) * 1e3) for row in rows[15:]] == list(TABLE_4_MM)
+        assert {round(row.palpation_s, 6) for row in rows} == {5.0}
+    print(f"six subjects: {wall_s:.1f} s")  # noqa: T201 - what the nightly run is for
+    assert wall_s < FULL_S
