@@ -16,7 +16,7 @@ MOST_LOST = 0.1
 """Share of lost samples beyond which a stretch is not used."""
 
 
-class Block(Protocol):
+class EmgPart(Protocol):
     """What is used of a block of EMG."""
 
     start_ns: int
@@ -25,7 +25,7 @@ class Block(Protocol):
     edc_v: Float64Array
 
 
-def stretch(blocks: Sequence[Block], begin_ns: int, end_ns: int) -> Float64Array:
+def stretch(blocks: Sequence[EmgPart], begin_ns: int, end_ns: int) -> Float64Array:
     """Return raw EMG of a stretch of time on the even grid of its rate, shape (2, n); NaN where none came.
 
     The grid begins with the first sample if that comes within two periods, so that no sample is taken for

@@ -213,7 +213,7 @@ def resume(plan: HumanPlan, words: Iterable[str]) -> HumanStep | None:
 
 
 @dataclass(frozen=True)
-class Outline:
+class PlanOutline:
     """What a plan asks for, found by running it dry with every step done at once.
 
     Attributes:
@@ -231,7 +231,7 @@ class Outline:
     mounts: int
 
 
-def outline(design: HumanDesign) -> Outline:
+def outline(design: HumanDesign) -> PlanOutline:
     """Run a plan dry, without a person or a rig."""
     plan = human(design)
     step: HumanStep | None = next(plan)
@@ -249,7 +249,7 @@ def outline(design: HumanDesign) -> Outline:
         except StopIteration:
             step = None
     codes = ["", *(trial.phantom for trial in found)]
-    return Outline(
+    return PlanOutline(
         tuple(found),
         questions,
         waits_s,

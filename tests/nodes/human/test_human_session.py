@@ -10,8 +10,8 @@ import pytest
 
 from msgs.emg import EmgBlock
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from nodes.human_params import HumanParams
-from nodes.human_session import HumanSession
+from nodes.human.params import HumanParams
+from nodes.human.session import HumanSession
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.palpation.session.human.questions import AGAIN, IDENTITY, QUESTION

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from msgs.operator import Prompt
-from nodes.scripted_operator import ScriptedOperator
+from nodes.human.scripted_operator import ScriptedOperator
 from palp_core import Bench
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from msgs.emg import EmgBlock
 from msgs.human import Countdown, EffortBars, HumanTrialBegun, HumanTrialDone, MuscleCue
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from nodes.human_params import HumanParams, HumanState, design_of, mistakes
+from nodes.human.params import HumanParams, HumanState, design_of, mistakes
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
 from palp_core.palpation.perception.emg.quality import clipped
