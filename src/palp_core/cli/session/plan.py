@@ -24,7 +24,7 @@ def plan(
     phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a session with a person will ask, in which order, and how long it takes; no rig is needed."""
+    """Show what a session with a person will ask, in which order, and how long it takes. No rig is needed."""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline
     from palp_core.palpation.session.plan import PlannedPhantom

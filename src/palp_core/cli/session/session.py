@@ -7,14 +7,17 @@ _HERE = "palp_core.cli.session"
 app = lazy_app(
     "Sessions: with people, by operators, and what was decided about their trials.",
     {
-        "plan": Verb(f"{_HERE}.plan:plan", "Show what a session with a person will ask, without any rig."),
+        "plan": Verb(
+            f"{_HERE}.plan:plan",
+            "Show what a session with a person will ask, in which order, and how long it takes.",
+        ),
         "operate": Verb(
             f"{_HERE}.operate:operate",
-            "Answer what the running graph asks of its operator, in this terminal.",
+            "Show what the graph asks of its operator, and send what is typed.",
         ),
         "people": Verb(
             f"{_HERE}.people:people",
-            "Analyse sessions with people: accuracy, confusion, ANOVA, times, power.",
+            "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer, power.",
         ),
     },
 )
