@@ -22,10 +22,10 @@ def people(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer, power.
+    """Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.
 
-    Trials that were excluded or are to be done again do not count. Of simulated people, recordings and
-    scripts no accuracy is ever given.
+    With the power that such sessions have. Trials that were excluded or are to be done again do
+    not count. Of simulated people, recordings and scripts no accuracy is ever given.
     """
     from palp_core.palpation.session.human.analysis import analyse, gather
     from palp_core.palpation.session.human.report import headline, write_human

@@ -17,7 +17,7 @@ app = lazy_app(
         ),
         "people": Verb(
             f"{_HERE}.people:people",
-            "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer, power.",
+            "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.",
         ),
     },
 )
