@@ -1,10 +1,15 @@
 """Ask a person to put on a phantom, and tell the experiment when it is there."""
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
-from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
+from msgs.operator import AnswerReply, AnswerRequest, Prompt
+from palp_core import Node, Params, Pub, Qos, Srv, State, Sub, on, serve
+from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.units import MillimetresNonNegative
+from palp_core.units import Count, MillimetresNonNegative
+
+INDENTATION_M = 0.004
+"""Where no scene tells: as the simulated phantom has it (assumed)."""
 
 
 class OperatorParams(Params):
@@ -22,15 +27,16 @@ class OperatorParams(Params):
 
 
 class OperatorState(State):
-    """What a replacement inherits: the phantom that is waited for."""
+    """What a replacement inherits: the phantom that is waited for, and the number of what was asked."""
 
     code: str = ""
     remount: int = -1
     mounted: bool = True
+    asked: Count = 0
 
 
 class Operator(Node):
-    """Wait for ``palp service call /phantom/mounted`` after each request for a phantom."""
+    """Ask for each phantom, and wait for Enter (`palp session operate`) or for the service ``mounted``."""
 
     simulates = True  # its port `truth` says what the phantom was made as
     examine = staticmethod(file_mistakes)
@@ -39,9 +45,13 @@ class Operator(Node):
     mount = Sub(Mount)
     truth = Pub(PhantomTruth)
     mounted = Srv(MountedRequest, MountedReply)
+    prompt = Pub(Prompt, qos=Qos(durability="transient_local", depth=1))
+    answer = Srv(AnswerRequest, AnswerReply)
 
     def on_configure(self) -> None:
         self.phantoms = load_phantoms(self.params.phantoms)
+        scene = self.params.scene
+        self.indentation_m = read_scene(scene).indentation_m if scene else INDENTATION_M
 
     @on(mount)
     def ask(self, mount: Mount) -> None:
@@ -50,6 +60,20 @@ class Operator(Node):
         state = self.state
         state.code, state.remount, state.mounted = mount.code, mount.remount, False
         self.log.warning("put on phantom %s, then: palp service call /%s/mounted", mount.code, self.name)
+        deep = f"{self.indentation_m * 1e3:.1f} mm"
+        self._prompt("enter", f"Mount phantom {mount.code}, indent {deep}. Enter when it is there.")
+
+    def _prompt(self, kind: str, text: str) -> None:
+        self.state.asked += 1
+        self.prompt.publish(Prompt(stamp_ns=self.now_ns(), number=self.state.asked, kind=kind, text=text))
+
+    @serve(answer)
+    def take(self, request: AnswerRequest) -> AnswerReply:
+        """Take Enter for the phantom that is asked for, or its code, and no other."""
+        if request.number != self.state.asked or self.state.mounted:
+            return AnswerReply(taken=False, text="that is not asked any more")
+        reply = self.confirm(MountedRequest(code=request.text.strip()))
+        return AnswerReply(taken=reply.done, text="" if reply.done else f"asked for is phantom {reply.code}")
 
     @serve(mounted)
     def confirm(self, request: MountedRequest) -> MountedReply:
@@ -59,6 +83,7 @@ class Operator(Node):
         if request.code and request.code != state.code:
             return MountedReply(done=False, code=state.code)
         state.mounted = True
+        self._prompt("none", f"Phantom {state.code} is on.")
         bead = self.phantoms[state.code].bead
         self.truth.publish(
             PhantomTruth(

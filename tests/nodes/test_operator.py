@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from msgs.experiment import Mount, MountedRequest
+from msgs.operator import AnswerRequest
 from nodes.operator import Operator
 from palp_core import Bench
 from palp_core.errors import NodeError
@@ -42,3 +43,17 @@ def test_the_wrong_phantom_is_refused() -> None:
 def test_a_phantom_that_does_not_exist_is_refused() -> None:
     with pytest.raises(NodeError, match="no phantom 'Z'"):
         Bench(Operator).feed(Operator.mount, Mount(stamp_ns=0, code="Z", remount=0))
+
+
+def test_the_operators_desk_asks_with_the_indentation_and_takes_enter_once() -> None:
+    bench = Bench(Operator)
+    bench.feed(Operator.mount, ASKED)
+    prompt = bench.sent(Operator.prompt)[-1]
+    assert prompt.text == "Mount phantom B, indent 4.0 mm. Enter when it is there."
+    wrong = bench.call(Operator.answer, AnswerRequest(number=prompt.number, text="A"))
+    assert (wrong.taken, wrong.text) == (False, "asked for is phantom B")
+    assert not bench.call(Operator.answer, AnswerRequest(number=prompt.number - 1)).taken
+    assert bench.call(Operator.answer, AnswerRequest(number=prompt.number)).taken
+    assert not bench.call(Operator.answer, AnswerRequest(number=prompt.number)).taken
+    assert [truth.code for truth in bench.sent(Operator.truth)] == ["B"]
+    assert bench.sent(Operator.prompt)[-1].kind == "none"

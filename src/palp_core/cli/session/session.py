@@ -15,6 +15,8 @@ app = lazy_app(
             f"{_HERE}.operate:operate",
             "Show what the graph asks of its operator, and send what is typed.",
         ),
+        "redo": Verb(f"{_HERE}.decide:redo", "Mark a trial that is to be done again: it does not count."),
+        "exclude": Verb(f"{_HERE}.decide:exclude", "Exclude a trial: it does not count."),
         "people": Verb(
             f"{_HERE}.people:people",
             "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.",

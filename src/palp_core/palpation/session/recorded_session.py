@@ -2,8 +2,8 @@
 
 import csv
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
@@ -66,6 +67,7 @@ class RecordedSession:
         trials: Trials of estimation that came to a verdict.
         unfinished_count: Trials of estimation without one: the record ends within them.
         dropped: Trials that ended without one, as the ring stood at an untrained position.
+        left_out: Why trials do not count that were excluded, or are to be done again, by number.
         grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
             of a depth of the grid is counted to the class nearest to it.
     """
@@ -78,6 +80,12 @@ class RecordedSession:
     unfinished_count: int
     grid_count: int = 0
     dropped: tuple[RecordedTrial, ...] = ()
+    left_out: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def left_out_count(self) -> int:
+        """How many trials of estimation the decisions leave out."""
+        return len({row.trial for row in self.rows if row.phase == "estimation"} & {*self.left_out})
 
     @property
     def training(self) -> list[Row]:
@@ -129,11 +137,18 @@ def read_session(out: str | Path) -> RecordedSession:
     grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
     depths_m = taught_m if grid else believed_m
     counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
-    every = list(_trials(rows, counted, believed_m, depths_m))
+    decided = left_out(folder)
+    every = [
+        trial
+        for trial in _trials(rows, counted, believed_m, depths_m)
+        if trial.probes[0].trial not in decided
+    ]
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     dropped = tuple(trial for trial in every if trial.verdict == "dropped")
     unfinished = len(every) - len(ended) - len(dropped)
-    return RecordedSession(folder, tuple(counted), depths_m, primitives, ended, unfinished, grid, dropped)
+    return RecordedSession(
+        folder, tuple(counted), depths_m, primitives, ended, unfinished, grid, dropped, decided
+    )
 
 
 def _trained(rows: Sequence[Row]) -> set[float]:

@@ -14,6 +14,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
@@ -127,7 +128,10 @@ def read_sweeps(path: Path) -> RecordedSweeps:
 
 
 def _of_record(folder: Path) -> Iterator[RecordedSweep]:
+    decided = left_out(folder)
     for row in read_rows(folder):
+        if row.trial in decided:
+            continue
         torque_n_m, rate_hz = read_sweep(folder, row.row)
         yield RecordedSweep(
             row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,

@@ -79,6 +79,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "trials_unfinished": session.unfinished_count,
         "unfinished": _unfinished(session, summary, roles),
         "trials_dropped": [_dropped(trial) for trial in session.dropped],
+        **({"left_out": {str(k): v for k, v in session.left_out.items()}} if session.left_out else {}),
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),
@@ -188,7 +189,8 @@ def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> 
     if experiment.get("plan") == "repeatability":
         of, what = sweep_count(RepeatDesign("")), "palpations"
     elif "estimation" in phases or done >= of > 0:
-        done, of, what = len(session.trials) + len(session.dropped), trials * count, "trials"
+        ended = len(session.trials) + len(session.dropped) + session.left_out_count
+        done, of, what = ended, trials * count, "trials"
     return {"done": done, "of": of, "what": what, "why": summary.ended}
 
 

@@ -17,6 +17,7 @@ OWN_FILES = (
     TABLE,
     SWEEPS,
     "primitives.json",
+    "audit.csv",
     RUN,
     "result.json",
     "report.html",

@@ -1,0 +1,64 @@
+"""``palp session redo`` and ``exclude``: decisions about single trials, appended and never taken back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_text
+from palp_core.errors import PalpError
+
+if TYPE_CHECKING:
+    from palp_core.palpation.session.audit import Deed
+
+TrialArgument = Annotated[
+    int, typer.Argument(metavar="TRIAL", min=0, help="Its number in the table.", show_default=False)
+]
+FolderArgument = Annotated[
+    Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default="results/latest")
+]
+ReasonOption = Annotated[str, typer.Option("--reason", help="Why, in words.", show_default=False)]
+LATEST = Path("results/latest")
+
+
+def redo(
+    trial: TrialArgument,
+    folder: FolderArgument = LATEST,
+    *,
+    reason: ReasonOption,
+    as_json: JsonOption = False,
+) -> None:
+    """Mark a trial that is to be done again: it does not count. Nothing is deleted."""
+    _decide("redo", trial, folder, reason, as_json=as_json)
+
+
+def exclude(
+    trial: TrialArgument,
+    folder: FolderArgument = LATEST,
+    *,
+    reason: ReasonOption,
+    as_json: JsonOption = False,
+) -> None:
+    """Exclude a trial: it does not count. Nothing is deleted."""
+    _decide("exclude", trial, folder, reason, as_json=as_json)
+
+
+def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool) -> None:
+    from palp_core.palpation.session.audit import AUDIT, decide
+    from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    person = (folder / HUMAN_TABLE).exists()
+    known = {row.trial for row in (read_human(folder) if person else read_rows(folder))}
+    if trial not in known:
+        last = f"there are {min(known)} to {max(known)}" if known else "there is none yet"
+        raise PalpError(f"'{folder}' has no trial {trial}; {last}")
+    made = decide(folder, trial, deed, reason)
+    if as_json:
+        print_json(made)
+        return
+    print_text(f"trial {trial}: {deed}: {made.reason} ({folder / AUDIT})")
+    note(f"the report does not know it yet: palp {'session people' if person else 'report'} {folder}")

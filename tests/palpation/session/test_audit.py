@@ -1,0 +1,86 @@
+"""Decisions about trials are appended, never taken back, and every analysis of a session honours them."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.session.session import app
+from palp_core.errors import PalpError
+from palp_core.palpation.session.audit import AUDIT, decisions, left_out
+from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.recorded_sweeps import read_sweeps
+from palp_core.palpation.session.report import write
+from palp_core.palpation.session.result_json import read_result
+from palp_core.palpation.session.trials_csv import SessionWriter, read_rows
+from tests.support.sessions import Summariser, Writer
+
+SURE = [(0.9, 0.05, 0.05)]
+
+
+def palp(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done.stdout
+
+
+@pytest.fixture
+def session(record: Writer) -> Path:
+    """Three trials of 2 mm, of which the last is wrong."""
+    return record(trials=[(0, SURE), (0, SURE), (1, SURE)])
+
+
+def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
+    session: Path, summary: Summariser
+) -> None:
+    before = (session / "trials.csv").read_bytes()
+    palp("exclude", 1002, session, "--reason", "the phantom slipped")
+    palp("redo", 0, session, "--reason", "the  gel was\ntouched")
+    assert left_out(session) == {1002: "exclude: the phantom slipped", 0: "redo: the gel was touched"}
+    assert (session / "trials.csv").read_bytes() == before
+    assert [trial.right for trial in read_session(session).trials] == [True, True]
+    sweeps = {sweep.trial for sweep in read_sweeps(session).sweeps}
+    assert not {0, 1002} & sweeps
+    assert len(sweeps) == len({row.trial for row in read_rows(session)}) - 2
+    write(session, summary(session))
+    result = read_result(session)
+    assert result["accuracy"]["overall"]["right"] == 2
+    assert result["left_out"] == {"1002": "exclude: the phantom slipped", "0": "redo: the gel was touched"}
+    assert "the phantom slipped" in (session / "report.html").read_text()
+
+
+def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:
+    write(session, summary(session))
+    assert "left_out" not in read_result(session)
+
+
+def test_decisions_are_appended(session: Path) -> None:
+    palp("exclude", 1000, session, "--reason", "first")
+    first = (session / AUDIT).read_bytes()
+    palp("redo", 1000, session, "--reason", "second")
+    assert (session / AUDIT).read_bytes().startswith(first)
+    assert [(one.deed, one.reason) for one in decisions(session)] == [
+        ("exclude", "first"),
+        ("redo", "second"),
+    ]
+
+
+def test_a_trial_that_is_not_there_or_has_no_reason_is_refused(session: Path) -> None:
+    with pytest.raises(PalpError, match="has no trial 7000; there are 0 to 1002"):
+        palp("exclude", 7000, session, "--reason", "never")
+    with pytest.raises(PalpError, match="needs its reason"):
+        palp("exclude", 1000, session, "--reason", " ")
+    assert not (session / AUDIT).exists()
+
+
+def test_another_session_in_the_folder_does_not_inherit_them(session: Path, tmp_path: Path) -> None:
+    copied = Path(shutil.copytree(session, tmp_path / "copied"))  # whose lock nobody holds
+    palp("exclude", 1000, copied, "--reason", "of the first")
+    writer = SessionWriter(str(copied), (0.002,))
+    writer.start(overwrite=True)
+    writer.close()
+    assert left_out(copied) == {}
