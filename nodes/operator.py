@@ -51,7 +51,7 @@ class Operator(Node):
     def on_configure(self) -> None:
         self.phantoms = load_phantoms(self.params.phantoms)
         scene = self.params.scene
-        self.indentation_m = read_scene(scene).indentation_m if scene else INDENTATION_M
+        self.indentation_m = read_scene(scene).path.indentation_m if scene else INDENTATION_M
 
     @on(mount)
     def ask(self, mount: Mount) -> None:

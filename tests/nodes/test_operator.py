@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from msgs.experiment import Mount, MountedRequest
@@ -57,3 +59,11 @@ def test_the_operators_desk_asks_with_the_indentation_and_takes_enter_once() -> 
     assert not bench.call(Operator.answer, AnswerRequest(number=prompt.number)).taken
     assert [truth.code for truth in bench.sent(Operator.truth)] == ["B"]
     assert bench.sent(Operator.prompt)[-1].kind == "none"
+
+
+def test_the_indentation_is_that_of_the_scene(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("path: {indentation_m: 0.0025}\n")
+    bench = Bench(Operator, {"scene": str(scene)})
+    bench.feed(Operator.mount, ASKED)
+    assert "indent 2.5 mm" in bench.sent(Operator.prompt)[-1].text
