@@ -4,6 +4,7 @@ from typing import Literal
 
 import msgspec
 
+from msgs.action import ActionQuestion
 from palp_core import Params, ReadOnly
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.session_check import SessionTrials
@@ -24,6 +25,7 @@ from palp_core.units import (
     CountPositive,
     HertzPositive,
     Metres,
+    MetresPerSecondPositive,
     MillimetresNonNegative,
     MillimetresPositive,
     NewtonMillimetresNonNegative,
@@ -47,7 +49,8 @@ class EstimatorParams(Params):
     With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
     told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
     above, and by ``scene``'s mechanics what spreads as stated here (assumed), never as the simulated phantom
-    does. ``run_in``: whether a sweep begins with a tip that sticks. From ``from_m`` on, of this reading only.
+    does. ``run_in``: whether a sweep begins with a tip that sticks. ``sweep_speed_m_s``: of training, where
+    a policy chooses others. From ``from_m`` on, of this reading only.
     """
 
     reading: ReadOnly[Literal["feature", "trace"]] = "feature"
@@ -83,6 +86,7 @@ class EstimatorParams(Params):
     texture_sd_n_mm: NewtonMillimetresNonNegative = 0.2
     texture_length_mm: MillimetresPositive = 3.0
     run_in: bool = False
+    sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
 
 
 class EstimatorState(MethodTellerState):
@@ -104,6 +108,7 @@ class EstimatorState(MethodTellerState):
     training: list[tuple[float, float, float]] = []
     primitives: dict[str, list[float]] = {}
     landed: bool = False
+    question: list[ActionQuestion] = []
     probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []

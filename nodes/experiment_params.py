@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from msgs.action import PalpationAction
 from msgs.estimation import Belief, Palpation
 from palp_core import Params, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
@@ -109,3 +110,5 @@ class ExperimentState(State):
     finished: bool = False
     policy: str = ""
     next_policy: str = ""
+    asked: list[PalpationAction] = []
+    taken: list[PalpationAction] = []

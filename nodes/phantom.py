@@ -1,5 +1,6 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
+from msgs.action import PalpationAction
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
@@ -72,10 +73,11 @@ class PhantomState(MethodTellerState):
     worn_m: float = 0.0
     goal_id: int = -1
     goal_from_m: float = 0.0
+    action: list[PalpationAction] = []
 
 
 class Phantom(MethodTeller):
-    """Answer poses with the torque of the equilibrium, solved once per ring position and mount."""
+    """Answer poses with the torque of the equilibrium, solved once per ring position, mount and direction."""
 
     simulates = True
     examine = staticmethod(file_mistakes)
@@ -83,6 +85,7 @@ class Phantom(MethodTeller):
     state: PhantomState
     mount = Sub(Mount)
     ring = Sub(RingTruth)
+    action = Sub(PalpationAction, optional=True)
     pose = Sub(StagePose)
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
@@ -102,6 +105,7 @@ class Phantom(MethodTeller):
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
         self.table: SweepTable | WorldTrace | None = None
+        self.solved: dict[tuple[bool, float], SweepTable] = {}
         self.sweeps: LiveSweeps | None = None
         self.world = read_world(params.world)
         self._live: LiveWorld | None = None
@@ -151,6 +155,13 @@ class Phantom(MethodTeller):
             self.state.ring_m = ring.ring_m
             self._forget()
 
+    @on(action)
+    def note_action(self, action: PalpationAction) -> None:
+        """See how deep and which way the stage sweeps from now on."""
+        if not action.refused:
+            self.state.action = [action] if action.asked else []
+            self.table = None
+
     @on(pose)
     def touch(self, pose: StagePose) -> None:
         self._note_speed(pose)
@@ -171,6 +182,7 @@ class Phantom(MethodTeller):
 
     def _forget(self) -> None:
         self.table, self.sweeps, self.state.guard_told = None, None, False
+        self.solved = {}
         self.state.worn_m = self.state.path_m
 
     def _note_speed(self, pose: StagePose) -> None:
@@ -194,14 +206,19 @@ class Phantom(MethodTeller):
 
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
-        return solve(
-            self.models[state.code],
-            self.rig.probe,
-            state.ring_m,
-            self.rig.indentation_m + state.height_offset_m,
-            params.from_m - MARGIN_M,
-            params.to_m + MARGIN_M,
-        )
+        ends_m = (params.from_m - MARGIN_M, params.to_m + MARGIN_M)
+        action = state.action[0] if state.action else None
+        turned = action is not None and (action.to_m - action.from_m) * (ends_m[1] - ends_m[0]) < 0.0
+        pressed_m = self.rig.indentation_m if action is None else action.indentation_m
+        if (turned, pressed_m) not in self.solved:
+            self.solved[turned, pressed_m] = solve(
+                self.models[state.code],
+                self.rig.probe,
+                state.ring_m,
+                pressed_m + state.height_offset_m,
+                *(ends_m[::-1] if turned else ends_m),
+            )
+        return self.solved[turned, pressed_m]
 
     @property
     def live(self) -> LiveWorld:
@@ -229,7 +246,12 @@ class Phantom(MethodTeller):
         went_m = float(pose.position_m[-1]) - state.goal_from_m
         ends_m = self.sweeps.ends_m
         forward = went_m > 0.0 if went_m else state.goal_from_m < 0.5 * (ends_m[0] + ends_m[1])
-        return self.sweeps.of(state.goal_from_m, state.goal_id, state.speed_m_s or SPEED_M_S, forward=forward)
+        speed_m_s, pressed_m = state.speed_m_s or SPEED_M_S, None
+        if state.action:
+            speed_m_s, pressed_m = state.action[0].speed_m_s, state.action[0].indentation_m
+        return self.sweeps.of(
+            state.goal_from_m, state.goal_id, speed_m_s, forward=forward, indentation_m=pressed_m
+        )
 
     def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""

@@ -7,12 +7,11 @@ import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.stage import Stage, StageParams, StageState, require_clearance
+from nodes.stage import Stage, StageParams, StageState, device_options, require_clearance, window_of
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import block_mistakes
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
@@ -21,9 +20,7 @@ from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import (
     DeadlineMilliseconds,
     HertzPositive,
-    Metres,
     MetresPerSecondPositive,
-    MillimetresNonNegative,
 )
 
 AGAIN_NS = 5_000_000
@@ -42,11 +39,6 @@ class RigStageParams(StageParams):
 
     device: ReadOnly[str] = "aerotech"
     options: ReadOnly[dict[str, Any]] = {}
-    from_m: ReadOnly[Metres] = -0.03
-    to_m: ReadOnly[Metres] = 0.05
-    margin_mm: ReadOnly[MillimetresNonNegative] = 4.0
-    speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
-    lift_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
     retreat_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.002
     watch_hz: ReadOnly[HertzPositive] = 100.0
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
@@ -64,9 +56,7 @@ def driver_options(p: RigStageParams) -> dict[str, Any]:
     Raises:
         DeviceError: The window or a speed is none.
     """
-    limits = TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s)
-    own = {"limits": limits, "lift_m": p.lift_mm * 1e-3, "lift_speed_m_per_s": p.lift_speed_m_s}
-    return {**own, "sweep_speed_m_per_s": p.sweep_speed_m_s, **p.options}
+    return {"limits": window_of(p), **device_options(p), **p.options}
 
 
 def mistakes(params: RigStageParams) -> dict[str, str]:
@@ -225,9 +215,8 @@ class RigStage(Stage):
             self._halt("device fault", str(error))
 
     def _return(self, activity: str) -> None:
-        start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
         self.state.activity = activity
-        self._begin_move(lambda: self.device.return_to(start_m, self.now_ns(), self.memory))
+        self._begin_move(self._go_back)
 
     def _begin_move(self, move: Any) -> None:
         """Begin a move that arrives, if it may begin."""

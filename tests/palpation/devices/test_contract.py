@@ -160,6 +160,25 @@ def test_a_stage_sweeps_an_interval_at_the_times_it_says(subject: Subject) -> No
 
 
 @every("stage")
+def test_a_stage_sweeps_back_at_another_speed_and_height_where_it_is_asked_to(subject: Subject) -> None:
+    stage = subject.open()
+    how = {"speed_m_per_s": 0.010}
+    start_m = stage.sweep_start(0.002, -0.002, **how)
+    assert start_m > 0.002
+    subject.reach(stage.return_to(start_m, subject.now(), subject.state, height_m=0.001))
+    if subject.name != "sim":
+        subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
+    times = stage.sweep(0.002, -0.002, subject.now(), subject.state, **how, height_m=0.001)
+    assert (times.leave_ns - times.enter_ns) * 1e-9 == pytest.approx(0.4, rel=0.01)
+    subject.reach(times.end_ns)
+    if subject.name != "sim":
+        subject.wait.until(lambda: not stage.feedback(subject.now(), subject.state).moving)
+    place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
+    np.testing.assert_allclose(place.y_m, [0.002, -0.002], atol=1e-3)
+    np.testing.assert_allclose(place.z_m, 0.001, atol=1e-4)
+
+
+@every("stage")
 def test_a_stage_says_where_it_is_and_raises_the_probe(subject: Subject) -> None:
     stage = subject.open()
     subject.reach(stage.return_to(0.001, subject.now(), subject.state))

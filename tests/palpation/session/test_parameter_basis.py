@@ -18,6 +18,7 @@ PARAMS = {
         "nodes.policy_uniform:UniformParams",
         "nodes.policy_information:InformationParams",
         "nodes.policy_emg:EmgPolicyParams",
+        "nodes.choosing.bitrate:BitrateParams",
     ),
     "actuator": ("nodes.actuator:ActuatorParams",),
     "stage": ("nodes.stage:StageParams",),

@@ -34,6 +34,7 @@ HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
+    "PalpationAction",
     GUARD,
 )
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
@@ -254,6 +255,7 @@ class _Facts:
     touch_changed: bool = False
     enter_ns: int | None = None
     leave_ns: int | None = None
+    taken: list[Any] = dataclasses.field(default_factory=list)
 
 
 class _Retold:
@@ -287,6 +289,8 @@ class _Retold:
                 facts.guards, facts.touch_changed = [], False
             case "SweepStatus" if value.status == "sweeping":
                 facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
+            case "PalpationAction" if value.goal_id and not value.refused:  # of the stage, not of the policy
+                facts.taken = [value] if value.asked else []
             case "ContactGuard" if value.code == facts.code:
                 facts.guards = list(value.words)
             case "Swap":

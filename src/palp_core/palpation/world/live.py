@@ -16,7 +16,7 @@ _ALIKE_M = 1e-4  # sweeps that begin so near each other are one
 
 @dataclass
 class LiveSweeps:
-    """The sweeps of one mounting and ring: solved once per direction and start, each with its own phase.
+    """The sweeps of one mounting and ring: solved once per way of making them, each with its own phase.
 
     Attributes:
         touch: Contact with the phantom.
@@ -33,9 +33,17 @@ class LiveSweeps:
     surface: Float64Array
     ring_m: float
     ends_m: tuple[float, float]
-    _solved: dict[tuple[float, bool], WorldTrace] = field(default_factory=dict)
+    _solved: dict[tuple[float, bool, float, float], WorldTrace] = field(default_factory=dict)
 
-    def of(self, from_m: float, sweep: int, speed_m_s: float, *, forward: bool) -> WorldTrace:
+    def of(
+        self,
+        from_m: float,
+        sweep: int,
+        speed_m_s: float,
+        *,
+        forward: bool,
+        indentation_m: float | None = None,
+    ) -> WorldTrace:
         """Return the sweep that was lowered at a position.
 
         Args:
@@ -43,12 +51,14 @@ class LiveSweeps:
             sweep: Its number: says at which share of a cycle a stick-slip begins.
             speed_m_s: Of the stage.
             forward: Whether it goes towards +Y.
+            indentation_m: Nominal indentation; None: the session's.
 
         Raises:
             MechanicsError: It has no solution.
         """
         start = round(from_m / _ALIKE_M) * _ALIKE_M
-        key = (start, forward)
+        pressed_m = self.luck.indentation_m if indentation_m is None else indentation_m
+        key = (start, forward, speed_m_s, pressed_m)
         if key not in self._solved:
             self._solved[key] = trace(
                 self.touch,
@@ -56,7 +66,7 @@ class LiveSweeps:
                 self.row,
                 self.surface,
                 self.ring_m,
-                self.luck.indentation_m,
+                pressed_m,
                 start,
                 self.ends_m[1] if forward else self.ends_m[0],
                 speed_m_s=speed_m_s,

@@ -19,6 +19,7 @@ from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, Sta
 from palp_core.units import Float64Array
 
 _TOLERANCE_M = 1e-12  # rounding of a double, far below the resolution
+_TOP_SPEED_M_PER_S = 0.350  # of the ANT130
 
 
 class SimStageState(msgspec.Struct):
@@ -79,7 +80,7 @@ class SimStage:
 
     def __post_init__(self) -> None:
         for name in ("sweep_speed_m_per_s", "return_speed_m_per_s", "lift_speed_m_per_s"):
-            check_range("stage", name, getattr(self, name), 1e-6, 0.350)  # the ANT130's top speed
+            check_range("stage", name, getattr(self, name), 1e-6, _TOP_SPEED_M_PER_S)
         check_range("stage", "accel_m_per_s2", self.accel_m_per_s2, 1e-6, 9.81)
         check_range("stage", "lead_m", self.lead_m, 0.0, 1.0)
         check_range("stage", "lift_m", self.lift_m, *self.z_limits_m)
@@ -98,48 +99,68 @@ class SimStage:
         """Return that all is well."""
         return HEALTHY
 
-    def sweep_start(self, from_m: float, to_m: float) -> float:
+    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
-        return from_m - math.copysign(self._run_up_m, to_m - from_m)
+        return from_m - math.copysign(self._run_up_m(speed_m_per_s), to_m - from_m)
 
-    @property
-    def _run_up_m(self) -> float:
-        return self.sweep_speed_m_per_s**2 / (2.0 * self.accel_m_per_s2) + self.lead_m
+    def _run_up_m(self, speed_m_per_s: float) -> float:
+        return self._speed(speed_m_per_s) ** 2 / (2.0 * self.accel_m_per_s2) + self.lead_m
 
-    def sweep(self, from_m: float, to_m: float, now_ns: int, state: SimStageState) -> SweepTimes:
+    def _speed(self, speed_m_per_s: float) -> float:
+        """Return the speed of a sweep.
+
+        Raises:
+            DeviceError: The stage cannot go so fast.
+        """
+        speed_m_per_s = speed_m_per_s or self.sweep_speed_m_per_s
+        return check_range("stage", "speed_m_per_s", speed_m_per_s, 1e-6, _TOP_SPEED_M_PER_S)
+
+    def sweep(
+        self,
+        from_m: float,
+        to_m: float,
+        now_ns: int,
+        state: SimStageState,
+        *,
+        speed_m_per_s: float = 0.0,
+        height_m: float = 0.0,
+    ) -> SweepTimes:
         """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``.
 
         Raises:
-            DeviceError: The stage moves, is raised, stands too close to ``from_m`` or would leave its travel.
+            DeviceError: The stage moves, is raised, stands too close to ``from_m``, would leave its travel or
+                cannot go so fast.
         """
         y_m, z_m = self._resting_place(now_ns, state)
+        speed = self._speed(speed_m_per_s)
         check_range("stage", "from_m", from_m, *self.y_limits_m)
         check_range("stage", "to_m", to_m, *self.y_limits_m)
         if from_m == to_m:
             raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
         sign = math.copysign(1.0, to_m - from_m)
-        start_m, end_m = self.sweep_start(from_m, to_m), to_m + sign * self._run_up_m
+        start_m, end_m = from_m - sign * self._run_up_m(speed), to_m + sign * self._run_up_m(speed)
         check_range("stage", "sweep's run-out y_m", end_m, *self.y_limits_m)
-        if z_m > _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
+        if z_m > height_m + _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
             raise DeviceError(
                 f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
                 f" return_to(sweep_start(...)) = {start_m:g} m first"
             )
-        profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self.accel_m_per_s2, now_ns)
+        profile = MotionProfile(y_m, end_m, speed, self.accel_m_per_s2, now_ns)
         times = SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns)
-        self._follow(state, [(y_m, z_m), (end_m, z_m)], [self.sweep_speed_m_per_s], now_ns)
+        self._follow(state, [(y_m, z_m), (end_m, z_m)], [speed], now_ns)
         return times
 
-    def return_to(self, y_m: float, now_ns: int, state: SimStageState) -> int:
+    def return_to(self, y_m: float, now_ns: int, state: SimStageState, *, height_m: float = 0.0) -> int:
         """Raise, go to ``y_m`` and lower to the height of the sweep; return the time of arrival in ns.
 
         Raises:
-            DeviceError: The stage moves, or ``y_m`` is outside of its travel.
+            DeviceError: The stage moves, or the place is outside of its travel.
         """
         here_y, here_z = self._resting_place(now_ns, state)
         check_range("stage", "y_m", y_m, *self.y_limits_m)
+        check_range("stage", "height_m", height_m, self.z_limits_m[0], self.lift_m)
         above = max(self.lift_m, here_z)
-        corners = [(here_y, here_z), (here_y, above), (y_m, above), (y_m, 0.0)]
+        corners = [(here_y, here_z), (here_y, above), (y_m, above), (y_m, height_m)]
         speeds = [self.lift_speed_m_per_s, self.return_speed_m_per_s, self.lift_speed_m_per_s]
         self._follow(state, corners, speeds, now_ns)
         return path_end_ns(state)

@@ -161,15 +161,25 @@ class AerotechStage:
         self._host.observe(now_ns)
         return self._monitor.read(self._host.now_ns())
 
-    def sweep_start(self, from_m: float, to_m: float) -> float:
+    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
-        return from_m - math.copysign(self._run_up_m, to_m - from_m)
+        return from_m - math.copysign(self._run_up_m(speed_m_per_s), to_m - from_m)
 
-    def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
+    def sweep(
+        self,
+        from_m: float,
+        to_m: float,
+        now_ns: int,
+        state: AerotechState,
+        *,
+        speed_m_per_s: float = 0.0,
+        height_m: float = 0.0,
+    ) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``.
 
         Raises:
-            DeviceError: Not up, moving, raised, too close to ``from_m``, or a path that leaves the window.
+            DeviceError: Not up, moving, raised, too close to ``from_m``, too fast, or a path that leaves the
+                window.
         """
         motion, y_m, z_m = self._resting(now_ns, state)
         check_range("stage", "from_m", from_m, *self.limits.y_m)
@@ -177,21 +187,22 @@ class AerotechStage:
         if from_m == to_m:
             raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
         sign = math.copysign(1.0, to_m - from_m)
-        start_m, end_m = self.sweep_start(from_m, to_m), to_m + sign * self._run_up_m
-        if z_m > _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
+        speed, run_up_m = speed_m_per_s or self.sweep_speed_m_per_s, self._run_up_m(speed_m_per_s)
+        start_m, end_m = from_m - sign * run_up_m, to_m + sign * run_up_m
+        if z_m > height_m + _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
             raise DeviceError(
                 f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
                 f" return_to(sweep_start(...)) = {start_m:g} m first"
             )
-        leg = self._leg("y", y_m, end_m, self.sweep_speed_m_per_s)
+        leg = self._leg("y", y_m, end_m, speed)
         started_ns = self._follow(motion, [leg])
         if self.segment_m > 0.0:  # it stops and goes: only its ends are predicted
             end_ns = started_ns + round(self._duration_s([leg]) * 1e9)
             return SweepTimes(started_ns, end_ns, end_ns)
-        profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self._accel_m_per_s2, started_ns)
+        profile = MotionProfile(y_m, end_m, speed, self._accel_m_per_s2, started_ns)
         return SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns + round(self.settle_s * 1e9))
 
-    def return_to(self, y_m: float, now_ns: int, state: AerotechState) -> int:
+    def return_to(self, y_m: float, now_ns: int, state: AerotechState, *, height_m: float = 0.0) -> int:
         """Raise, go to ``y_m``, lower; return the predicted time of arrival in ns; errors as for a sweep."""
         motion, here_y, here_z = self._resting(now_ns, state)
         check_range("stage", "y_m", y_m, *self.limits.y_m)
@@ -199,7 +210,7 @@ class AerotechStage:
         legs = [
             self._leg("z", here_z, above, self.lift_speed_m_per_s),
             self._leg("y", here_y, y_m, self.return_speed_m_per_s),
-            self._leg("z", above, 0.0, self.lift_speed_m_per_s),
+            self._leg("z", above, height_m, self.lift_speed_m_per_s),
         ]
         return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
 
@@ -255,10 +266,12 @@ class AerotechStage:
         finally:
             link.close()
 
-    @property
-    def _run_up_m(self) -> float:
-        accel_m_per_s2 = getattr(self, "_accel_m_per_s2", 1.0)
-        return float(self.sweep_speed_m_per_s**2 / (2.0 * accel_m_per_s2)) + self.lead_m
+    def _run_up_m(self, speed_m_per_s: float) -> float:
+        speed, accel_m_per_s2 = (
+            speed_m_per_s or self.sweep_speed_m_per_s,
+            getattr(self, "_accel_m_per_s2", 1.0),
+        )
+        return float(speed**2 / (2.0 * accel_m_per_s2)) + self.lead_m
 
     def _opened(self) -> aerotech_motion.Motion:
         if self._motion is None:

@@ -143,15 +143,24 @@ class ActionModel:
     def best(
         self, belief: TraceBelief, ring_m: float | None, seconds: Float64Array
     ) -> tuple[NDArray[np.int64], Float64Array]:
-        """Return the action of the most bits a second of each trial, by index, and these bits, shape (n,).
-
-        Of actions that promise the same the first counts.
+        """Return :func:`most_a_second` of trials that were swept alike.
 
         Args:
-            belief: Of trials that were swept alike.
+            belief: Theirs.
             ring_m: Where the ring is.
             seconds: What each action takes of the rig, shape (a,).
         """
-        bits = self.expected_bits(belief, ring_m)
-        chosen = np.asarray(np.argmax(bits / seconds, axis=1), dtype=np.int64)
-        return chosen, np.take_along_axis(bits, chosen[:, None], axis=1)[:, 0]
+        return most_a_second(self.expected_bits(belief, ring_m), seconds)
+
+
+def most_a_second(bits: Float64Array, seconds: Float64Array) -> tuple[NDArray[np.int64], Float64Array]:
+    """Return the action of the most bits a second of each trial, by index, and these bits, shape (n,).
+
+    Of actions that promise the same the first counts.
+
+    Args:
+        bits: What each action is expected to tell, shape (n, a).
+        seconds: What each takes of the rig, shape (a,).
+    """
+    chosen = np.asarray(np.argmax(bits / seconds, axis=1), dtype=np.int64)
+    return chosen, np.take_along_axis(bits, chosen[:, None], axis=1)[:, 0]

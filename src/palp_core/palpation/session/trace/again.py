@@ -6,19 +6,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+from msgspec import structs
+
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import StopRule, decide
 from palp_core.palpation.perception.trace.bins import sample_times_ns
+from palp_core.palpation.perception.trace.terms import ANY
+from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.session.trace.reader import (
-    FeltSweep,
     SweepUnderWay,
+    TaughtSweep,
     TraceMemory,
     TraceReader,
+    action_reader,
+    home_of,
     reader_of,
+    trained_traces,
 )
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.units import Float64Array
@@ -42,19 +49,38 @@ class TracedTrial:
 
 
 def trace_reader(
-    session: RecordedSweeps, settings: TraceSettings, noise: RigNoise | None, scene: Scene | None
+    session: RecordedSweeps,
+    settings: TraceSettings,
+    noise: RigNoise | None,
+    scene: Scene | None,
+    speed_m_per_s: float = 0.020,
 ) -> TraceReader:
-    """Return what reads a session's trials, as its training taught it.
+    """Return what reads a session's trials, as its training taught it, however they were swept.
 
     Raises:
         PalpError: Training is missing, or does not go together with the settings.
     """
+    taught = _taught(session, settings)
+    trials = session.phase("estimation")
+    if all(sweep.terms is None for sweep in trials):
+        return reader_of(taught, settings, noise=noise, scene=scene)
+    home = home_of(settings, speed_m_per_s, scene)
+    made = dict.fromkeys((sweep.terms or home).at(sweep.ring_m) for sweep in trials)
+    return action_reader(taught, settings, list(made), home, ANY, noise=noise, scene=scene)
+
+
+def trained_by(session: RecordedSweeps, settings: TraceSettings) -> TrainedTraces:
+    """Return what a session's training taught; errors as of :func:`trace_reader`."""
+    return trained_traces(_taught(session, settings), settings)
+
+
+def _taught(session: RecordedSweeps, settings: TraceSettings) -> list[TaughtSweep]:
     memory = TraceMemory()
     for sweep in session.phase("training"):
         memory.begin_trial(sweep.phantom)
-        memory.sweep = _felt(session, sweep, settings)
+        memory.sweep = felt_of(session, sweep, settings)
         memory.teach(sweep.depth_m or 0.0, sweep.ring_m, settings)
-    return reader_of(memory.training, settings, noise=noise, scene=scene)
+    return memory.training
 
 
 def decide_again(
@@ -67,7 +93,7 @@ def decide_again(
     """
     for number, group in groupby(session.phase("estimation"), key=lambda sweep: sweep.trial):
         sweeps = tuple(sorted(group, key=lambda sweep: sweep.iteration))
-        if any(reader.setting(sweep.ring_m) is None for sweep in sweeps):
+        if any(reader.setting(sweep.ring_m, sweep.terms) is None for sweep in sweeps):
             yield TracedTrial(number, sweeps, (), "dropped")
         else:
             yield TracedTrial(number, sweeps, *_decide(session, sweeps, reader, settings, rule, max_probes))
@@ -83,12 +109,11 @@ def _decide(
 ) -> tuple[tuple[Float64Array, ...], str]:
     memory, posteriors = TraceMemory(), list[Float64Array]()
     for sweep in sweeps:
-        setting = reader.setting(sweep.ring_m) or 0
         lands = sweep.landed if sweep.landed is not None else bool(session.ring_moves_each_time)
-        done = _felt(session, sweep, settings).bins.done
-        whole = FeltSweep(setting, memory.lands(setting) or lands, done)
+        felt = felt_of(session, sweep, settings)
+        whole = felt.felt(settings, sweep.ring_m, landed=memory.lands(sweep.ring_m) or lands)
         seen = reader.look(memory.felt, whole, 0, rule, posteriors)
-        memory.felt.append(FeltSweep(setting, whole.landed, done[: seen.bins]))
+        memory.felt.append(structs.replace(whole, torque_n_m=whole.torque_n_m[: seen.bins]))
         posteriors.append(seen.posterior)
         gains = [gain_vector(one, reader.flat) for one in posteriors]
         verdict = decide(rule, posteriors, gains, max_probes=max_probes)
@@ -97,15 +122,19 @@ def _decide(
     return tuple(posteriors), "ran_out"
 
 
-def _felt(session: RecordedSweeps, sweep: RecordedSweep, settings: TraceSettings) -> SweepUnderWay:
-    """Return a stored sweep in bins, as far as it goes."""
+def felt_of(session: RecordedSweeps, sweep: RecordedSweep, settings: TraceSettings) -> SweepUnderWay:
+    """Return a stored sweep in bins, as far as it goes.
+
+    Raises:
+        PalpError: It is not told of when it was over the path.
+    """
     if sweep.enter_ns is None or sweep.leave_ns is None or sweep.start_ns is None:
         raise PalpError(
             f"{session.path}: does not tell when a sweep came over the path and left it, as earlier "
             "versions; its traces cannot be laid along the path"
         )
-    felt = SweepUnderWay(sweep.enter_ns, sweep.leave_ns)
+    felt = SweepUnderWay(sweep.enter_ns, sweep.leave_ns, terms=sweep.terms)
     times_ns = sample_times_ns(sweep.start_ns, sweep.rate_hz, 0, len(sweep.torque_n_m))
     felt.add(settings, times_ns, sweep.torque_n_m)
-    felt.bins.finish(settings.bins)
+    felt.finish(settings)
     return felt

@@ -56,13 +56,13 @@ class Trials:
 
 
 def policy_of(name: str, session: SimulatedSession) -> StiffnessPolicy | None:
-    """Return a declared policy as a session has it; None where it takes a person.
+    """Return a declared policy as a session has it; None where it takes a person, or whole traces.
 
     A fixed ring is the stiffest that was trained, a chain that of the paper's humans.
     """
     target = find("policy", name).target
     match name:
-        case "emg_driven":
+        case "emg_driven" | "bitrate":
             return None
         case "fixed" | "reposition":
             made = target(max(session.table.gel.rings_m))

@@ -1,0 +1,1 @@
+"""Policies that choose more than the ring."""
