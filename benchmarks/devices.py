@@ -11,10 +11,11 @@ Of the whole rig, its nodes on devices that are emulated in a process of their o
 ``trips``: from the sensor's first sample over the limit to ABORT at the controller, as the kernel stamped its
 arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIGSTOP of each node and the
 launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
-beside those of the simulation.
+beside those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
+goes on, trips, and the times in which the machine itself stood still.
 
-Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations] [--json] [--quick] ...
-     [--burners N] [--no-collector] [--of NODE,NODE] [--single-line]
+Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions] [--json] ...
+     [--quick] [--burners N] [--no-collector] [--of NODE,NODE] [--single-line] [--stale-ms MS] [--beat-ms MS]
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from typing import Any
 import can
 import numpy as np
 import serial
+from rig_bench.decisions import decisions
 from rig_bench.emulator import EmulatorProcess, emulator
 from rig_bench.faults import FAULTS, KINDS, Fault
 from rig_bench.palpations import palpations
@@ -193,18 +195,26 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "what", nargs="?", default="links", choices=["links", "faults", "trips", "deaths", "palpations"]
+        "what",
+        nargs="?",
+        default="links",
+        choices=["links", "faults", "trips", "deaths", "palpations", "decisions"],
     )
     parser.add_argument("--quick", action="store_true", help="of links: within 40 s")
     parser.add_argument("--chart", type=Path, help="of links: PNG of the rates beside the bare libraries'")
     parser.add_argument("--json", action="store_true", help="one object for machines")
     parser.add_argument(
-        "--count", type=int, default=0, help="trips (1000), repeats of a death (3), palpations (10)"
+        "--count",
+        type=int,
+        default=0,
+        help="trips (1000), repeats of a death (3), palpations (10), decisions (201)",
     )
     parser.add_argument("--burners", type=int, default=0, help="processes that keep a core busy meanwhile")
     parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose; A+B: of both at once")
     parser.add_argument("--single-line", action="store_true", help="of deaths: the stage on one RS-232")
     parser.add_argument("--no-collector", action="store_true", help="of trips: without Python's collector")
+    parser.add_argument("--stale-ms", type=float, default=0.0, help="of decisions: not the launch file's")
+    parser.add_argument("--beat-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     given = parser.parse_args()
     count, burners = given.count, given.burners
     if given.what == "trips":
@@ -215,6 +225,8 @@ def main() -> None:
         result = deaths(tuple(given.of.split(",")), count or 3, burners, **words)
     elif given.what == "palpations":
         result = palpations(count or 10, burners=burners)
+    elif given.what == "decisions":
+        result = decisions(count or 201, stale_ms=given.stale_ms, beat_ms=given.beat_ms, burners=burners)
     elif given.what == "faults":
         result = faults()
     else:

@@ -1,0 +1,119 @@
+"""Decisions within the sweep on launch/emulated.yaml: how soon, and how far the stage goes on."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.graph.bag.reader import read, to_numpy
+from palp_core.palpation.session.trials_csv import read_rows
+
+from .host import holes, host_words, loaded  # noqa: TID252 -- neighbours, of a script and of a package
+from .palpations import ROOT, command, environment  # noqa: TID252
+
+__all__ = ["decisions"]
+
+PHANTOMS = 3
+AT_REST_M = 2e-6
+"""Between two reports of the stage, 10 ms apart: two of its counts."""
+
+
+def decisions(
+    count: int = 201,
+    *,
+    stale_ms: float = 0.0,
+    beat_ms: float = 0.0,
+    burners: int = 0,
+    patience_s: float = 3600.0,
+) -> dict[str, Any]:
+    """Run trials that are decided within the sweep, at one position; return what was said, how soon.
+
+    Args:
+        count: Trials, on three phantoms.
+        stale_ms: Longest time without a sample of torque; 0: the launch file's.
+        beat_ms: Longest time without a heartbeat; 0: the launch file's.
+        burners: Processes that keep a core busy meanwhile.
+        patience_s: After which it is given up.
+    """
+    host, each = host_words(), -(-count // PHANTOMS)
+    deadlines = {"stale_ms": stale_ms, "beat_ms": beat_ms}
+    with tempfile.TemporaryDirectory(prefix="palp-bench-") as name:
+        folder = Path(name)
+        for link in ("nodes", "msgs", "launch"):
+            (folder / link).symlink_to(ROOT / link)
+        bag, out = folder / "bag", folder / "out"
+        arguments = (
+            "launch/emulated.yaml", "protocol:=swift", "policy:=fixed", "rings_mm:=16", "training:=4",
+            f"trials:={each}", "host:=127.0.99.1", f"out:={out}", "--record", str(bag),
+            *(f"{key}:={value}" for key, value in deadlines.items() if value),
+        )  # fmt: skip
+        with loaded(burners), holes() as still_ms:
+            said = _run(folder, arguments, patience_s)
+        rows = [row for row in read_rows(out) if row.phase == "estimation"]
+        return {
+            "host": host,
+            "burners": burners,
+            "trials": len({row.trial for row in rows}),
+            "trips": [line for line in said.splitlines() if "/safety: tripped" in line],
+            "machine_stood_still_ms": still_ms,
+            **_lateness(bag),
+            **_way_on(bag),
+        }
+
+
+def _run(folder: Path, arguments: tuple[str, ...], patience_s: float) -> str:
+    """Run to the end, acknowledging each trip; return what was said."""
+    path, pause, end_s = folder / "said.log", threading.Event(), time.monotonic() + patience_s
+    acknowledged = 0
+    with path.open("w", encoding="utf-8") as said:
+        process = subprocess.Popen(
+            command("launch", *arguments), env=environment(folder), cwd=folder, stdout=said, stderr=said
+        )
+        while process.poll() is None and time.monotonic() < end_s:
+            trips = path.read_text(encoding="utf-8").count("/safety: tripped")
+            if trips > acknowledged:
+                subprocess.run(command("safety", "ack"), env=environment(folder), cwd=folder, check=False)
+                acknowledged = trips
+            pause.wait(1.0)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.wait(60.0)
+    return path.read_text(encoding="utf-8")
+
+
+def _lateness(bag: Path) -> dict[str, float]:
+    """Return how long after a block's last sample the belief of it was told."""
+    told_ns, last_ns = (to_numpy(bag, "/estimator/outlook", name) for name in ("stamp_ns", "sample_ns"))
+    late_ms = (told_ns - last_ns) * 1e-6
+    return {
+        "beliefs": len(late_ms),
+        **{f"belief_ms_p{p}": float(np.percentile(late_ms, p)) for p in (50, 99)},
+        "belief_ms_max": float(late_ms.max()),
+    }
+
+
+def _way_on(bag: Path) -> dict[str, float]:
+    """Return how far the stage goes on after the first "decided" of each trial, by its own reports."""
+    when_ns, y_m = (to_numpy(bag, "/stage/report", name) for name in ("stamp_ns", "y_m"))
+    way_mm, seen = [], set[int]()
+    for message in read(bag, ["/estimator/outlook"]):
+        outlook = message.value
+        if outlook.verdict != "decided" or outlook.trial in seen:
+            continue
+        seen.add(outlook.trial)
+        first = int(np.searchsorted(when_ns, outlook.stamp_ns))
+        resting = np.flatnonzero(np.abs(np.diff(y_m[first:])) <= AT_REST_M)
+        at_decision_m = np.interp(outlook.stamp_ns, when_ns, y_m)
+        way_mm.append(abs(y_m[first + int(resting[0])] - at_decision_m) * 1e3)
+    return {
+        "decided_in_sweep": len(way_mm),
+        "way_on_mm_p50": float(np.median(way_mm)),
+        "way_on_mm_max": float(np.max(way_mm)),
+    }
