@@ -43,11 +43,13 @@ class ExperimentParams(Params):
     actuator is driven to its stop and back (never: only as a policy wants it). ``swaps`` names policies that
     take over: ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless
     that is to be replaced (``overwrite``).
+    ``session`` names the session's sheet, which the report checks and copies.
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     """
 
     out: str = "results"
     overwrite: bool = False
+    session: str = ""
     plan: Literal["paper", "repeatability"] = "paper"
     wait_s: Seconds = 3600.0
     phantoms: str = ""

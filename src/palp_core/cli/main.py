@@ -73,7 +73,11 @@ app = lazy_app(
         ),
         "session": Verb(
             f"{_CLI}.session.session:app",
-            "Sessions: with people, by operators, and what was decided about their trials.",
+            "Sessions: their sheets, with people, by operators, and what was decided about their trials.",
+        ),
+        "sessions": Verb(
+            f"{_CLI}.session.sessions:sessions",
+            "List the sessions below a folder and pool them, with intervals over subjects or sessions.",
         ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),

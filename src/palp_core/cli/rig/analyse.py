@@ -24,7 +24,9 @@ def analyse(
     outs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="OUT...", help="Sessions' folders, or bags of runs; or one table.", show_default=False
+            metavar="OUT...",
+            help="Sessions' folders, folders of sessions, or bags; or one table.",
+            show_default=False,
         ),
     ],
     *,
@@ -177,11 +179,18 @@ def _analyse_sessions(
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.perception.belief.rig_noise import read_noise
     from palp_core.palpation.session import analysis
+    from palp_core.palpation.session.many.pooled import sessions_below
     from palp_core.palpation.session.recorded_sweeps import read_sessions
 
+    paths: list[Path] = []
+    for one in outs:
+        below, left_out = sessions_below(one)
+        paths += below
+        for said in left_out:
+            note(f"left out: {said['path']}: {said['why']}")
     combos = analysis.combinations(**methods)
     record = analysis.analyse(
-        read_sessions(outs),
+        read_sessions(paths),
         combos,
         noise=read_noise(noise) if noise else None,
         scene=read_scene(scene) if scene else None,
@@ -191,7 +200,7 @@ def _analyse_sessions(
     else:
         print_table(analysis.rows_of(record))
         print_text("")
-        print_text(f"{len(outs)} sessions; intervals: {record['interval']}")
+        print_text(f"{len(paths)} sessions; intervals: {record['interval']}")
     if out is not None:
         note(f"written: {analysis.write_analysis(record, out)}")
 

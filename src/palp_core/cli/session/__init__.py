@@ -1,1 +1,1 @@
-"""``palp session``: sessions with people and operators, and what was decided about their trials."""
+"""``palp session``, ``sessions``: sheets, people, operators, decisions about trials, many sessions."""

@@ -5,7 +5,7 @@ from palp_core.cli.lazy import Verb, lazy_app
 _HERE = "palp_core.cli.session"
 
 app = lazy_app(
-    "Sessions: with people, by operators, and what was decided about their trials.",
+    "Sessions: their sheets, with people, by operators, and what was decided about their trials.",
     {
         "plan": Verb(
             f"{_HERE}.plan:plan",
@@ -21,5 +21,8 @@ app = lazy_app(
             f"{_HERE}.people:people",
             "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.",
         ),
+        "new": Verb(f"{_HERE}.sheet:new", "Write a session's sheet to fill in."),
+        "show": Verb(f"{_HERE}.sheet:show", "Show the sheet of a session, a bag or a file, and check it."),
+        "redact": Verb(f"{_HERE}.sheet:redact", "Copy a session without what tells who it was."),
     },
 )

@@ -97,6 +97,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         report: ``module:function`` to run at the end; "" for none.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
+        attached: Texts that the report wants kept with all that is recorded of the run, by name.
     """
 
     graph: str
@@ -115,6 +116,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     recorders: list[NodeSpec] = []
     composed: bool = False
     view: str = ""
+    attached: dict[str, str] = {}
 
     @property
     def readers(self) -> dict[str, list[int]]:

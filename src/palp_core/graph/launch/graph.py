@@ -96,7 +96,9 @@ def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None
     return list(_tell(checked, "advise", summary) or ())
 
 
-def _tell(checked: CheckedGraph, stage: Literal["prepare", "advise", "begin"], summary: RunSummary) -> Any:
+def _tell(
+    checked: CheckedGraph, stage: Literal["prepare", "advise", "attach", "begin"], summary: RunSummary
+) -> Any:
     """Let the launch file's report look at the run before it begins, if it wants to; return what it says."""
     if not checked.report:
         return None
@@ -183,6 +185,8 @@ class Graph:
                     )
                 self.checked = msgspec.structs.replace(self.checked, composed=self._compose)
                 _tell(self.checked, "prepare", self._summary())
+                kept = _tell(self.checked, "attach", self._summary()) or {}
+                self.checked = msgspec.structs.replace(self.checked, attached=kept)
                 self.recorders = Recorders(self.checked, self._record)
                 self.diagnostics.follow(self.checked)
                 self.methods.follow(self.checked)

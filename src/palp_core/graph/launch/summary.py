@@ -29,6 +29,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         exit_code: 0 if the run came to its end, with its report; negative where it did not say how it ended.
         ended: Why it did not come to its end, in words; "" where it did.
         incidents: What nodes said was wrong, in time's order.
+        attached: Texts that the report function wants kept with all that is recorded of the run, by name.
         cpu_s: CPU time of each node's process; of those that were asked, on the wall clock.
         methods: Which methods nodes said they use, and from when on, in time's order.
         report: What the launch file's report function says in words; "" if there is none.
@@ -45,6 +46,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]
     deliveries: dict[str, list[str]] = {}
+    attached: dict[str, str] = {}
     exit_code: int = -1
     ended: str = "it did not say how it ended"
     clock_s: float = 0.0
@@ -74,6 +76,7 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         publishes=checked.publishes,
         listens=checked.listens,
         deliveries=checked.deliveries,
+        attached=checked.attached,
         composed=checked.composed,
         **outcome,
     )

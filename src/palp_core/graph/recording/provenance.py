@@ -33,6 +33,7 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
             "listens": graph.listens,
             "deliveries": graph.deliveries,
             "composed": graph.composed,
+            "attached": graph.attached,
         },
     }
 

@@ -96,7 +96,7 @@ class _Contents:
 
     def __init__(self, bag: Bag) -> None:
         self._path = bag.path
-        self._launch = _launch_of(bag)
+        self._launch = launch_of(bag)
         self._roles = _roles(self._launch, bag.path)
         self._kind_of = _topics(self._launch, self._roles)
         self._damage = ""
@@ -330,7 +330,12 @@ def _cpu_s(bag: Bag) -> dict[str, float]:
     return found
 
 
-def _launch_of(bag: Bag) -> RunSummary:
+def launch_of(bag: Bag) -> RunSummary:
+    """Return what a bag says of the run that it holds, before it ended.
+
+    Raises:
+        PalpError: It says nothing of it.
+    """
     attached = bag.attachments().get(LAUNCH_ATTACHMENT)
     if attached is None:
         raise PalpError(

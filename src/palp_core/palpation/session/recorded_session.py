@@ -125,7 +125,7 @@ def read_session(out: str | Path) -> RecordedSession:
     """
     folder = Path(out)
     rows = read_rows(folder)
-    believed_m = _classes(folder) or tuple(sorted({row.depth_m for row in rows}))
+    believed_m = believed_depths(folder) or tuple(sorted({row.depth_m for row in rows}))
     for row in rows:
         if row.phase == "estimation" and len(row.posterior) != len(believed_m):
             raise PalpError(
@@ -165,8 +165,8 @@ def _counted(row: Row, grid_m: Sequence[float], depths_m: Sequence[float]) -> Ro
     return msgspec.structs.replace(row, posterior=mass.tolist(), gain=gain.tolist(), estimate_m=best)
 
 
-def _classes(folder: Path) -> tuple[float, ...]:
-    """Return the depths that the table's own columns name."""
+def believed_depths(folder: Path) -> tuple[float, ...]:
+    """Return the depths that the table's own columns name, in the order of posterior and gain."""
     with (folder / "trials.csv").open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file), [])
     labels = [c.removeprefix("posterior_") for c in columns if c.startswith("posterior_")]

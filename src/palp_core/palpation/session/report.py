@@ -15,6 +15,7 @@ from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import SWEEPS, TABLE
+from palp_core.palpation.session.sheet.of_run import refuse_own_sheet, sheet_of, texts_to_keep, write_copy
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -29,9 +30,15 @@ class SessionReport:
         """Refuse a run whose session would go where one is already.
 
         Raises:
-            PalpError: It would, or the run names no folder.
+            PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
         """
         run_note.refuse_run(summary)
+        refuse_own_sheet(run_note.out_of(summary))
+        texts_to_keep(summary)
+
+    def attach(self, summary: RunSummary) -> dict[str, str]:
+        """Return what is kept with all that is recorded of the run, by name: the session's sheet."""
+        return texts_to_keep(summary)
 
     def advise(self, summary: RunSummary) -> list[str]:
         """Return in words what of the parameters no method vouches for."""
@@ -93,6 +100,7 @@ def write(folder: Path, summary: RunSummary) -> str:
         if summary.exit_code != 0:
             return f"Nothing is kept: '{folder}' holds no palpation."
     try:
+        write_copy(summary, folder)
         said = _write(found, summary)
     except OSError as error:
         raise _cannot_report(folder, error) from error
@@ -120,7 +128,9 @@ def _write(found: RecordedSession, summary: RunSummary) -> str:
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, unfinished_words(result))
     pictures = [picture(one, found.folder / "charts") for one in _charts(found, summary, result)]
-    write_report(found.folder / "report.html", result, pictures, trials=found.trials, args=summary.args)
+    page = found.folder / "report.html"
+    sheet = sheet_of(summary)
+    write_report(page, result, pictures, trials=found.trials, args=summary.args, sheet=sheet)
     return headline(result)
 
 

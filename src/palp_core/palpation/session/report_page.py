@@ -11,6 +11,8 @@ from palp_core.palpation.session.methods.text import paragraphs
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 from palp_core.palpation.session.recorded_session import RecordedTrial, mm
 from palp_core.palpation.session.result_json import policy_label, unfinished_words
+from palp_core.palpation.session.sheet.of_run import sheet_lines
+from palp_core.palpation.session.sheet.sheet import SessionSheet
 
 
 def headline(result: dict[str, Any]) -> str:
@@ -46,6 +48,7 @@ def write_report(
     *,
     trials: Sequence[RecordedTrial] = (),
     args: Mapping[str, Any] | None = None,
+    sheet: SessionSheet | None = None,
 ) -> Path:
     """Write the page.
 
@@ -55,6 +58,7 @@ def write_report(
         pictures: The charts as drawn.
         trials: Of estimation, for the table of all.
         args: The launch file's arguments, as run.
+        sheet: The session's; None of a run that has none.
     """
     mechanics, confusion = result["mechanics"], result["confusion"]
     depths = [f"{depth:g} mm" for depth in confusion["depths_mm"]]
@@ -66,6 +70,7 @@ def write_report(
         unfinished=unfinished_words(result),
         headline=headline(result),
         pictures=pictures,
+        sheet=sheet_lines(sheet) if sheet is not None else [],
         command=command(result, args or {}),
         trials=[_trial_row(trial) for trial in trials],
         methods=paragraphs([*result["methods"], *result["deliveries"]]),

@@ -34,6 +34,8 @@ from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.roles import Roles, roles_of
+from palp_core.palpation.session.sheet.of_run import sheet_of
+from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.palpation.world.model import basis as world_basis
 from palp_core.palpation.world.model import units as world_units
 from palp_core.whole_file import read_whole, write_json
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
 
 TIME_KEYS = (
+    "began",
     "composed",
     "deliveries",
     "launch_file",
@@ -52,7 +55,7 @@ TIME_KEYS = (
 )
 """Top-level keys that depend on wall time, or on where and how the graph was run."""
 
-_WHERE = {("experiment", "out"), ("experiment", "overwrite")}
+_WHERE = {("experiment", "out"), ("experiment", "overwrite"), ("experiment", "session")}
 
 INTERVAL = "95 % Wilson, this session only"
 _PACKAGES = {
@@ -66,7 +69,7 @@ _PACKAGES = {
 
 def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     """Return the result of a session and its run, in the order in which a person reads it."""
-    roles = roles_of(summary)
+    roles, sheet = roles_of(summary), sheet_of(summary)
     experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
     trials = session.trials
@@ -77,7 +80,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "training": experiment.get("training"),
         "trials_done": len(trials),
         "trials_unfinished": session.unfinished_count,
-        "unfinished": _unfinished(session, summary, roles),
+        "unfinished": how_far(session, summary, roles),
         "trials_dropped": [_dropped(trial) for trial in session.dropped],
         **({"left_out": {str(k): v for k, v in session.left_out.items()}} if session.left_out else {}),
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
@@ -114,11 +117,22 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "sweep_s_per_wall_s": sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
         "palpations_per_wall_s": len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
         "composed": summary.composed,
+        "session": _session(sheet),
+        "began": sheet.began if sheet is not None else "",
         "graph": summary.graph,
         "launch_file": summary.file,
         "out": str(session.folder),
         "versions": _versions(),
     }
+
+
+def _session(sheet: SessionSheet | None) -> dict[str, Any] | None:
+    """Return what the session's sheet says, but for when it began; None of a run that has none."""
+    if sheet is None:
+        return None
+    found: dict[str, Any] = msgspec.to_builtins(sheet)
+    del found["began"]
+    return found
 
 
 def write_result(result: dict[str, Any], folder: Path) -> Path:
@@ -177,7 +191,7 @@ def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _unfinished(session: RecordedSession, summary: RunSummary, roles: Roles) -> dict[str, Any] | None:
+def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> dict[str, Any] | None:
     """Return how far a run came that did not come to its end, and why it did not; else None."""
     if summary.exit_code == 0:
         return None

@@ -12,6 +12,7 @@ from palp_core.errors import PalpError
 TABLE = "trials.csv"
 SWEEPS = "sweeps"
 RUN = "run.json"
+SHEET = "session.yaml"
 NEXT_RUN = ".next_run.json"
 OWN_FILES = (
     TABLE,
@@ -19,6 +20,7 @@ OWN_FILES = (
     "primitives.json",
     "audit.csv",
     RUN,
+    SHEET,
     "result.json",
     "report.html",
     "charts",
@@ -67,7 +69,7 @@ def cannot_write(folder: Path, error: OSError, named_by: str = "out:=") -> PalpE
 
 def _tells(path: Path) -> bool:
     """Tell whether a file or folder of a session says anything: more than that a session began."""
-    if not os.path.lexists(path) or path.name == RUN:
+    if not os.path.lexists(path) or path.name in (RUN, SHEET):
         return False
     if path.name == SWEEPS:
         return any(path.iterdir())

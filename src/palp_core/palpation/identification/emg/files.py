@@ -41,6 +41,7 @@ class EmgFile:
         columns: Its columns of numbers.
         phases: Stretches of samples [begin, end) by phase, as ``mvc``; empty where the file has none.
         notes: What a reader of the numbers ought to know.
+        begin_s: Time of the first sample on the clock of its run; 0 where the file has no such clock.
     """
 
     path: Path
@@ -48,6 +49,7 @@ class EmgFile:
     columns: tuple[Column, ...]
     phases: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    begin_s: float = 0.0
 
 
 UNIT = re.compile(r"s|ms|us|[µμ]s|ns|sec(onds)?|(n|u|µ|μ|m)?v(olts?)?|hz|counts?|adc|a\.?u\.?", re.IGNORECASE)
@@ -68,6 +70,9 @@ _READERS = {
     ".hdf5": f"{_HERE}.files_array:read_hdf5",
     ".edf": f"{_HERE}.files_edf:read_edf",
     ".bdf": f"{_HERE}.files_edf:read_edf",
+    ".xdf": f"{_HERE}.files_xdf:read_xdf",
+    ".xdfz": f"{_HERE}.files_xdf:read_xdf",
+    ".c3d": f"{_HERE}.files_c3d:read_c3d",
     ".mcap": f"{_HERE}.files_bag:read_bag",
 }
 SUFFIXES = tuple(_READERS)

@@ -55,5 +55,10 @@ def read_bag(path: Path) -> EmgFile:
             stretches.append((place, place + size))
     columns = (Column("fds_v", muscles[0], rate_hz, "V"), Column("edc_v", muscles[1], rate_hz, "V"))
     return EmgFile(
-        path, "bag", columns, {name: tuple(one) for name, one in phases.items()}, (f"topic {topic}",)
+        path,
+        "bag",
+        columns,
+        {name: tuple(one) for name, one in phases.items()},
+        (f"topic {topic}",),
+        begin_s=begin_ns / 1e9,
     )

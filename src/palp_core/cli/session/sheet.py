@@ -1,0 +1,109 @@
+"""``palp session new``, ``show`` and ``redact``: the sheet of a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.errors import PalpError
+
+if TYPE_CHECKING:
+    from palp_core.palpation.session.sheet.sheet import SessionSheet
+
+
+def new(
+    file: Annotated[Path, typer.Argument(metavar="[FILE]", help="The sheet.")] = Path("session.yaml"),
+    phantoms: Annotated[
+        str, typer.Option(metavar="FILE", help="Phantoms of the session; default: the paper's three.")
+    ] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="A file that is there is replaced.")] = False,
+) -> None:
+    """Write a session's sheet to fill in."""
+    from palp_core.palpation.session.sheet.of_run import phantom_codes
+    from palp_core.palpation.session.sheet.template import template
+    from palp_core.whole_file import write_whole
+
+    if file.exists() and not overwrite:
+        raise PalpError(
+            f"{file} is there already, and nothing is overwritten unasked: --overwrite, or another name"
+        )
+    write_whole(file, template(phantom_codes(phantoms)))
+    print_text(f"{file}: fill it in, look at it (palp session show {file}), and name it: session:={file}")
+
+
+def show(
+    path: Annotated[Path, typer.Argument(metavar="DIR|BAG|FILE", help="A session's folder, a bag, a sheet.")],
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Show the sheet of a session, a bag or a file, and check it; status 2 if it has mistakes."""
+    from palp_core.palpation.session.sheet.of_run import sheet_lines
+
+    sheet = _sheet_at(path)
+    if as_json:
+        print_json(sheet)
+    else:
+        print_table(sheet_lines(sheet))
+
+
+def redact(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A session's folder.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="For the copy.")],
+    also: Annotated[
+        str, typer.Option(metavar="FIELD,...", help="Beside operator, subject, ethics and note: lab, began.")
+    ] = "",
+) -> None:
+    """Copy a session without what tells who it was: sheet, result and report; its numbers stay.
+
+    Files that are no part of the session stay behind. Status 1: a file of the copy still has a word of it.
+    """
+    from palp_core.palpation.session.bag_record import is_bag
+    from palp_core.palpation.session.report import write
+    from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.sheet import redact as redaction
+    from palp_core.palpation.session.sheet.of_run import sheet_of
+
+    if is_bag(folder):
+        raise PalpError(
+            f"{folder}: is a bag; palp report makes a session's folder of it, and that is redacted"
+        )
+    summary = read_note(folder)
+    fields = [*redaction.FIELDS, *(word.strip() for word in also.split(",") if word.strip())]
+    copied = redaction.redact(folder, summary, out, fields)
+    print_text(write(out, copied))
+    if names := redaction.left_out(folder):
+        note(f"not copied, no part of the session: {', '.join(names)}")
+    sheet = sheet_of(summary)
+    told = list(redaction.still_told(out, sheet, fields)) if sheet is not None else []
+    for words in told:
+        note(f"{out}: {words}")
+    if told:
+        raise typer.Exit(1)
+
+
+def _sheet_at(path: Path) -> SessionSheet:
+    """Return the sheet of what a path leads to.
+
+    Raises:
+        PalpError: There is none, or it has mistakes.
+    """
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.palpation.session.bag_record import is_bag, launch_of
+    from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.sheet.of_run import sheet_of
+    from palp_core.palpation.session.sheet.sheet_file import read_sheet
+
+    if is_bag(path):
+        with Bag(path) as bag:
+            found = sheet_of(launch_of(bag))
+    elif path.is_dir():
+        found = sheet_of(read_note(path))
+    else:
+        return read_sheet(path)
+    if found is None:
+        raise PalpError(f"{path}: was recorded without a sheet, by an earlier palp")
+    return found

@@ -1,0 +1,235 @@
+"""Sessions taken together: accuracy, palpations and calibration with intervals over subjects or sessions.
+
+The unit is what was drawn independently: the subject where sessions name one, else the session. Trials of one
+unit share its training, its mountings and its person; they make its own share surer, not the interval over
+units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palp_core.palpation.perception.statistics import statistics
+from palp_core.palpation.perception.statistics.resampling import (
+    SessionMean,
+    calibration_interval,
+    cluster_bootstrap,
+    compare,
+    share_interval,
+)
+from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
+from palp_core.palpation.session.recorded_session import RecordedTrial, mm
+from palp_core.palpation.session.session_folder import TABLE
+from palp_core.palpation.session.sheet.sheet import NONE
+
+_SEED = 1
+
+Units = Mapping[str, Sequence[RecordedTrial]]
+"""The trials of each unit, by subject or session; none is empty."""
+
+
+def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[str, Any]:
+    """Return what sessions say together, group by group; sessions of one group were run alike.
+
+    Args:
+        entries: As found.
+        unfinished: Those that did not come to their end count, too, as far as they came.
+    """
+    counted, left_out = _counted(entries, unfinished=unfinished)
+    groups: dict[str, list[SessionEntry]] = {}
+    for entry in counted:
+        groups.setdefault(entry.design, []).append(entry)
+    return {
+        "sessions": [_listed(entry) for entry in entries],
+        "left_out": left_out,
+        "interval": "95 %: bootstrap over subjects, or over sessions where none is named; of one alone "
+        "Wilson's, which speaks for it only",
+        "groups": [_group(design, members) for design, members in groups.items()],
+        "differences": _differences(groups),
+    }
+
+
+def sessions_below(path: Path) -> tuple[list[Path], list[dict[str, str]]]:
+    """Return the sessions that a folder of sessions stands for: those that count, and why others do not.
+
+    A session's own folder, a bag or a file stands for itself.
+
+    Raises:
+        PalpError: The folder has no session.
+    """
+    if not path.is_dir() or (path / TABLE).exists() or any(path.glob("*.mcap")):
+        return [path], []
+    counted, left_out = _counted(find_sessions(path), unfinished=False)
+    return [entry.path for entry in counted], left_out
+
+
+def _listed(entry: SessionEntry) -> dict[str, Any]:
+    return {
+        "path": str(entry.path),
+        "state": entry.state,
+        "words": entry.words,
+        "began": entry.began,
+        "subject": entry.sheet.subject if entry.sheet is not None else None,
+        "operator": entry.sheet.operator if entry.sheet is not None else None,
+        "simulated": entry.sheet.simulated if entry.sheet is not None else None,
+        "design": entry.design,
+        "trials": len(entry.trials),
+        "excluded": [{"trial": trial, "why": why} for trial, why in sorted(entry.excluded.items())],
+    }
+
+
+def _counted(
+    entries: Sequence[SessionEntry], *, unfinished: bool
+) -> tuple[list[SessionEntry], list[dict[str, str]]]:
+    """Return the sessions that count, and which do not, and why."""
+    counted: list[SessionEntry] = []
+    left_out = []
+    seen: dict[str, SessionEntry] = {}
+    wanted = ("whole", "unfinished") if unfinished else ("whole",)
+    for entry in entries:
+        why = ""
+        if entry.state == "person":
+            why = "with a person: palp session people analyses those"
+        elif entry.state not in wanted:
+            why = entry.words
+        elif entry.digest in seen:
+            why = f"a copy of {seen[entry.digest].path}: a session counts once"
+        elif not entry.trials:
+            why = "has no trial of estimation that came to a verdict"
+        elif not entry.counted:
+            why = "all its trials are excluded"
+        if why:
+            left_out.append({"path": str(entry.path), "why": why})
+        else:
+            seen[entry.digest] = entry
+            counted.append(entry)
+    return counted, left_out
+
+
+def _units(members: Sequence[SessionEntry]) -> tuple[str, dict[str, list[RecordedTrial]]]:
+    """Return what the unit is called, and the trials of each."""
+    subjects = [entry.sheet.subject if entry.sheet is not None else NONE for entry in members]
+    if NONE in subjects:
+        return "session", {str(entry.path): list(entry.counted) for entry in members}
+    found: dict[str, list[RecordedTrial]] = {}
+    for subject, entry in zip(subjects, members, strict=True):
+        found.setdefault(subject, []).extend(entry.counted)
+    return "subject", found
+
+
+def _group(design: str, members: Sequence[SessionEntry]) -> dict[str, Any]:
+    unit, units = _units(members)
+    trials = [trial for one in units.values() for trial in one]
+    depths_m = sorted({trial.depth_m for trial in trials})
+    sizes = {len(one) for one in units.values()}
+    remarks = list(_differ(members))
+    if len(sizes) > 1:
+        remarks.append(
+            f"{unit}s have {min(sizes)} to {max(sizes)} trials each, and every {unit} counts alike"
+        )
+    return {
+        "design": design,
+        "unit": unit,
+        "units": len(units),
+        "sessions": len(members),
+        "trials": len(trials),
+        "excluded": sum(len(entry.trials) - len(entry.counted) for entry in members),
+        "accuracy": _share(units),
+        "accuracy_per_unit": {name: _right(one) for name, one in units.items()},
+        "accuracy_per_depth_mm": {mm(depth_m): _share(_at(units, depth_m)) for depth_m in depths_m},
+        "probes": _mean({name: [len(trial.probes) for trial in one] for name, one in units.items()}),
+        "calibration_error": _calibration(units),
+        "undecided": sum(trial.verdict == "undecided" for trial in trials),
+        "remarks": remarks,
+    }
+
+
+def _differ(members: Sequence[SessionEntry]) -> list[str]:
+    """Return in words in which parameters the sessions of a group differ."""
+    names = sorted({name for entry in members for name in entry.settings})
+    said = []
+    for name in names:
+        values = {str(entry.settings.get(name, "not there")) for entry in members}
+        if len(values) > 1:
+            said.append(f"{name}: {' | '.join(sorted(values))}")
+    return [f"not all were run alike: {', '.join(said)}"] if said else []
+
+
+def _at(units: Units, depth_m: float) -> dict[str, list[RecordedTrial]]:
+    """Return the trials of a depth; units without one are left out."""
+    found = {name: [trial for trial in one if trial.depth_m == depth_m] for name, one in units.items()}
+    return {name: one for name, one in found.items() if one}
+
+
+def _right(trials: Sequence[RecordedTrial]) -> float:
+    return float(np.mean([trial.right for trial in trials]))
+
+
+def _share(units: Units) -> dict[str, Any]:
+    rights = [[trial.right for trial in one] for one in units.values()]
+    if len(rights) > 1:
+        return _ends(share_interval(rights, np.random.default_rng(_SEED)))
+    one = statistics.wilson(sum(rights[0]), len(rights[0]))
+    return {"value": one.value, "ci": [one.low, one.high], "of": 1}
+
+
+def _mean(values: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    means = [float(np.mean(one)) for one in values.values()]
+    found = _ends(cluster_bootstrap(means, np.random.default_rng(_SEED)))
+    return found if len(means) > 1 else found | {"ci": None}
+
+
+def _calibration(units: Units) -> dict[str, Any]:
+    """Return the expected calibration error; its interval where all units have equally many trials."""
+    groups = [
+        (np.array([min(t.confidence, 1.0) for t in one]), np.array([t.right for t in one]))
+        for one in units.values()
+    ]
+    stated, right = (np.concatenate(parts) for parts in zip(*groups, strict=True))
+    error = statistics.calibration(stated, right.tolist()).expected_error
+    alike = len({one.size for one, _ in groups}) == 1 and len(groups) > 1
+    ends = calibration_interval(groups, np.random.default_rng(_SEED)) if alike else None
+    return {"value": error, "ci": list(ends) if ends is not None else None}
+
+
+def _ends(mean: SessionMean) -> dict[str, Any]:
+    return {"value": mean.value, "ci": [mean.low, mean.high], "of": mean.session_count}
+
+
+def _differences(groups: Mapping[str, Sequence[SessionEntry]]) -> list[dict[str, Any]]:
+    """Return the differences of accuracy between groups that have their units in common, within these.
+
+    In simulation, where nobody is a subject, sessions of one seed are one unit.
+    """
+    shares = {design: _by_partner(members) for design, members in groups.items()}
+    common = [
+        design for design, one in shares.items() if one and set(one) == set(next(iter(shares.values())))
+    ]
+    if len(common) < 2:
+        return []
+    order = sorted(shares[common[0]])
+    values = {design: [shares[design][name] for name in order] for design in common}
+    pairs = [(a, b) for i, a in enumerate(common) for b in common[i + 1 :]]
+    return [
+        {
+            "first": one.first,
+            "second": one.second,
+            "difference": _ends(one.difference),
+            "p": one.p,
+            "p_holm": one.p_holm,
+        }
+        for one in compare(values, pairs, np.random.default_rng(_SEED))
+    ]
+
+
+def _by_partner(members: Sequence[SessionEntry]) -> dict[str, float]:
+    """Return the share of right answers of each unit by what another group may have, too; else nothing."""
+    unit, units = _units(members)
+    if unit == "subject":
+        return {name: _right(one) for name, one in units.items()}
+    seeds = {f"seed {entry.seed}": _right(entry.counted) for entry in members}
+    return seeds if len(seeds) == len(members) else {}

@@ -1,0 +1,1 @@
+"""A session's sheet, ``session.yaml``: who ran it, on whom, on what, and by which approval."""

@@ -1,0 +1,130 @@
+"""The sheet of a run: which one it was asked to take, and which one it took."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+import palp_core
+from palp_core.errors import MechanicsError, PalpError
+from palp_core.graph.clock import local_time_name
+from palp_core.palpation.session.roles import Roles, roles_of
+from palp_core.palpation.session.session_folder import SHEET
+from palp_core.palpation.session.sheet.sheet import SIMULATED, SessionSheet
+from palp_core.palpation.session.sheet.sheet_file import parse_copy, read_sheet, sheet_text
+from palp_core.whole_file import read_whole, write_whole
+
+if TYPE_CHECKING:
+    from palp_core.graph.launch.summary import RunSummary
+
+
+def asked_sheet(summary: RunSummary) -> SessionSheet:
+    """Return the sheet that a run is given, or the one of a simulated session where it is given none.
+
+    Raises:
+        GraphProblems: The file has mistakes: each with its line.
+        PalpError: A run on the rig has no sheet, or the file cannot be read.
+    """
+    roles = roles_of(summary)
+    path = roles.params("experiment").get("session") or ""
+    found = SIMULATED
+    if path:
+        found = read_sheet(path, _codes(roles))
+    elif summary.clock == "wall" and not roles.touch_simulated:
+        raise PalpError(
+            f"{summary.file}: a session on the rig needs its sheet: who, on whom, on what, which approval; "
+            "palp session new FILE writes one to fill in, and session:=FILE names it"
+        )
+    software = {"palp": palp_core.__version__, "python": platform.python_version()}
+    return msgspec.structs.replace(found, software=software, simulated=roles.touch_simulated)
+
+
+def texts_to_keep(summary: RunSummary) -> dict[str, str]:
+    """Return what is kept with all that is recorded of a run that begins now: its sheet, by name of its file.
+
+    Raises:
+        PalpError: As of :func:`asked_sheet`.
+    """
+    return {SHEET: sheet_text(msgspec.structs.replace(asked_sheet(summary), began=local_time_name()))}
+
+
+def sheet_of(summary: RunSummary) -> SessionSheet | None:
+    """Return the sheet that a run took; None of a run that is older than sheets.
+
+    Raises:
+        PalpError: It is damaged.
+    """
+    text = summary.attached.get(SHEET)
+    return None if text is None else parse_copy(text, f"the sheet of run '{summary.run or summary.file}'")
+
+
+def phantom_codes(path: str) -> Sequence[str]:
+    """Return the codes of a file of phantoms; of the paper's three for an empty path.
+
+    Raises:
+        PalpError: The file is wrong.
+    """
+    from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+
+    return [code for code, one in load_phantoms(path).items() if one.bead is not None]
+
+
+def _codes(roles: Roles) -> Sequence[str]:
+    try:
+        return phantom_codes(roles.params("experiment").get("phantoms") or "")
+    except MechanicsError:  # told elsewhere, where it is named
+        return ()
+
+
+def write_copy(summary: RunSummary, folder: Path) -> None:
+    """Write the sheet of a run beside its session, for people; ``run.json`` has it for machines.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    if text := summary.attached.get(SHEET):
+        write_whole(folder / SHEET, text)
+
+
+def refuse_own_sheet(folder: Path) -> None:
+    """Refuse a folder in which a person put a sheet to fill in: the session's copy would take its place.
+
+    Raises:
+        PalpError: There is one.
+    """
+    path = folder / SHEET
+    try:
+        own = path.exists() and b"\nbegan:" not in read_whole(path)
+    except OSError:
+        own = True
+    if own:
+        raise PalpError(
+            f"{path} is a sheet that palp did not write, and the session's copy would take its place: keep "
+            "it elsewhere, as beside the folder"
+        )
+
+
+def sheet_lines(sheet: SessionSheet) -> list[tuple[str, str]]:
+    """Return a sheet as lines of name and value, without what it does not say."""
+    lines = [
+        ("lab", sheet.lab),
+        ("operator", sheet.operator),
+        ("subject", sheet.subject),
+        ("ethics", sheet.ethics),
+    ]
+    for code, one in sheet.phantoms.items():
+        made = f"{one.id}, batch {one.batch}, cured {one.cured} at {one.cure_temperature_c:g} °C"
+        lines.append((f"phantom {code}", made))
+    if sheet.sensor is not None:
+        lines.append(("torque sensor", f"{sheet.sensor.serial}, bias {1e3 * sheet.sensor.bias_n_m:g} N mm"))
+    lines += [
+        ("touch", "simulated" if sheet.simulated else "real"),
+        ("software", ", ".join(f"{name} {version}" for name, version in sheet.software.items())),
+        ("began", sheet.began),
+        ("note", sheet.note),
+    ]
+    return [(name, value) for name, value in lines if value]

@@ -1,0 +1,272 @@
+"""``palp sessions``: every session of a folder in words, and what they say together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.main import app
+from palp_core.errors import PalpError
+from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
+from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
+from palp_core.palpation.session.many.page import remarks
+from palp_core.palpation.session.many.pooled import pool
+from palp_core.palpation.session.session_folder import SHEET
+from palp_core.palpation.session.sheet.sheet import SessionSheet
+from palp_core.palpation.session.sheet.sheet_file import sheet_text
+from palp_core.whole_file import write_json
+from tests.palpation.reporting.page_flaws import flaws
+from tests.support.sessions import describe, writer
+
+SURE = {0: [0.9, 0.05, 0.05], 1: [0.05, 0.9, 0.05], 2: [0.05, 0.05, 0.9]}
+
+
+def trials(*right: bool) -> list[tuple[int, list[list[float]]]]:
+    """Return trials at all depths in turn, right or wrong."""
+    return [(i % 3, [SURE[i % 3 if one else (i + 1) % 3]]) for i, one in enumerate(right)]
+
+
+def session(
+    folder: Path,
+    name: str,
+    right: Sequence[bool],
+    *,
+    subject: str = "",
+    policy: str = "markov",
+    seed: int = 3,
+    exit_code: int = 0,
+    began: str = "2026-11-22_21-05-09",
+    **record: Any,
+) -> Path:
+    """Write a session with its note; its sheet names a subject, if one is given."""
+    out = writer(folder)(name, trials=trials(*right), **({"repeats": 0} | record))
+    said = SessionSheet(lab="L", operator="OP", subject=subject or "none", began=began, simulated=not subject)
+    summary = describe(out)
+    params = {**summary.params, "experiment": {**summary.params["experiment"], "policy": policy, "trials": 2}}
+    ended = "" if exit_code == 0 else "Ctrl-C"
+    note = msgspec.structs.replace(
+        summary,
+        params=params,
+        seed=seed,
+        exit_code=exit_code,
+        ended=ended,
+        attached={SHEET: sheet_text(said)},
+    )
+    write_json(out / "run.json", note)
+    # sessions differ in a digit of their record, as real ones do; a copy is one whose record is the same
+    table = (out / "trials.csv").read_text(encoding="utf-8")
+    (out / "trials.csv").write_text(table.replace("markov-3", f"{policy}-{name}"), encoding="utf-8")
+    return out
+
+
+def listed(folder: Path) -> dict[str, SessionEntry]:
+    return {one.path.name: one for one in find_sessions(folder)}
+
+
+def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> None:
+    session(tmp_path / "a", "whole", [True, False], subject="S01")
+    session(tmp_path, "stopped", [True, True], exit_code=130)
+    bad = session(tmp_path, "bad", [True])
+    lines = (bad / "trials.csv").read_text(encoding="utf-8").splitlines()
+    (bad / "trials.csv").write_text("\n".join([*lines[:3], lines[3][:20], *lines[4:], ""]), encoding="utf-8")
+    (session(tmp_path, "torn", [True]) / "run.json").write_text("{", encoding="utf-8")
+    (session(tmp_path, "unknown", [True]) / "run.json").unlink()
+    shutil.rmtree(session(tmp_path, "nothing", [True]) / "sweeps")
+    (tmp_path / "nothing" / "trials.csv").unlink()
+    (tmp_path / "beside").mkdir()
+    found = listed(tmp_path)
+    assert {name: one.state for name, one in found.items()} == {
+        "whole": "whole",
+        "stopped": "unfinished",
+        "bad": "damaged",
+        "torn": "damaged",
+        "unknown": "damaged",
+        "nothing": "empty",
+    }
+    assert found["whole"].who == "S01, OP"
+    assert found["whole"].began == "2026-11-22 21:05"
+    assert len(found["whole"].trials) == 2
+    assert found["stopped"].words == "unfinished: 2 of 6 trials, because: Ctrl-C"
+    assert "trials.csv:4: the row is damaged" in found["bad"].words
+    assert "run.json cannot be read" in found["torn"].words
+    assert "run.json, which says of what run it is, is missing" in found["unknown"].words
+    assert found["unknown"].began.startswith("~")
+
+
+def test_a_session_that_is_being_written_is_running(tmp_path: Path) -> None:
+    session(tmp_path, "now", [True], exit_code=-1)  # the writer of a record keeps its folder
+    (found,) = find_sessions(tmp_path)
+    assert found.state == "running"
+    assert found.words.startswith("running: 1 of 6 trials")
+
+
+def test_a_folder_may_be_one_session_and_an_empty_one_is_refused(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True])
+    assert [one.path for one in find_sessions(out)] == [out]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(PalpError, match="has no session"):
+        find_sessions(tmp_path / "empty")
+    with pytest.raises(PalpError, match="no such folder"):
+        find_sessions(tmp_path / "nowhere")
+
+
+def test_a_link_to_a_session_is_not_another_one(tmp_path: Path) -> None:
+    session(tmp_path, "one", [True])
+    (tmp_path / "latest").symlink_to("one", target_is_directory=True)
+    assert len(find_sessions(tmp_path)) == 1
+
+
+def test_sessions_are_the_unit_and_their_interval_is_the_librarys(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    shares = []
+    for number in range(30):
+        right = rng.random(6) < rng.uniform(0.4, 1.0)
+        session(tmp_path, f"s{number:02d}", right.tolist(), began=f"2026-11-22_21-{number:02d}-00")
+        shares.append(float(right.mean()))
+    record = pool(find_sessions(tmp_path))
+    (group,) = record["groups"]
+    assert (group["unit"], group["units"], group["trials"]) == ("session", 30, 180)
+    wanted = cluster_bootstrap(shares, np.random.default_rng(1), within=(0.0, 1.0))
+    assert group["accuracy"]["value"] == pytest.approx(float(np.mean(shares)))
+    assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
+    assert group["accuracy_per_depth_mm"].keys() == {"2", "4", "8"}
+    assert group["remarks"] == []
+
+
+def test_sessions_of_one_subject_are_one_unit(tmp_path: Path) -> None:
+    for subject, right in (("S01", [True] * 3), ("S02", [False] * 3)):
+        for day in range(3):
+            session(tmp_path, f"{subject}-{day}", right, subject=subject)
+    (group,) = pool(find_sessions(tmp_path))["groups"]
+    assert (group["unit"], group["units"], group["sessions"]) == ("subject", 2, 6)
+    wanted = cluster_bootstrap([1.0, 0.0], np.random.default_rng(1), within=(0.0, 1.0))
+    assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
+
+
+def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True, True, False, False])
+    audit = 'trial,deed,reason,time,user\n1002,exclude,slipped,t,u\n1003,redo,"late, twice",t,u\n'
+    (out / "audit.csv").write_text(audit + "-1,unseal,x,t,u\n", encoding="utf-8")
+    (entry,) = find_sessions(tmp_path)
+    assert entry.excluded == {1002: "exclude: slipped", 1003: "redo: late, twice"}
+    (group,) = pool([entry])["groups"]
+    assert (group["trials"], group["excluded"], group["accuracy"]["value"]) == (2, 2, 1.0)
+    assert any("2 trials are excluded" in words for words in remarks(pool([entry])))
+
+
+@pytest.mark.parametrize(
+    "text", ["trial,deed\n1,exclude\n", "trial,deed,reason,time,user\nx,exclude,y,t,u\n"]
+)
+def test_an_audit_that_cannot_be_read_makes_the_session_damaged(tmp_path: Path, text: str) -> None:
+    (session(tmp_path, "one", [True]) / "audit.csv").write_bytes(text.encode("latin-1"))
+    (entry,) = find_sessions(tmp_path)
+    assert entry.state == "damaged"
+    assert "audit.csv:2: the line is damaged" in entry.words
+
+
+def test_an_exclusion_of_a_trial_that_is_not_there_is_told(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True])
+    (out / "audit.csv").write_text("trial,deed,reason,time,user\n77,exclude,typo,t,u\n", encoding="utf-8")
+    assert "trial 77 is excluded, and the record has none" in find_sessions(tmp_path)[0].words
+
+
+def test_a_copy_an_unfinished_and_an_unmeasured_session_do_not_count(tmp_path: Path) -> None:
+    one = session(tmp_path, "one", [True, False], began="2026-11-22_10-00-00")
+    shutil.copytree(one, tmp_path / "two")
+    session(tmp_path, "stopped", [True], exit_code=1, began="2026-11-22_11-00-00")
+    session(tmp_path, "untried", [], repeats=1, began="2026-11-22_12-00-00")
+    record = pool(find_sessions(tmp_path))
+    assert [Path(left["path"]).name for left in record["left_out"]] == ["two", "stopped", "untried"]
+    assert [left["why"].partition(":")[0] for left in record["left_out"]][:2] == [
+        f"a copy of {one}",
+        "unfinished",
+    ]
+    assert record["groups"][0]["sessions"] == 1
+    both = pool(find_sessions(tmp_path), unfinished=True)
+    assert both["groups"][0]["sessions"] == 2
+
+
+def test_sessions_that_were_run_otherwise_are_another_group_or_a_remark(tmp_path: Path) -> None:
+    session(tmp_path, "one", [True, True], policy="markov")
+    session(tmp_path, "two", [True, False], policy="uniform")
+    out = session(tmp_path, "three", [True, False], policy="uniform")
+    note = msgspec.json.decode((out / "run.json").read_bytes(), type=RunSummary)
+    note.params["estimator"]["max_probes"] = 7
+    write_json(out / "run.json", note)
+    record = pool(find_sessions(tmp_path))
+    assert sorted(one["design"].partition(";")[0] for one in record["groups"]) == ["markov", "uniform"]
+    said = [words for group in record["groups"] for words in group["remarks"]]
+    assert said == ["not all were run alike: estimator.max_probes: 15 | 7"]
+    assert any("not compared" in words for words in remarks(record))
+
+
+def test_groups_with_common_subjects_are_compared_within_them(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    for number in range(8):
+        for policy, share in (("markov", 0.5), ("uniform", 0.9)):
+            right = (rng.random(6) < share).tolist()
+            session(tmp_path, f"{policy}-{number}", right, subject=f"S{number:02d}", policy=policy)
+    record = pool(find_sessions(tmp_path))
+    (one,) = record["differences"]
+    by_policy = {group["design"].partition(";")[0]: group["accuracy_per_unit"] for group in record["groups"]}
+    pairs = [by_policy["markov"][name] - by_policy["uniform"][name] for name in sorted(by_policy["markov"])]
+    sign = 1.0 if one["first"].startswith("markov") else -1.0
+    assert one["difference"]["value"] == pytest.approx(sign * float(np.mean(pairs)))
+    assert one["difference"]["of"] == 8
+
+
+def test_simulated_sessions_of_common_seeds_are_compared_within_them(tmp_path: Path) -> None:
+    for seed in (1, 2, 3):
+        for policy in ("markov", "uniform"):
+            session(tmp_path, f"{policy}-{seed}", [True, seed > 1], policy=policy, seed=seed)
+    (one,) = pool(find_sessions(tmp_path))["differences"]
+    assert one["difference"]["value"] == 0.0
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["sessions", *map(str, arguments)])
+    return result.exit_code, result.output
+
+
+def test_the_command_lists_pools_and_writes_page_tables_and_json(tmp_path: Path) -> None:
+    for number in range(4):
+        session(tmp_path / "study", f"s{number}", [True, number > 1, True], subject=f"S0{number}")
+    session(tmp_path / "study", "stopped", [True], exit_code=1)
+    code, said = run(tmp_path / "study", "--out", tmp_path / "out")
+    assert code == 0, said
+    assert "4 subjects" in said
+    assert "unfinished: 1 of 6 trials" in said
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {
+        *("index.html", "sessions.csv", "pooled.csv", "pooled.json", "accuracy.png", "accuracy.csv"),
+    }
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert not list(flaws(page))
+    assert "unfinished: 1 of 6 trials, because: Ctrl-C" in page
+    code, said = run(tmp_path / "study", "--json")
+    assert json.loads(said)["groups"][0]["units"] == 4
+
+
+def test_the_command_ends_with_status_1_where_nothing_counts(tmp_path: Path) -> None:
+    session(tmp_path, "stopped", [True], exit_code=1)
+    code, said = run(tmp_path)
+    assert code == 1
+    assert "no session counts" in said
+
+
+def test_palp_analyse_takes_a_folder_of_sessions(tmp_path: Path) -> None:
+    for number in range(3):
+        session(tmp_path / "study", f"s{number}", [True, number > 1, True], repeats=4)
+    session(tmp_path / "study", "stopped", [True], exit_code=1)
+    result = CliRunner().invoke(app, ["analyse", str(tmp_path / "study"), "--json"])
+    assert result.exit_code == 0, result.output
+    assert "left out" in result.stderr
+    assert [Path(one["path"]).name for one in json.loads(result.stdout)["sessions"]] == ["s0", "s1", "s2"]
