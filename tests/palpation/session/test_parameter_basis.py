@@ -49,7 +49,7 @@ def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
 
 
 CHOICES = {
-    "experiment": {"out", "overwrite", "policy", "seed", "stop"},
+    "experiment": {"out", "overwrite", "policy", "seed", "session", "stop"},
     "actuator": {"device"},
     "stage": {"device", "block_samples"},
     "torque": {"device"},

@@ -32,8 +32,8 @@ class SessionReport:
         Raises:
             PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
         """
-        run_note.refuse_run(summary)
         refuse_own_sheet(run_note.out_of(summary))
+        run_note.refuse_run(summary)
         texts_to_keep(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:

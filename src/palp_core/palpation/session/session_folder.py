@@ -69,7 +69,7 @@ def cannot_write(folder: Path, error: OSError, named_by: str = "out:=") -> PalpE
 
 def _tells(path: Path) -> bool:
     """Tell whether a file or folder of a session says anything: more than that a session began."""
-    if not os.path.lexists(path) or path.name in (RUN, SHEET):
+    if not os.path.lexists(path) or path.name == RUN:
         return False
     if path.name == SWEEPS:
         return any(path.iterdir())

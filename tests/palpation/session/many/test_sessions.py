@@ -75,7 +75,7 @@ def listed(folder: Path) -> dict[str, SessionEntry]:
 def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> None:
     session(tmp_path / "a", "whole", [True, False], subject="S01")
     session(tmp_path, "stopped", [True, True], exit_code=130)
-    bad = session(tmp_path, "bad", [True])
+    bad = session(tmp_path, "bad", [True], repeats=1)
     lines = (bad / "trials.csv").read_text(encoding="utf-8").splitlines()
     (bad / "trials.csv").write_text("\n".join([*lines[:3], lines[3][:20], *lines[4:], ""]), encoding="utf-8")
     (session(tmp_path, "torn", [True]) / "run.json").write_text("{", encoding="utf-8")
@@ -264,7 +264,7 @@ def test_the_command_ends_with_status_1_where_nothing_counts(tmp_path: Path) -> 
 
 def test_palp_analyse_takes_a_folder_of_sessions(tmp_path: Path) -> None:
     for number in range(3):
-        session(tmp_path / "study", f"s{number}", [True, number > 1, True], repeats=4)
+        session(tmp_path / "study", f"s{number}", [True] * (3 + number), repeats=4)
     session(tmp_path / "study", "stopped", [True], exit_code=1)
     result = CliRunner().invoke(app, ["analyse", str(tmp_path / "study"), "--json"])
     assert result.exit_code == 0, result.output
