@@ -154,10 +154,10 @@ def named(tmp_path: Path, sheet: str) -> Path:
     summary = with_sheet(describe(out), sheet)
     summary = msgspec.structs.replace(summary, attached=texts_to_keep(summary))
     write_json(out / "run.json", summary)
-    session(summary)
     (out / "audit.csv").write_text(
         "trial,deed,reason,time,user\n1000,exclude,slipped,t,Smith\n", encoding="utf-8"
     )
+    session(summary)
     (out / "notes.txt").write_text("Smith was late", encoding="utf-8")
     return out
 

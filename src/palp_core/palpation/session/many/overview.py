@@ -41,7 +41,7 @@ class SessionEntry:
         seed: Of its run.
         design: What sessions have in common that are one group: policy, reading, depths, what was touched.
         settings: Parameters by ``role.name``, but for those that differ from session to session by nature.
-        trials: Trials of estimation that came to a verdict, excluded ones among them.
+        trials: Trials of estimation that came to a verdict and count.
         excluded: Why each trial that does not count does not, by trial.
         digest: Of its record; copies of a session have the same.
     """
@@ -57,11 +57,6 @@ class SessionEntry:
     trials: tuple[RecordedTrial, ...] = ()
     excluded: dict[int, str] = field(default_factory=dict)
     digest: str = ""
-
-    @property
-    def counted(self) -> tuple[RecordedTrial, ...]:
-        """The trials that count."""
-        return tuple(one for one in self.trials if one.probes[0].trial not in self.excluded)
 
     @property
     def who(self) -> str:
@@ -125,8 +120,8 @@ def _of_person(folder: Path, summary: RunSummary, began: str) -> SessionEntry:
 def _read(
     folder: Path, summary: RunSummary, sheet: SessionSheet | None, began: str, *, running: bool
 ) -> SessionEntry:
-    session, excluded, roles = read_session(folder), left_out(folder), roles_of(summary)
-    unknown = sorted(set(excluded) - {one.trial for one in session.rows})
+    session, roles = read_session(folder), roles_of(summary)
+    unknown = sorted(set(session.left_out) - {one.trial for one in session.rows})
     if unknown:
         raise PalpError(f"{folder}: trial {unknown[0]} is excluded, and the record has none of that number")
     far = how_far(session, summary, roles)
@@ -136,7 +131,7 @@ def _read(
         words += f", because: {far['why']}"
     return SessionEntry(
         folder, state, words, began, sheet, summary.seed, _design(session, roles), _settings(summary, roles),
-        session.trials, excluded, hashlib.sha256((folder / TABLE).read_bytes()).hexdigest(),
+        session.trials, dict(session.left_out), hashlib.sha256((folder / TABLE).read_bytes()).hexdigest(),
     )  # fmt: skip
 
 

@@ -99,9 +99,7 @@ def _counted(
         elif entry.digest in seen:
             why = f"a copy of {seen[entry.digest].path}: a session counts once"
         elif not entry.trials:
-            why = "has no trial of estimation that came to a verdict"
-        elif not entry.counted:
-            why = "all its trials are excluded"
+            why = "all its trials are excluded" if entry.excluded else "has no trial of estimation that ended"
         if why:
             left_out.append({"path": str(entry.path), "why": why})
         else:
@@ -114,10 +112,10 @@ def _units(members: Sequence[SessionEntry]) -> tuple[str, dict[str, list[Recorde
     """Return what the unit is called, and the trials of each."""
     subjects = [entry.sheet.subject if entry.sheet is not None else NONE for entry in members]
     if NONE in subjects:
-        return "session", {str(entry.path): list(entry.counted) for entry in members}
+        return "session", {str(entry.path): list(entry.trials) for entry in members}
     found: dict[str, list[RecordedTrial]] = {}
     for subject, entry in zip(subjects, members, strict=True):
-        found.setdefault(subject, []).extend(entry.counted)
+        found.setdefault(subject, []).extend(entry.trials)
     return "subject", found
 
 
@@ -137,7 +135,7 @@ def _group(design: str, members: Sequence[SessionEntry]) -> dict[str, Any]:
         "units": len(units),
         "sessions": len(members),
         "trials": len(trials),
-        "excluded": sum(len(entry.trials) - len(entry.counted) for entry in members),
+        "excluded": sum(len(entry.excluded) for entry in members),
         "accuracy": _share(units),
         "accuracy_per_unit": {name: _right(one) for name, one in units.items()},
         "accuracy_per_depth_mm": {mm(depth_m): _share(_at(units, depth_m)) for depth_m in depths_m},
@@ -231,5 +229,5 @@ def _by_partner(members: Sequence[SessionEntry]) -> dict[str, float]:
     unit, units = _units(members)
     if unit == "subject":
         return {name: _right(one) for name, one in units.items()}
-    seeds = {f"seed {entry.seed}": _right(entry.counted) for entry in members}
+    seeds = {f"seed {entry.seed}": _right(entry.trials) for entry in members}
     return seeds if len(seeds) == len(members) else {}
