@@ -16,7 +16,7 @@ from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import EmgFile, read_emg
 from palp_core.palpation.identification.emg.guess import guess, muscles
-from tests.support.xdf import XdfStream, chunk, xdf
+from tests.palpation.identification.emg.xdf_writer import XdfStream, chunk, xdf
 
 RATE_HZ = 1000.0
 N = 2000

@@ -22,10 +22,10 @@ from palp_core.palpation.session.report import session
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import asked_sheet, sheet_of, texts_to_keep
 from palp_core.whole_file import write_json
+from tests.palpation.session.sheet.filled import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import RigSession, check_here
 from tests.support.sessions import describe, writer
-from tests.support.sheets import FILLED
 
 Writer = Callable[..., Path]
 

@@ -12,7 +12,7 @@ from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.session.sheet.sheet import SIMULATED, PhantomEntry, SensorEntry
 from palp_core.palpation.session.sheet.sheet_file import MEANING, parse_copy, read_sheet, sheet_text
 from palp_core.palpation.session.sheet.template import template
-from tests.support.sheets import FILLED
+from tests.palpation.session.sheet.filled import FILLED
 
 
 def mistakes(folder: Path, text: str, codes: str = "ABC") -> dict[int, str]:
