@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-import shutil
-import subprocess
-from collections.abc import Iterator
+import signal
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+import msgspec
+import numpy as np
 import pytest
 
 from palp_core.graph.bag.info import bag_info
-from tests.support.bags import bag
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from tests.support.bags import Block, bag, describe, frame
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
+from tests.support.view.accounts import Accounts
+from tests.support.view.browser import Page, Viewing, browser
 
-__all__ = ["bag", "talk"]
+__all__ = ["bag", "browser", "talk"]
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or ""
-pytestmark = pytest.mark.skipif(not CHROMIUM, reason="there is no Chromium here: apt-get install chromium")
+SAMPLE = "/source/sample"
 MARKUP = "<img src=x onerror='window.hacked=1'><script>window.hacked=1</script>"
+HOSTILE = (
+    MARKUP,
+    "</title><script>window.hacked=1</script>",
+    "`${window.hacked=1}`",
+    'x" :onclick="window.hacked=1" :y="window.hacked=1',
+    "{{constructor.constructor('window.hacked=1')()}}",
+)
+"""Names and words that are markup to whoever puts them into a page unlooked at."""
 LOUD = f'''
 from nodes.talk import Scale, ScaleState
 
@@ -40,6 +54,12 @@ class Loud(Scale):
         print({MARKUP!r}, flush=True)
 
 
+class Calm(Scale):
+    """A scale that says nothing."""
+
+    state: LoudState
+
+
 class Broken(Scale):
     """Cannot start."""
 
@@ -48,65 +68,14 @@ class Broken(Scale):
 '''
 
 
-def address_of(process: subprocess.Popen[str]) -> str:
-    assert process.stdout is not None
-    line = process.stdout.readline().strip()
-    assert line.startswith("http://127.0.0.1:"), line
-    return line
-
-
-class Viewing:
-    """A viewer's process, and a page of the browser on it."""
-
-    def __init__(self, browser: Any, process: subprocess.Popen[str]) -> None:
-        self.process, self.address = process, address_of(process)
-        self.page = browser.new_page(viewport={"width": 1300, "height": 900})
-        self.page.set_default_timeout(PATIENCE_S * 1e3)
-        self.failures: list[str] = []
-        self.page.on("pageerror", lambda error: self.failures.append(str(error)))
-        self.page.on("request", self._look)
-        self.elsewhere: list[str] = []
-        self.page.goto(self.address)
-        self.base = self.page.url.rstrip("/")
-
-    def _look(self, request: Any) -> None:
-        if not request.url.startswith(("http://127.0.0.1:", "data:", "blob:", "ws://127.0.0.1:")):
-            self.elsewhere.append(request.url)
-
-    def go(self, path: str) -> Any:
-        self.page.goto(self.base + path)
-        return self.page
-
-    def until(self, condition: str, argument: object = None) -> None:
-        """Wait until JavaScript says so."""
-        try:
-            self.page.wait_for_function(condition, arg=argument)
-        except Exception as error:
-            raise AssertionError(
-                f"{argument!r} never came; there is: {self.page.inner_text('body')}"
-            ) from error
-
-    def text_changes(self, selector: str) -> None:
-        before = self.page.inner_text(selector)
-        self.until("([at, text]) => document.querySelector(at).innerText !== text", [selector, before])
-
-    def says(self, words: str) -> None:
-        self.until("words => document.body.innerText.includes(words)", words)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as driver:
-        options = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-        found = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield found
-        found.close()
+@pytest.fixture(scope="module", autouse=True)
+def loud(browser: Any, talk: Talk) -> None:
+    """Other classes in the workspace; nothing is launched where there is no browser."""
+    (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def viewing(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
-    (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(talk.folder)  # bags are made where it was started
         process = shared_palp.start("view", "--no-browser", "--graph", "talk")
@@ -130,13 +99,7 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     viewing.text_changes("[data-what=message]")
     assert "torque_n_m: [" in page.inner_text("[data-what=message]")
     viewing.until("() => document.querySelector('[data-what=rate]').innerText.endsWith('Hz')")
-    page.get_by_label("fields").click()
-    page.get_by_role("option", name="torque_n_m").click()
-    page.get_by_role("option", name="index").click()
-    page.keyboard.press("Escape")
-    page.wait_for_selector(".q-menu", state="hidden")
-    viewing.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
-    viewing.until("() => Number(document.querySelector('.live-plot').dataset.frames) > 9")
+    viewing.plot("torque_n_m", "index")
     with page.expect_download() as download:
         page.get_by_role("button", name="CSV").click()
     lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
@@ -173,14 +136,27 @@ def test_a_message_is_published_into_an_external_port(viewing: Viewing) -> None:
     viewing.says("load_n: expected a number")
 
 
+def test_a_dry_run_and_a_shadow_say_what_would_be_and_change_nothing(viewing: Viewing, talk: Talk) -> None:
+    page = viewing.go("/node/scale")
+    page.get_by_label("time-out, s").fill(str(PATIENCE_S))
+    page.get_by_text("dry run", exact=True).click()
+    viewing.swap("nodes.loud:Loud")
+    viewing.says("nodes.loud:Loud could take over from nodes.talk:Scale; nothing was changed")
+    page.get_by_label("shadow, s").fill("0.2")
+    page.get_by_role("button", name="swap", exact=True).click()
+    viewing.says("messages of both compared")
+    viewing.says("; nothing was changed")
+    assert "nodes.talk:Scale" in talk.said("node", "info", "/scale", "--graph", "talk")
+
+
 def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing) -> None:
     page = viewing.go("/node/scale")
-    viewing.says("3 classes of the workspace fit its wires")
+    viewing.says("4 classes of the workspace fit its wires")
     page.get_by_label("time-out, s").fill(str(PATIENCE_S))
-    choose(page, "nodes.loud:Broken")
+    viewing.swap("nodes.loud:Broken")
     viewing.says("rolled back at step 'configure'")
     viewing.says("no scale is there")
-    choose(page, "nodes.loud:Loud")
+    viewing.swap("nodes.loud:Loud")
     viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
     viewing.until("() => document.querySelectorAll('[data-what=steps] .ok').length === 9")
     viewing.until("words => document.querySelector('[data-what=log]').innerText.includes(words)", MARKUP)
@@ -188,13 +164,6 @@ def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing
     viewing.go("/timeline")
     viewing.says("swap failed")
     viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
-
-
-def choose(page: Any, run: str) -> None:
-    field = page.get_by_label("class", exact=True)
-    field.click()
-    page.get_by_role("option", name=run, exact=True).click()
-    page.get_by_role("button", name="swap", exact=True).click()
 
 
 def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:
@@ -219,9 +188,108 @@ def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:
     viewing.says("heard ")
 
 
+def test_two_tabs_and_two_viewers_show_the_same_and_one_that_is_closed_takes_none_along(
+    viewing: Viewing, browser: Any, shared_palp: Palp
+) -> None:
+    tab = Page(browser, viewing.address)
+    other = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
+    assert other.address != viewing.address
+    for one in (viewing, tab, other):
+        one.go("/topic/source/sample")
+        one.text_changes("[data-what=message]")
+    tab.page.close()
+    other.process.kill()
+    other.process.wait(PATIENCE_S)
+    viewing.text_changes("[data-what=message]")
+    other.page.close()
+
+
+def test_a_viewer_killed_in_the_middle_of_a_swap_changes_nothing_of_it(
+    browser: Any, talk: Talk, shared_palp: Palp
+) -> None:
+    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
+    accounts = Accounts(shared_palp, "talk", "scale", SAMPLE)
+    before = accounts.swaps()
+    page = viewing.go("/node/scale")
+    page.get_by_label("time-out, s").fill(str(PATIENCE_S))
+    page.get_by_label("shadow, s").fill("1")
+    viewing.swap("nodes.loud:Calm")
+    while not accounts.swapping:
+        pass
+    viewing.process.kill()
+    viewing.process.wait(PATIENCE_S)
+    while accounts.swapping:
+        pass
+    after = accounts.swaps()
+    assert after[:-1] == before
+    assert after[-1].startswith("swapped: ")
+    accounts.go_on()
+    page.close()
+
+
+def test_a_viewer_killed_in_the_middle_of_a_recording_leaves_one_that_goes_on_and_is_whole(
+    browser: Any, talk: Talk, shared_palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(talk.folder)
+    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
+    accounts = Accounts(shared_palp, "talk", "scale", SAMPLE)
+    page = viewing.go("/record")
+    page.get_by_label("name; empty: graph and time").fill("orphan")
+    page.get_by_role("button", name="record", exact=True).click()
+    viewing.says("recording ")
+    (recorder,) = shared_palp.running("orphan")
+    viewing.process.kill()
+    viewing.process.wait(PATIENCE_S)
+    accounts.go_on()
+    recorder.send_signal(signal.SIGINT)
+    recorder.wait(PATIENCE_S)
+    assert bag_info(talk.folder / "orphan").complete
+    page.close()
+
+
 def test_nothing_is_fetched_from_elsewhere_and_no_script_fails(viewing: Viewing) -> None:
     assert viewing.elsewhere == []
     assert viewing.failures == []
+
+
+def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
+    browser: Any, shared_palp: Palp, tmp_path: Path
+) -> None:
+    names = {name: f"/{quote(name, safe='')}/block" for name in HOSTILE}
+    topics = []
+    for name in names:
+        known = describe(Block, f"/{name}/block")
+        fields = {"torque_n_m": {**known.json_schema["properties"]["torque_n_m"], "x-unit": name}}
+        schema = {**known.json_schema, "properties": {**known.json_schema["properties"], **fields}}
+        topics.append(msgspec.structs.replace(known, type=name, json_schema=schema))
+    recorder = BagRecorder(BagWriter(tmp_path / "run"), topics)
+    for sequence, topic in itertools.product((1, 2), topics):
+        block = Block(stamp_ns=sequence, torque_n_m=np.ones(4), text="".join(HOSTILE))
+        recorder(sequence, frame(topic.name, block, sequence, sequence * 10_000_000))
+    launch = {
+        "graph": "".join(HOSTILE),
+        "clock": MARKUP,
+        "publishes": {name: ["block"] for name in HOSTILE},
+        "listens": {name: [topic.name for topic in topics] for name in HOSTILE},
+    }
+    recorder.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(launch))
+    recorder.close()
+    viewing = Viewing(browser, shared_palp.start("view", tmp_path / "run", "--no-browser"))
+    page = viewing.page
+    page.wait_for_selector("[data-node]")
+    viewing.go("/topics")
+    for name, path in names.items():
+        viewing.says(name)
+        viewing.go(f"/node/{quote(name, safe='')}")
+        viewing.go(f"/topic{path}")
+        viewing.says(f"text: {HOSTILE[0]}")
+        page.get_by_label("fields").click()
+        page.get_by_role("option", name="torque_n_m").click()
+        page.keyboard.press("Escape")
+        viewing.until("() => Number(document.querySelector('.live-plot').dataset.frames) > 0")
+        assert page.evaluate("window.hacked") is None
+        viewing.go("/topics")
+    assert (viewing.failures, viewing.elsewhere) == ([], [])
 
 
 def test_of_a_read_only_page_nothing_changes_the_graph(browser: Any, talk: Talk, shared_palp: Palp) -> None:

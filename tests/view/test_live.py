@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.run_directory import NodeEntry
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
+from palp_core.graph.node.loading import endpoints
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.overview import Overview, WireState
 from tests.support.fake_graph import FakeGraph
@@ -38,7 +41,7 @@ class Shown:
         self.graph = graph
         assert graph.bus.record is not None
         self.source = LiveSource(RunningGraph(graph.bus.record), period_s=0.01)
-        self.now = health(0)
+        self.now, self.more = health(0), list[NodeHealth]()
         self._next_ns = 0
 
     def until(self, so: Callable[[Overview], bool]) -> Overview:
@@ -46,10 +49,21 @@ class Shown:
         self.graph.until(lambda: self._is(so))
         return self.source.overview()
 
+    def join(self, name: str) -> None:
+        """Let a node join: the launcher writes it into its record, and says how it does."""
+        record = self.graph.bus.record
+        assert record is not None
+        node = NodeEntry(
+            name, f"nodes.{name}:{name.title()}", 0, *endpoints(str(self.graph.directory.path), name)
+        )
+        self.graph.bus.record = msgspec.structs.replace(record, nodes=[*record.nodes, node])
+        self.graph.directory.write(self.graph.bus.record)
+        self.more.append(msgspec.structs.replace(health(0), node=name, edges=[]))
+
     def _is(self, so: Callable[[Overview], bool]) -> bool:
         if monotonic_ns() > self._next_ns:
             self._next_ns = monotonic_ns() + BEAT_NS
-            self.graph.bus.publish_health([self.now])
+            self.graph.bus.publish_health([self.now, *self.more])
         return so(self.source.overview())
 
 
@@ -89,6 +103,12 @@ def test_wires_rates_and_losses_are_those_of_the_readers_own_account(shown: Show
     overview = shown.until(lambda it: bool(it.wires[0].lost == 3))
     assert [trouble.text for trouble in overview.troubles] == ["3 messages lost, 1000 received"]
     assert overview.nodes[0].health == "warn"
+
+
+def test_a_node_that_joins_appears_with_its_class(shown: Shown) -> None:
+    shown.until(lambda it: bool(it.wires))
+    shown.join("late")
+    shown.until(lambda it: ("late", "nodes.late:Late") in [(node.name, node.run) for node in it.nodes])
 
 
 def test_a_node_that_is_not_at_work_and_one_that_restarts_are_told(shown: Shown) -> None:

@@ -147,8 +147,9 @@ def test_a_bag_is_made_in_its_folder_and_nowhere_else(name: str, tmp_path: Path)
 def test_a_recorder_is_ended_as_ctrl_c_ends_it_and_its_words_are_kept(tmp_path: Path) -> None:
     code = "import signal, sys; print('recording', flush=True)\ntry: signal.pause()\n"
     code += "except KeyboardInterrupt: print('3 messages, 1 missing'); sys.exit(1)"
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    recording = StartedRecorder(process, tmp_path / "bag", 0.0)
+    said = (tmp_path / "said").open("w+b")
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=said)
+    recording = StartedRecorder(process, said, tmp_path / "bag", 0.0)
     while not recording.words:
         assert recording.running
     recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
@@ -156,3 +157,4 @@ def test_a_recorder_is_ended_as_ctrl_c_ends_it_and_its_words_are_kept(tmp_path: 
     recordings.close()
     assert (recording.running, recording.complete) == (False, False)
     assert recording.words == ["recording", "3 messages, 1 missing"]
+    said.close()

@@ -20,7 +20,7 @@ from palp_core.view.source.protocol import Heard
 pytest.importorskip("nicegui")
 user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
 
-from palp_core.view.pages.graph import pairs_of, wire_line, wire_words  # noqa: E402
+from palp_core.view.pages.graph import GraphDrawing, pairs_of, wire_line, wire_words  # noqa: E402
 from palp_core.view.pages.layout import HEIGHT, WIDTH, layout  # noqa: E402
 from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
 
@@ -102,6 +102,23 @@ def test_what_is_wrong_is_on_the_page_as_text() -> None:
         await user.should_see(MARKUP)
         await user.should_see("palp logs sink")
         await user.should_see("/source/sample")
+
+    simulated(lambda: graph_page(Viewer(source=told)), look)
+
+
+def test_a_node_that_joins_is_drawn_and_listed_as_it_happens() -> None:
+    from palp_core.view.pages.graph import graph_page
+
+    told = Told()
+
+    async def look(user: Any) -> None:
+        await user.should_see("/sink")
+        await user.should_not_see("/late")
+        late = NodeState(name="late", lifecycle="active")
+        told.now = msgspec.structs.replace(told.now, nodes=[*told.now.nodes, late])
+        await user.should_see("/late", retries=100)
+        (drawing,) = user.find(GraphDrawing).elements
+        assert [node["name"] for node in drawing._props["nodes"]] == ["source", "sink", "late"]
 
     simulated(lambda: graph_page(Viewer(source=told)), look)
 
@@ -209,6 +226,21 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
         assert plot.busy
 
     simulated(lambda: plots.append(LivePlot("a")), look)
+
+
+def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:
+    from nicegui import ui
+
+    from palp_core.view.pages.parts import labelled
+
+    name = f'x" :onclick="window.hacked=1" {MARKUP}'
+
+    async def look(user: Any) -> None:
+        (field,) = user.find(ui.input).elements
+        assert field.props["aria-label"] == name
+        assert not [prop for prop in field.props if "onclick" in prop]
+
+    simulated(lambda: labelled(ui.input(), name), look)
 
 
 def test_a_refused_press_is_told_on_the_page() -> None:

@@ -18,6 +18,8 @@ from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 
 pytest.importorskip("nicegui")
 IDLE_SOCKETS = 100
+LINKS = {"up.txt": "../secret.txt", "root.txt": "/etc/passwd", "all.md": "/", "loop.txt": "loop.txt"}
+"""Links of a folder of results that somebody else has made, and where they lead."""
 
 
 class Server:
@@ -50,6 +52,8 @@ def server(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Itera
     folder = tmp_path_factory.mktemp("results")
     (folder.parent / "secret.txt").write_text("secret", encoding="utf-8")
     (folder / "report.html").write_text("<script>stolen = 1</script>", encoding="utf-8")
+    for name, target in LINKS.items():
+        (folder / name).symlink_to(target)
     yield Server(shared_palp, folder)
     (folder.parent / "secret.txt").unlink()
 
@@ -99,6 +103,13 @@ def test_no_path_leads_out_of_the_folder(path: str, server: Server) -> None:
     status, body, _ = server.get(f"/{server.token}/files/{path}")
     assert status == 404
     assert b"secret" not in body
+
+
+def test_a_link_in_the_folder_leads_out_of_it_to_nobody(server: Server) -> None:
+    page = server.get(f"/{server.token}/")[1]
+    for name in LINKS:
+        assert server.get(f"/{server.token}/files/{name}")[0] == 404
+        assert name.encode() not in page
 
 
 def test_a_file_of_results_runs_nothing(server: Server) -> None:

@@ -13,6 +13,14 @@ from palp_core.errors import GraphError
 from palp_core.graph.foxglove.gate import HEAD_BYTES, Gate, hidden_address
 from tests.support.palp import PATIENCE_S
 
+ALLOWED = (
+    "https://app.foxglove.dev",
+    "file://",
+    "http://localhost:8080",
+    "https://Lichtblick.example",
+)
+"""Foxglove's page, a program's, one of this host, and one that the gate was told of."""
+
 
 @pytest.fixture(scope="module")
 def gate() -> Iterator[Gate]:
@@ -32,7 +40,7 @@ def gate() -> Iterator[Gate]:
                         connection.sendall(data)
 
         threading.Thread(target=serve, daemon=True).start()
-        gate = Gate("127.0.0.1", 0, server.getsockname())
+        gate = Gate("127.0.0.1", 0, server.getsockname(), ["https://lichtblick.example/"])
         yield gate
         gate.close()
         server.shutdown(socket.SHUT_RDWR)
@@ -55,10 +63,16 @@ def answer(gate: Gate, head: str, then: bytes = b"") -> str:
         return said.decode()
 
 
+def asked_by(origin: str) -> str:
+    """What a page's WebSocket asks for."""
+    return f"GET /?token=TOKEN HTTP/1.1\r\nHost: localhost\r\nOrigin: {origin}\r\n\r\n"
+
+
 def test_who_has_the_token_is_passed_on_both_ways(gate: Gate) -> None:
     port, token = port_and_token(gate)
-    for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"[::1]:{port}", "localhost"):
-        head = f"GET /?token={token} HTTP/1.1\r\nHost: {host}\r\nOrigin: https://app.example\r\n\r\n"
+    hosts = (f"127.0.0.1:{port}", f"localhost:{port}", f"[::1]:{port}", "localhost")
+    for host, origin in zip(hosts, ALLOWED, strict=True):
+        head = f"GET /?token={token} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\n\r\n"
         assert answer(gate, head, b"x" * 5000).endswith("x" * 5000)
 
 
@@ -77,6 +91,12 @@ def test_who_has_the_token_is_passed_on_both_ways(gate: Gate) -> None:
         ("GET /?token=TOKEN HTTP/1.1\r\nHost: [::1\r\n\r\n", "not a WebSocket's request"),
         ("POST /?token=TOKEN HTTP/1.1\r\nHost: localhost\r\n\r\n", "not a WebSocket's request"),
         ("\r\n\r\n", "not a WebSocket's request"),
+        (asked_by("https://evil.example"), "the page of 'https://evil.example' is no viewer"),
+        (asked_by("https://foxglove.dev.evil.example"), "is no viewer"),
+        (asked_by("https://evilfoxglove.dev"), "is no viewer"),
+        (asked_by("http://app.foxglove.dev"), "is no viewer"),  # whoever is on the way may have written it
+        (asked_by("null"), "the page of 'null' is no viewer that is known; if it is yours: --origin"),
+        (asked_by("https://app.foxglove.dev\r\nOrigin: https://evil.example"), "evil.example' is no viewer"),
         ("GET /?token=TOKEN HTTP/1.1\r\nHost: localhost\r\nX: " + "x" * HEAD_BYTES + "\r\n\r\n", "too long"),
     ],
 )

@@ -26,6 +26,10 @@ def foxglove(
     rate: Annotated[
         float, typer.Option("--rate", "-r", min=0.0, help="Most messages per second of a topic; 0: all.")
     ] = 60.0,
+    origin: Annotated[
+        list[str] | None,
+        typer.Option("--origin", metavar="URL", help="Let a page of another host connect, too; repeatable."),
+    ] = None,
     graph: GraphOption = None,
 ) -> None:
     """Show a running graph in Foxglove: topics, log, parameters, services.
@@ -48,8 +52,9 @@ def foxglove(
             note(f"other hosts can reach {host}, and nothing is encrypted: ssh -L to 127.0.0.1 is safer")
         running = find_graph(graph, changes=operate)
         with FoxgloveServer(
-            running, host=host, port=port, fastest_hz=rate, read_only=read_only, operate=operate
-        ) as server:
+            running, host=host, port=port, fastest_hz=rate, read_only=read_only, operate=operate,
+            origins=origin or (),
+        ) as server:  # fmt: skip
             may = "viewers read only" if server.refusal else "viewers may set parameters and call services"
             print_text(f"graph '{running.record.graph}' in Foxglove at {server.address} ({may})")
             while not server.ended:

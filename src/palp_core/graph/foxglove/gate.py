@@ -2,7 +2,8 @@
 
 A web page that somebody has open may connect to any port of their own host, and the browser asks nobody. The
 SDK's server looks neither at a token nor at who asks, so it listens where no page finds it by trying, at one
-of 2^24 addresses and one of many ports, and this door, which does look, passes on what comes through.
+of 2^24 addresses and one of many ports, and this door, which does look, passes on what comes through: by the
+token, by the name that this host is called, and by the page that asks (``Origin``), if it is one.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import hmac
 import ipaddress
 import secrets
 import threading
+from collections.abc import Iterable
 from urllib.parse import parse_qs, urlsplit
 
 from palp_core.errors import GraphError
@@ -22,6 +24,8 @@ HEAD_S = 5.0
 MOST_VIEWERS = 32
 CHUNK_BYTES = 64 << 10
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
+FOXGLOVE = "foxglove.dev"
+"""Foxglove's own pages are below it."""
 _END_OF_HEAD = b"\r\n\r\n"
 
 
@@ -30,13 +34,38 @@ def hidden_address() -> str:
     return str(ipaddress.IPv4Address((127 << 24) + 2 + secrets.randbelow((1 << 24) - 4)))
 
 
-def objection(head: str, token: str, hosts: frozenset[str]) -> str:
+def is_viewer(origin: str, others: frozenset[str] = frozenset()) -> bool:
+    """Tell whether a page may connect: Foxglove's own, one that this host serves, a program's, or one named.
+
+    Args:
+        origin: As the browser says it; "" where no page asks.
+        others: Origins that are let in besides.
+
+    >>> [is_viewer(origin) for origin in ("", "file://", "https://app.foxglove.dev", "http://localhost:8080")]
+    [True, True, True, True]
+    >>> [is_viewer(origin) for origin in ("null", "https://evil.example", "https://foxglove.dev.example")]
+    [False, False, False]
+    """
+    if not origin or origin.lower() in others:
+        return True
+    try:
+        parts = urlsplit(origin.lower())
+        host = parts.hostname or ""
+    except ValueError:
+        return False
+    if parts.scheme not in ("http", "https"):  # a program's own pages; of a page without a place it is "null"
+        return bool(parts.scheme)
+    return host in LOOPBACK_NAMES or (parts.scheme == "https" and f".{host}".endswith(f".{FOXGLOVE}"))
+
+
+def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[str] = frozenset()) -> str:
     r"""Return why a request is refused, in words; "" if it is not.
 
     Args:
         head: Request line and headers.
         token: What the request's query must have.
         hosts: By what names this host is called; a name beside them is another site's that leads here.
+        origins: Pages that are let in besides those of :func:`is_viewer`.
 
     >>> asked = "GET /?token=abc HTTP/1.1\r\nHost: localhost:8765\r\n"
     >>> objection(asked, "abc", frozenset({"localhost"}))
@@ -59,6 +88,8 @@ def objection(head: str, token: str, hosts: frozenset[str]) -> str:
         return "not a WebSocket's request"
     if host not in hosts:
         return f"this is not '{host[:100]}'"
+    if foreign := [value for name, value in headers if name == "origin" and not is_viewer(value, origins)]:
+        return f"the page of '{foreign[0][:100]}' is no viewer that is known; if it is yours: --origin"
     if len(given) != 1 or not hmac.compare_digest(given[0].encode(), token.encode()):
         return "the token is missing or wrong: take the whole address that palp foxglove printed"
     return ""
@@ -71,6 +102,7 @@ class Gate:
         host: Where.
         port: 0: any free one.
         inner: Host and port of the server behind.
+        origins: Pages that are let in besides Foxglove's own and those of this host.
 
     Attributes:
         address: Where viewers connect, with the token.
@@ -79,8 +111,9 @@ class Gate:
         GraphError: The address cannot be had.
     """
 
-    def __init__(self, host: str, port: int, inner: tuple[str, int]) -> None:
+    def __init__(self, host: str, port: int, inner: tuple[str, int], origins: Iterable[str] = ()) -> None:
         self._inner = inner
+        self._origins = frozenset(origin.lower().rstrip("/") for origin in origins)
         self._token = secrets.token_urlsafe(16)
         self._hosts = frozenset({*LOOPBACK_NAMES, host.lower()})
         self._tasks: set[asyncio.Task[None]] = set()
@@ -130,7 +163,7 @@ class Gate:
         try:
             async with asyncio.timeout(HEAD_S):
                 head = await reader.readuntil(_END_OF_HEAD)
-            refused = objection(head.decode("latin-1"), self._token, self._hosts)
+            refused = objection(head.decode("latin-1"), self._token, self._hosts, self._origins)
         except asyncio.LimitOverrunError:
             refused = "the request is too long"
         if not refused and len(self._tasks) > MOST_VIEWERS:

@@ -6,7 +6,7 @@ import contextlib
 import json
 import logging
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, Self
 
@@ -57,6 +57,7 @@ class FoxgloveServer:
         fastest_hz: Most messages of a topic per second; 0: all.
         read_only: Viewers may change nothing.
         operate: They may set parameters and call services where something real moves, too.
+        origins: Pages that may connect besides Foxglove's own and those of this host.
 
     Attributes:
         address: Where viewers connect.
@@ -75,6 +76,7 @@ class FoxgloveServer:
         fastest_hz: float = 60.0,
         read_only: bool = False,
         operate: bool = False,
+        origins: Iterable[str] = (),
     ) -> None:
         self.ended = False
         self._access = GraphAccess(graph, read_only=read_only, operate=operate)
@@ -101,7 +103,7 @@ class FoxgloveServer:
             server_listener=self._viewers, message_backlog_size=BACKLOG,
         )  # fmt: skip
         try:
-            self._gate = Gate(host, port, (inner, self._server.port))
+            self._gate = Gate(host, port, (inner, self._server.port), origins)
         except GraphError:
             self._server.stop()
             self._watched.close()

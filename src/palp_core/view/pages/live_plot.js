@@ -70,6 +70,7 @@ export default {
         this.asked = false;
         if (!this.chart || this.paused) return;
         this.chart.setOption({ series: this.points.map((data) => ({ data })) });
+        this.$el.dataset.newest = Math.max(...this.points.map((list) => list.length ? list[list.length - 1][0] : -Infinity));
         this.$el.dataset.points = this.points.reduce((sum, list) => sum + list.length, 0);
         this.$el.dataset.frames = Number(this.$el.dataset.frames || 0) + 1;
       });

@@ -9,7 +9,7 @@ from nicegui import run, ui
 from palp_core.errors import LifecycleError
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import Outcome, figure, said, table, topic_link
+from palp_core.view.pages.parts import Outcome, figure, labelled, said, table, topic_link
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
@@ -155,7 +155,7 @@ def _parameters(viewer: Viewer, name: str) -> None:
             if one["read_only"] or viewer.operator is None:
                 ui.label(typed(one["value"])).tooltip("looked at when the node is configured")
                 return
-            field = ui.input(value=typed(one["value"])).props(f'dense outlined aria-label="{one["name"]}"')
+            field = labelled(ui.input(value=typed(one["value"])).props("dense outlined"), one["name"])
             field.on("keydown.enter", put)
             fields.append(field)
 
@@ -170,7 +170,7 @@ def _parameters(viewer: Viewer, name: str) -> None:
 
         def button() -> None:
             if not one["read_only"] and viewer.operator is not None:
-                ui.button("set", on_click=put).props(f'outline dense no-caps aria-label="set {one["name"]}"')
+                labelled(ui.button("set", on_click=put).props("outline dense no-caps"), f"set {one['name']}")
 
         return one["name"], value, bounds(one), typed(one["default"]), button
 

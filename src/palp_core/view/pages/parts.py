@@ -25,6 +25,12 @@ def said(tag: str, text: str = "", classes: str = "") -> Any:
     return TextElement(tag=tag, text=text).classes(classes)
 
 
+def labelled(element: Any, label: str) -> Any:
+    """Return an element with the name by which it is read out, whatever that is: a node may choose it."""
+    element.props["aria-label"] = label
+    return element
+
+
 def node_link(name: str) -> None:
     """Show a node's name that leads to its page."""
     ui.link(f"/{name}", f"/node/{quote(name, safe='')}")

@@ -1,13 +1,18 @@
-"""Recorders that a page has started: processes of their own, ended as Ctrl-C ends ``palp bag record``."""
+"""Recorders that a page has started: processes of their own, ended as Ctrl-C ends ``palp bag record``.
+
+What one says goes to a file without a name, not to a pipe: a viewer that is killed takes no recorder with it.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
 import sys
-import threading
+import tempfile
 from pathlib import Path
+from typing import IO
 
 from palp_core.errors import BagError
 from palp_core.graph.clock import unix_ns
@@ -19,23 +24,25 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,100}")
 MOST = 8
 """Recorders of one viewer at a time."""
 END_S = 60.0
+MOST_BYTES = 64 << 10
+"""Of what a recorder has said that is shown."""
 
 
 class StartedRecorder:
     """One recorder.
 
     Args:
-        process: It; what it says comes line by line.
+        process: It.
+        said: The file into which it writes what it says.
         out: The bag.
         snapshot_s: It keeps so many seconds in memory; 0: it records at once.
     """
 
-    def __init__(self, process: subprocess.Popen[str], out: Path, snapshot_s: float) -> None:
+    def __init__(
+        self, process: subprocess.Popen[bytes], said: IO[bytes], out: Path, snapshot_s: float
+    ) -> None:
         self.out, self.snapshot_s = out, snapshot_s
-        self._process = process
-        self._lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, name=f"palp view: {out.name}", daemon=True)
-        self._reader.start()
+        self._process, self._said = process, said
 
     @property
     def running(self) -> bool:
@@ -50,7 +57,9 @@ class StartedRecorder:
     @property
     def words(self) -> list[str]:
         """What it has said: that it records, what it lacks, what became of it."""
-        return list(self._lines)
+        begin = max(os.fstat(self._said.fileno()).st_size - MOST_BYTES, 0)
+        said = os.pread(self._said.fileno(), MOST_BYTES, begin).decode(errors="replace")
+        return said.splitlines()
 
     def stop(self) -> None:
         """Let it end its bag, and wait until it has."""
@@ -60,13 +69,6 @@ class StartedRecorder:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
             raise BagError(f"the recorder of {self.out} does not end; palp logs may tell why") from None
-        self._reader.join(timeout=5.0)
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        with self._process.stdout as said:
-            for line in said:
-                self._lines.append(line.rstrip("\n"))
 
 
 class Recordings:
@@ -113,16 +115,15 @@ class Recordings:
             "-o",
             str(out),
         ]
+        said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as somebody may look at it
         process = subprocess.Popen(
             [*command, *options, "--", *words] if topics else [*command, *options, *words],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
+            stdout=said,
             stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
             start_new_session=True,
         )
-        found = StartedRecorder(process, out, snapshot_s)
+        found = StartedRecorder(process, said, out, snapshot_s)
         self.all.append(found)
         return found
 
